@@ -148,7 +148,8 @@ class ClientState:
     @property
     def controller_closing(self) -> ConnectionEnd | None:
         """How the controller closed the connection; None if it did not, or if the client did so first."""
-        closing = self.conversation.connection_end
+        leg = self.conversation.controller_leg or self.conversation
+        closing = leg.connection_end
         return closing if closing is not None and closing.by is Direction.RESPONSE else None
 
     @property

@@ -23,6 +23,9 @@ MAX_CALLS = 256
 MAX_FRAMES_NAMED = 16
 """Maximum number of frames of one occurrence that a finding lists."""
 
+INJECTED = "injected-fault"
+"""Id of the rule whose finding is the cause of all other findings about the same call."""
+
 _MAX_NAMED_STEPS = 3
 """Maximum number of consequences that the sentence of a root cause names one by one."""
 
@@ -150,6 +153,10 @@ class FindingCollector:
         `findings` searches again for every occurrence, because a better cause may have been reported later.
         """
         known = self._causes.pop(occurrence, None)
+        injected = [each for each in self._by_call.get(occurrence.call, ()) if each.rule.id == INJECTED]
+        if injected and occurrence.rule.id != INJECTED:
+            self._set_cause(occurrence, injected[0])
+            return
         likely = occurrence.rule.possible_causes
         named = [
             each
@@ -162,8 +169,11 @@ class FindingCollector:
             found = [*self._possible_causes(occurrence), *(() if known is None else (known,))]
             cause = self._best_cause(found, occurrence)
         if cause is not None:
-            self._causes[occurrence] = cause
-            self._group_of(cause).keep_cause(cause)
+            self._set_cause(occurrence, cause)
+
+    def _set_cause(self, occurrence: Occurrence, cause: Occurrence) -> None:
+        self._causes[occurrence] = cause
+        self._group_of(cause).keep_cause(cause)
 
     def _certain_cause(self, effect: Occurrence) -> Occurrence | None:
         """Return the problem that was reported last as the certain cause of the effect's call."""

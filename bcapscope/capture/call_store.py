@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple, cast
@@ -23,6 +24,8 @@ from bcapscope.traffic.call import (
 )
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.handle_tracker import TrackedObject
+from bcapscope.traffic.joining.joined_observation import JoinedObservation, join_sightings
+from bcapscope.traffic.observation import Conversation, Flow
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
 
 _CALLS, _ROW_BY_FRAME = "calls", "links"
@@ -33,6 +36,9 @@ _RESERVED = tuple(ReplyReserved)
 _CLASSES = tuple(ObjectClass)
 
 _ObjectRecord = tuple[int, int, bytes, bytes, int, bool]
+_JoinedRecord = tuple[int, int, int, bool, bool, bytes]
+"""Number of a frame that was captured at two places, the numbers of its sightings at the client's and the
+controller's side (0 for none), `is_missed`, `is_relayed` and `note`."""
 
 
 class _Record(msgspec.Struct, array_like=True):
@@ -58,6 +64,7 @@ class _Record(msgspec.Struct, array_like=True):
     unseen_serials: tuple[int, ...] = ()
     gave_up_inferred: bool = False
     reply_missed: bool = False
+    joined: list[_JoinedRecord] = []
 
 
 _encode = msgspec.msgpack.encode
@@ -102,6 +109,7 @@ class CallStoreWriter:
         else:
             record = _record_of(settled, subject)
             frames = [record.request, record.reply, *(number for _, number in record.other_frames)]
+            frames += [number for _, near, far, *_ in record.joined for number in (near, far)]
         data = _encode(record)
         self._calls.add(_SIZE.pack(len(data)) + data)
         self._new_rows.update((number, self._calls.count) for number in frames if number)
@@ -148,7 +156,13 @@ def _record_of(call: Call, subject: TrackedObject | None) -> _Record:
         call.unseen_serials,
         call.gave_up_inferred,
         call.reply_missed,
+        [_joined_record(seen) for seen in call.joined_frames],
     )
+
+
+def _joined_record(seen: JoinedObservation) -> _JoinedRecord:
+    near, far = (0 if each is None else each.number for each in (seen.at_client, seen.at_controller))
+    return seen.number, near, far, seen.is_missed, seen.is_relayed, encode_text(seen.note)
 
 
 class CallStore:
@@ -181,12 +195,14 @@ class CallStore:
         if not record.number:
             return StoredCall(StrayReply(request, record.reply or None, record.evicted), None)
         kind = annotated.call_kind or CallKind(signed_function_id(request.item.code), None)
+        frames = {record.request: request, **self._joined_frames(record, request.flow.conversation)}
+        request = frames[record.request]
         usage = ReservedFieldUsage(_CONVENTIONS[record.convention], _RESERVED[record.reply_reserved])
         call = Call(record.number, request.flow.conversation, kind, request, usage)
-        call.last_attempt = self._read_frame(record.last_attempt, request)
-        call.reply = self._read_frame(record.reply, request) if record.reply else None
+        call.last_attempt = self._read_frame(record.last_attempt, frames)
+        call.reply = self._read_frame(record.reply, frames) if record.reply else None
         call.other_frames = [
-            CallFrame(_ROLES[role], self._read_frame(number, request)) for role, number in record.other_frames
+            CallFrame(_ROLES[role], self._read_frame(number, frames)) for role, number in record.other_frames
         ]
         call.last_activity, call.abandoned_at = record.last_activity, record.abandoned_at
         call.no_reply_expected, call.skipped_handles = record.no_reply_expected, record.skipped_handles
@@ -195,15 +211,36 @@ class CallStore:
         call.state = CallState.EVICTED if record.evicted else CallState.SETTLED
         return StoredCall(call, None if record.subject is None else _object_from_record(record.subject))
 
+    def _joined_frames(self, record: _Record, conversation: Conversation) -> dict[int, FrameObservation]:
+        """Read the frames of a call that were captured at two places, by number."""
+        frames: dict[int, FrameObservation] = {}
+        for number, near, far, is_missed, is_relayed, note in record.joined:
+            direction = self._observations.read_frame(number).observation.flow.direction
+            at_client, at_controller = (
+                self._observations.read_frame(each).observation if each else None for each in (near, far)
+            )
+            if at_controller is not None and is_relayed:
+                conversation.controller_leg = at_controller.flow.conversation
+            joined = join_sightings(
+                at_client,
+                at_controller,
+                Flow(conversation, direction),
+                is_missed=is_missed,
+                is_relayed=is_relayed,
+                note=decode_text(note),
+            )
+            frames[number] = cast(FrameObservation, joined)
+        return frames
+
     def index_of_frame(self, frame: int) -> int | None:
         """Return the index of the row to which a frame belongs; None if no stored row has the frame."""
         data = self._row_by_frame.read((frame - 1) * _ROW_NUMBER.size, _ROW_NUMBER.size)
         row = int.from_bytes(data, "little")
         return row - 1 if row else None
 
-    def _read_frame(self, number: int, request: FrameObservation) -> FrameObservation:
-        if number == request.number:
-            return request
+    def _read_frame(self, number: int, known: Mapping[int, FrameObservation]) -> FrameObservation:
+        if number in known:
+            return known[number]
         return cast(FrameObservation, self._observations.read_frame(number).observation)
 
     def _read_record(self, index: int) -> bytes:

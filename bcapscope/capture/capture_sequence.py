@@ -6,11 +6,11 @@ import stat
 from array import array
 from bisect import bisect_right
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from heapq import heappop, heappush
 from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 from bcapscope.capture.capture_file import CaptureFile
 from bcapscope.capture.packet import Packet
@@ -72,12 +72,14 @@ class CaptureSequence:
     def __init__(
         self,
         paths: Sequence[str],
+        names: Mapping[str, str],
         open_file: Callable[[str], CaptureFile],
         on_problem: Callable[[str, CaptureError], None],
     ) -> None:
         """Prepare to read captures.
 
         Args:
+            names: Name of each capture for people, by its path.
             open_file: Opens a capture by its path.
             on_problem: Receives the path and the error of a capture that cannot be read to its end. Reading
                 continues with the next capture.
@@ -90,8 +92,7 @@ class CaptureSequence:
         self._bytes_finished = 0
         self._counts: list[int] = []
         self._runs = _RunTable()
-        names = Counter(Path(path).name for path in paths)
-        self._names = {path: name if names[name := Path(path).name] == 1 else path for path in paths}
+        self._names = names
 
     @property
     def position(self) -> int:
@@ -181,11 +182,24 @@ class CaptureSequence:
             self._bytes_finished += opened.position if opened is not None else 0
 
 
+def capture_names(paths: Sequence[str]) -> dict[str, str]:
+    """Return the name of each capture for people: without its folder, unless two captures have this name."""
+    count = Counter(Path(path).name for path in paths)
+    return {path: name if count[name := Path(path).name] == 1 else path for path in paths}
+
+
+class PacketOrigins(Protocol):
+    """Knows where packets are found."""
+
+    def origin_of(self, packet: int) -> PacketOrigin | None:
+        """Return where a packet is found, by its number among all packets; None if it is not known."""
+
+
 class FrameOrigins(PipelineSubscriber):
     """Remembers which packet of which capture completed each frame."""
 
-    def __init__(self, sequence: CaptureSequence) -> None:
-        self._sequence = sequence
+    def __init__(self, packets: PacketOrigins) -> None:
+        self._packets = packets
         self._runs = _RunTable()
         self._distance: int | None = None
 
@@ -198,7 +212,7 @@ class FrameOrigins(PipelineSubscriber):
     def origin_of(self, frame: int) -> PacketOrigin | None:
         """Return where a frame is found, by its number; None if it is not known."""
         found = self._runs.find(frame)
-        return None if found is None else self._sequence.origin_of(found[1])
+        return None if found is None else self._packets.origin_of(found[1])
 
 
 class _RunTable:

@@ -21,7 +21,8 @@ from bcapscope.traffic.call import Call, PairingResult, StrayReply
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
-from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
+from bcapscope.traffic.joining.joined_observation import CapturePlace
+from bcapscope.traffic.pipeline import PipelineSubscriber
 
 _MAX_SESSIONS_LISTED = 8
 
@@ -34,6 +35,7 @@ _MAX_SESSIONS_LISTED = 8
     "--tree", is_flag=True, help="Show the frames of each call below its line, with the times between frames."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per call.")
+@options.side
 @options.filter_option(RecordKind.CALL)
 @options.time_format
 @options.color
@@ -45,6 +47,7 @@ def command(
     ports: tuple[int, ...],
     tree: bool,
     as_json: bool,
+    side: CapturePlace | None,
     wanted: Filter | None,
     clock: str,
     color: str,
@@ -60,7 +63,7 @@ def command(
     """
     if tree and as_json:
         raise click.UsageError("--tree and --json exclude each other")
-    reading = CaptureReader(paths, ports, interface, words=words)
+    reading = CaptureReader(paths, ports, interface, words=words, side=side)
     calls = _ShownCalls(reading, wanted)
     if as_json:
         record = CallRecordRenderer().record
@@ -93,8 +96,11 @@ class _ShownCalls(PipelineSubscriber):
         self._items: list[tuple[PairingResult, TrackedObject | None]] = []
         self._stray_count = 0
         self._first_stray = 0
+        self._captured_again = 0
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        if call.other_frames:
+            self._captured_again += len(call.captured_again)
         if self._test is None or self._test(call):
             self._items.append((call, target))
 
@@ -108,7 +114,7 @@ class _ShownCalls(PipelineSubscriber):
         """Yield the selected calls. Without a filter, stray replies follow among the calls."""
         # Lines about one capture do not name it, and JSON reads the packets of a call from its frames.
         subscribers = (self._reader.frame_origins, self) if len(self._reader.paths) > 1 else (self,)
-        pipeline = Pipeline(*subscribers, handles=self._handles)
+        pipeline = self._reader.pipeline(*subscribers, handles=self._handles)
         return read_items(self._reader, pipeline, self._items)
 
     def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:
@@ -118,10 +124,13 @@ class _ShownCalls(PipelineSubscriber):
                 yield item, subject
 
     def print_summary(self, words: MessageFormatter) -> None:
-        """Print to stderr the number of stray replies, and the sessions that did not release all objects."""
+        """Print to stderr the numbers of stray replies and of packets that were captured twice, and the
+        sessions that did not release all objects."""
         if self._stray_count:
             replies = Count(self._stray_count, "reply")
             print_stderr(words("calls.strays", replies=replies, frame=FramePlace((self._first_stray,))))
+        if self._captured_again:
+            print_stderr(words("calls.captured-again", packets=Count(self._captured_again, "packet")))
         unclean = [session for session in self._handles.sessions() if not session.is_clean]
         for session in unclean[:_MAX_SESSIONS_LISTED]:
             print_stderr(session_text(session, words))

@@ -21,7 +21,7 @@ from bcapscope.render.comparison_text import comparison_lines, comparison_record
 from bcapscope.render.escape import printable
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.pipeline import Pipeline
+from bcapscope.traffic.joining.joined_observation import CapturePlace
 
 _path = click.Path(allow_dash=True)
 
@@ -31,6 +31,7 @@ _path = click.Path(allow_dash=True)
 @click.argument("bad", type=_path)
 @options.ports
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@options.side
 @options.filter_option(RecordKind.CALL)
 @options.color
 @options.language
@@ -40,6 +41,7 @@ def command(
     bad: str,
     ports: tuple[int, ...],
     as_json: bool,
+    side: CapturePlace | None,
     wanted: Filter | None,
     color: str,
     words: MessageFormatter,
@@ -56,7 +58,7 @@ def command(
     """
     if good == bad == "-":
         raise click.UsageError("both captures are standard input (-): give a file for one of them")
-    readings = [CaptureReader([path], ports, words=words) for path in (good, bad)]
+    readings = [CaptureReader([path], ports, words=words, side=side) for path in (good, bad)]
     named = list(zip((good, bad), readings, strict=True))
     first, second = (_read_side(path, reading, wanted) for path, reading in named)
     for path, reading in named:
@@ -83,7 +85,7 @@ def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> Compa
         del sessions[MAX_SESSIONS:]
 
     diagnosis, figures = Diagnosis(chosen, keep_if_early), StatisticsBuilder(chosen)
-    read_to_end(reader, Pipeline(reader.frame_origins, diagnosis, figures))
+    read_to_end(reader, reader.pipeline(reader.frame_origins, diagnosis, figures))
     for session in diagnosis.remaining_sessions(reader.ended_at):
         keep_if_early(session)
     findings, totals = diagnosis.findings(reader.ended_at), diagnosis.totals(reader.ended_at)

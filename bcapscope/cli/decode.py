@@ -27,6 +27,7 @@ from bcapscope.traffic.call_kind import CallKind, RecentRequests
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
+from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.observation import Observation
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -59,6 +60,7 @@ def _format_option(style: FrameFormat, text: str) -> Callable[[F], F]:
 @_format_option(FrameFormat.JSON, "Print one JSON object per frame.")
 @click.option("--hex", "dump", is_flag=True, help="Show a hex dump below each frame.")
 @click.option("--full", is_flag=True, help="With --tree, show every byte and element of long values.")
+@options.side
 @options.filter_option(RecordKind.FRAME)
 @options.time_format
 @options.color
@@ -72,6 +74,7 @@ def command(
     styles: tuple[FrameFormat, ...],
     dump: bool,
     full: bool,
+    side: CapturePlace | None,
     wanted: Filter | None,
     clock: str,
     color: str,
@@ -97,7 +100,7 @@ def command(
         raise click.UsageError("--full has no effect without --tree: add --tree")
     if dump and style in (FrameFormat.CSV, FrameFormat.JSON):
         raise click.UsageError("--hex works with lines and --tree only: leave out --csv and --json")
-    reading = CaptureReader(paths, ports, interface, text, words)
+    reading = CaptureReader(paths, ports, interface, text, words, side=side)
     if style is FrameFormat.JSON:
         record = _citing(reading, FrameRecordRenderer().record, with_origin)
         lines: Iterable[str] | Iterable[bytes] = _render_frames(reading, wanted, record)

@@ -22,7 +22,7 @@ from bcapscope.render.findings import FindingsRenderer, finding_record
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.tokens import with_nearest
-from bcapscope.traffic.pipeline import Pipeline
+from bcapscope.traffic.joining.joined_observation import CapturePlace
 
 _PIPE_WIDTH = 100
 _SEVERITY = click.Choice([each.value for each in Severity])
@@ -44,6 +44,7 @@ def _known_rules(
 @options.paths
 @options.interface
 @options.ports
+@options.side
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per finding.")
 @click.option(
     "--rule",
@@ -73,6 +74,7 @@ def command(
     paths: tuple[str, ...],
     interface: str | None,
     ports: tuple[int, ...],
+    side: CapturePlace | None,
     as_json: bool,
     rules: frozenset[str],
     severities: tuple[str, ...],
@@ -97,7 +99,7 @@ def command(
     Exit codes: 0: everything was read, with or without findings; 1: everything was read, and a finding is as
     severe as --fail-on or worse; the others as for `decode`.
     """
-    reading = CaptureReader(paths, ports, interface, words=words)
+    reading = CaptureReader(paths, ports, interface, words=words, side=side)
     diagnosis = Diagnosis(call_test(wanted, reading))
     width = shutil.get_terminal_size((_PIPE_WIDTH, 24)).columns if sys.stdout.isatty() else _PIPE_WIDTH
     renderer = FindingsRenderer(choose_palette(color), width, reading.citing_words())
@@ -110,7 +112,7 @@ def command(
     if reading.is_live:
         _read_live(reading, diagnosis, is_shown, None if as_json else renderer)
     else:
-        read_to_end(reading, Pipeline(reading.frame_origins, diagnosis))
+        read_to_end(reading, reading.pipeline(reading.frame_origins, diagnosis))
     findings, totals = diagnosis.findings(reading.ended_at), diagnosis.totals(reading.ended_at)
     if as_json:
         origin_of = reading.frame_origins.origin_of
@@ -129,7 +131,7 @@ def _read_live(
     renderer: FindingsRenderer | None,
 ) -> None:
     """Read traffic to its end, and print each new finding: as text, or without `renderer` as JSON."""
-    pipeline, numbers = Pipeline(reader.frame_origins, diagnosis), count(1)
+    pipeline, numbers = reader.pipeline(reader.frame_origins, diagnosis), count(1)
 
     def print_new() -> None:
         for finding in filter(is_shown, diagnosis.new_findings()):

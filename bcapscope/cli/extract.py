@@ -31,8 +31,8 @@ from bcapscope.render.statistics_text import conversation_text
 from bcapscope.render.trajectory_file import CsvTrajectoryWriter, JsonTrajectoryWriter
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.observation import Conversation
-from bcapscope.traffic.pipeline import Pipeline
 
 TrajectoryWriter: TypeAlias = CsvTrajectoryWriter | JsonTrajectoryWriter
 
@@ -54,6 +54,7 @@ _WRITERS: dict[str, Callable[[CapturedTrajectory], TrajectoryWriter]] = {
     metavar="ADDRESS",
     help="Write only the set points of this client, given as address or address:port.",
 )
+@options.side
 @options.filter_option(RecordKind.CALL)
 @force_option
 @options.language
@@ -63,6 +64,7 @@ def command(
     output: Path,
     ports: tuple[int, ...],
     client: str | None,
+    side: CapturePlace | None,
     wanted: Filter | None,
     force: bool,
     words: MessageFormatter,
@@ -86,7 +88,7 @@ def command(
         )
     interrupt_on_end_signals()
     files = _TrajectoryFiles(output, force, words)
-    reading = CaptureReader(paths, ports, words=words)
+    reading = CaptureReader(paths, ports, words=words, side=side)
     trajectories = TrajectoryExtractor(
         call_test(wanted, reading), None if client is None else _is_by_client(client)
     )
@@ -108,7 +110,7 @@ def _is_by_client(client: str) -> Callable[[Conversation], bool]:
 
 
 def _read_pieces(reader: CaptureReader, trajectories: TrajectoryExtractor) -> Iterator[TrajectoryPiece]:
-    yield from read_items(reader, Pipeline(trajectories), trajectories.ready)
+    yield from read_items(reader, reader.pipeline(trajectories), trajectories.ready)
     trajectories.finish()
     yield from trajectories.ready
 

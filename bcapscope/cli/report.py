@@ -20,7 +20,7 @@ from bcapscope.live.end_signals import interrupt_on_end_signals
 from bcapscope.messages import MessageFormatter
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.pipeline import Pipeline
+from bcapscope.traffic.joining.joined_observation import CapturePlace
 
 _NEEDED = ("jinja2", "plotly")
 
@@ -29,6 +29,7 @@ _NEEDED = ("jinja2", "plotly")
 @options.captures
 @options.output_option("Write the page to this file, such as report.html; - is stdout.", allow_dash=True)
 @options.ports
+@options.side
 @options.filter_option(RecordKind.CALL)
 @force_option
 @options.language
@@ -37,6 +38,7 @@ def command(
     paths: tuple[str, ...],
     output: Path,
     ports: tuple[int, ...],
+    side: CapturePlace | None,
     wanted: Filter | None,
     force: bool,
     words: MessageFormatter,
@@ -68,7 +70,7 @@ def command(
     to_stdout = str(output) == STDIN
     if not to_stdout:
         check_output_path(output, force)
-    reading = CaptureReader(paths, ports, words=words)
+    reading = CaptureReader(paths, ports, words=words, side=side)
     report_data = _read_report_data(reading, wanted)
     reading.print_summary()
     if report_data is None:
@@ -86,7 +88,7 @@ def command(
 
 def _read_report_data(reader: CaptureReader, wanted: Filter | None) -> ReportData | None:
     builder = ReportDataBuilder(call_test(wanted, reader))
-    read_to_end(reader, Pipeline(reader.frame_origins, builder.diagnosis, builder))
+    read_to_end(reader, reader.pipeline(reader.frame_origins, builder.diagnosis, builder))
     return builder.report_data(reader.ended_at)
 
 

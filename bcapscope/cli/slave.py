@@ -15,7 +15,6 @@ from bcapscope.live.standard_streams import print_stderr
 from bcapscope.render.json_values import with_packets
 from bcapscope.render.slave_session_record import slave_session_record
 from bcapscope.render.slave_session_text import slave_session_lines
-from bcapscope.traffic.pipeline import Pipeline
 
 
 @click.command(short_help="Show slave-mode sessions: cycle times, retries, buffer, clock and motion.")
@@ -46,7 +45,7 @@ def _read_slave_sessions(arguments: FigureArguments) -> Iterator[SlaveSession]:
     sessions: list[SlaveSession] = []
     is_selected = call_test(arguments.call_filter, arguments.reader)
     selected = SelectedSlaveSessions(is_selected, sessions.append, arguments.window)
-    pipeline = Pipeline(arguments.reader.frame_origins, selected)
+    pipeline = arguments.reader.pipeline(arguments.reader.frame_origins, selected)
     yield from read_items(arguments.reader, pipeline, sessions)
     yield from selected.remaining_sessions(arguments.reader.ended_at)
 

@@ -24,6 +24,7 @@ from bcapscope.player.trajectory import (
     TrajectoryError,
     TrajectorySource,
 )
+from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.pipeline import Pipeline
 
 SOURCE_FORMAT = Message("trajectory.format.capture")
@@ -52,10 +53,11 @@ def read_capture(
     """
     sessions: dict[int, _SlaveSessionPoints] = {}
     extractor = TrajectoryExtractor()
-    pipeline = Pipeline(extractor)
+    decoder = PacketDecoder(ports)
+    pipeline = Pipeline(extractor, joiner=Joiner(decoder.comments))
     broken: CaptureError | None = None
     try:
-        for observation in PacketDecoder(ports).decode(packets):
+        for observation in decoder.decode(packets):
             pipeline.add(observation)
             if extractor.ready:
                 _add_set_points(sessions, extractor.ready)

@@ -15,6 +15,7 @@ from bcapscope.render.timestamp import epoch_text
 from bcapscope.traffic.call import Call, FrameObservation
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.handle_tracker import TrackedObject
+from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.reserved_field import ReservedConvention
 
@@ -50,10 +51,11 @@ class CallRecordRenderer:
 
         `started` is in seconds since 1970. `latency_ms` runs from the first request to the accepted reply.
         `rtt_ms` runs from the request that the accepted reply answers to this reply. All lists except
-        `serials` hold frame numbers.
+        `serials` and `places` hold frame numbers. Only calls that were captured at two places have `places`,
+        one object per frame.
         """
         request, reply = call.request, call.reply
-        if reply is None or not call.is_plain:
+        if reply is None or not call.is_plain or isinstance(request, JoinedObservation):
             return orjson.dumps(_call_object(call, subject))
         kind = call.conversation, call.kind, subject, reply.item.code, call.convention
         form = self._templates.get(kind) or self._make_template(kind, call)
@@ -118,6 +120,34 @@ def _call_object(call: Call, subject: TrackedObject | None) -> dict[str, object]
         "rtt_ms": _milliseconds(call.rtt),
         "convention": call.convention,
         "verdict": call.verdict,
+        **_copy_members(call),
+        **_place_members(call),
+    }
+
+
+def _copy_members(call: Call) -> dict[str, object]:
+    """Return the member `captured_again` of a call with packets that were captured twice."""
+    again = _numbers(call.captured_again)
+    return {"captured_again": again} if again else {}
+
+
+def _place_members(call: Call) -> dict[str, object]:
+    """Return the member `places` of a call that was captured at two places; no member for other calls."""
+    frames = [_place_object(seen) for seen in call.joined_frames]
+    return {"places": frames} if frames else {}
+
+
+def _place_object(seen: JoinedObservation) -> dict[str, object]:
+    near, far = (None if each is None else each.number for each in (seen.at_client, seen.at_controller))
+    return {
+        "frame": seen.number,
+        "client_side": near,
+        "controller_side": far,
+        "lost": seen.was_lost_between,
+        "delay_ms": _milliseconds(seen.delay),
+        "delay_error_ms": _milliseconds(seen.delay_error),
+        "proxy": seen.is_relayed,
+        "note": text_fragment(seen.note),
     }
 
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.messages.places import Count, frames_text, origins_text
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, function_name
-from bcapscope.protocol.text_format import display_width
+from bcapscope.protocol.text_format import display_width, shortened
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable, quoted
 from bcapscope.render.line_template import LONGEST_STRING
@@ -18,6 +18,7 @@ from bcapscope.traffic.call import Call, CallFrame, FrameRole, StrayReply
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.handle_tracker import ServiceSession, SessionEnding, TrackedObject, requested_name
+from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Direction, Flow
 
 _MILLISECOND = 1_000_000
@@ -103,9 +104,23 @@ class CallRenderer:
         )
         if seen.flow.direction is Direction.RESPONSE:
             text += f"  {self._result_text(frame.code)}"
+        if isinstance(seen, JoinedObservation):
+            text += self._place_text(seen)
         if event.role is FrameRole.LATE:
             text += f"  {color.problem}{self._words('call.discarded')}{color.reset}"
         return text
+
+    def _place_text(self, seen: JoinedObservation) -> str:
+        """Return the time from one place to the other, or that the frame was lost between them."""
+        color, delay = self._palette, seen.delay
+        if seen.was_lost_between:
+            case = "proxy" if seen.is_relayed else "between"
+            return f"  {color.problem}{self._words(f'call.lost.{case}')}{color.reset}"
+        if delay is None:
+            return ""
+        error = f" \N{PLUS-MINUS SIGN} {milliseconds(seen.delay_error)}" if seen.delay_error else ""
+        case = "proxy" if seen.is_relayed else "one-way"
+        return f"  {self._words(f'call.delay.{case}', time=f'{milliseconds(delay)}{error}')}"
 
     def _function_text(self, call_kind: CallKind) -> str:
         color = self._palette
@@ -142,7 +157,7 @@ class CallRenderer:
         return f"{frames} ({origins})" if origins else frames
 
     def _remarks_text(self, call: Call) -> str:
-        if call.is_plain:
+        if call.is_plain and not isinstance(call.request, JoinedObservation):
             return ""
         parts, words = [], self._words
         retries, unseen = call.retries + call.unseen_retries, call.unseen_retries
@@ -152,6 +167,7 @@ class CallRenderer:
             parts.append(words.plural("count.retry", retries))
         if call.verdict not in _PLAIN_VERDICTS:
             parts.append(self._verdict(call.verdict))
+        parts += self._place_remarks(call)
         if call.notices:
             parts.append(words("call.notices", n=len(call.notices)))
         if call.duplicates:
@@ -160,6 +176,18 @@ class CallRenderer:
             parts.append(words("call.first-attempt-not-seen"))
         color = self._palette
         return f"  {color.problem}{words('list.comma').join(parts)}{color.reset}" if parts else ""
+
+    def _place_remarks(self, call: Call) -> Iterator[str]:
+        """Yield where frames of the call were lost or held, if two places captured it."""
+        words, lost = self._words, call.lost_between
+        if lost:
+            case = "proxy" if lost[0].is_relayed else "between"
+            yield words(f"call.lost.{case}")
+        notes = dict.fromkeys(seen.note for seen in call.joined_frames if seen.note)
+        yield from (printable(shortened(note, LONGEST_STRING)) for note in notes)
+        held = max((seen.held_by_proxy for seen in call.joined_frames), default=0)
+        if held >= _MILLISECOND:
+            yield words("call.held", time=milliseconds(held))
 
     def _stray_line(self, stray: StrayReply) -> str:
         seen, color = stray.observation, self._palette

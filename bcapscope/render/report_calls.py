@@ -57,6 +57,7 @@ _FRAME_STYLES: dict[FrameRole, tuple[str, str]] = {
     FrameRole.LATE: ("x", ORANGE),
     FrameRole.LOST: ("circle-x-open", ORANGE),
     FrameRole.DUPLICATE: ("square-open", GRAY),
+    FrameRole.CAPTURED_AGAIN: ("square-open", GRAY),
 }
 _FRAME_NAMES = {FrameRole.NOTICE: "S_EXECUTING", FrameRole.LATE: "late reply, discarded"}
 

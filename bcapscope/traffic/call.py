@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple, Protocol, TypeAlias
@@ -9,6 +10,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome, outcome_of, verdict_of
+from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Flow, Transport
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
 
@@ -49,6 +51,9 @@ class FrameRole(StrEnum):
     DUPLICATE = "duplicate"
     """An exact copy of an earlier request or reply of the same call. The network or the capture made the
     copy, because all known clients give a retry a new serial."""
+    CAPTURED_AGAIN = "captured again"
+    """An exact copy of an earlier frame of the same call that follows so soon that it is probably the same
+    packet, captured on another interface or a mirror port."""
 
 
 class CallState(StrEnum):
@@ -210,8 +215,29 @@ class Call:
         return self._frames_with_role(FrameRole.NOTICE)
 
     @property
+    def joined_frames(self) -> Iterator[JoinedObservation]:
+        """Yield the frames of the conversation that two places may have captured, in capture order."""
+        for event in self.frames:
+            seen: object = event.observation
+            if isinstance(seen, JoinedObservation):
+                yield seen
+
+    @property
+    def lost_between(self) -> tuple[JoinedObservation, ...]:
+        """The frames that were lost between two places of the capture, by time."""
+        if not isinstance(self.request, JoinedObservation):
+            return ()
+        lost = (seen for seen in self.joined_frames if seen.was_lost_between)
+        return tuple(sorted(lost, key=lambda seen: seen.time))
+
+    @property
     def duplicates(self) -> tuple[FrameObservation, ...]:
         return self._frames_with_role(FrameRole.DUPLICATE)
+
+    @property
+    def captured_again(self) -> tuple[FrameObservation, ...]:
+        """Frames whose packet the capture probably holds twice. They are no copies on the network."""
+        return self._frames_with_role(FrameRole.CAPTURED_AGAIN)
 
     @property
     def frames(self) -> tuple[CallFrame, ...]:

@@ -1,4 +1,4 @@
-"""Outcome and verdict of a call, as far as one capture point can tell."""
+"""Outcome and verdict of a call, as far as its capture can tell."""
 
 from __future__ import annotations
 
@@ -57,10 +57,13 @@ class CallVerdict(StrEnum):
     REPLY_LOST = "reply lost"
     """A reply was captured, yet the client sent another attempt. The reply was lost between the capture point
     and the client, or the client was too busy to read it. *Reply lost* is also the verdict if S_EXECUTING was
-    captured for an attempt whose result never came."""
+    captured for an attempt whose result never came, and if a reply was captured at the controller's side of a
+    proxy but not at the client's side."""
     REQUEST_LOST = "request lost"
     """S_EXECUTING was captured for the answered attempt, and nothing for the earlier attempts. The earlier
-    attempts were lost, because the controller would have executed or answered them."""
+    attempts were lost, because the controller would have executed or answered them. *Request lost* is also
+    the verdict if an attempt was captured at the client's side of a proxy but not at the controller's side.
+    If both requests and replies of a call were lost, the first loss decides."""
     CANNOT_TELL = "cannot tell"
     """The client retried, and the capture does not show whether requests or replies were lost."""
 
@@ -82,11 +85,22 @@ def outcome_of(call: Call) -> Outcome:
 def verdict_of(call: Call) -> CallVerdict:
     """Return the verdict on a call, according to the strongest evidence in its frames."""
     if call.is_plain:
-        return _VERDICT_OF_OUTCOME[outcome_of(call)]
+        outcome = outcome_of(call)
+        if outcome is Outcome.UNANSWERED and call.lost_between:
+            return CallVerdict.REQUEST_LOST
+        return _VERDICT_OF_OUTCOME[outcome]
     if call.skipped_handles or _replies_differ(call):
         return CallVerdict.EXECUTED_TWICE
     if call.late_replies:
         return CallVerdict.REPLY_LATE
+    return _verdict_on_losses(call)
+
+
+def _verdict_on_losses(call: Call) -> CallVerdict:
+    """Return the verdict on a call that was not executed twice and has no late reply."""
+    lost_between = call.lost_between
+    if lost_between and (call.retries or call.reply is None):
+        return CallVerdict.REQUEST_LOST if lost_between[0].is_request else CallVerdict.REPLY_LOST
     if call.lost_replies:
         return CallVerdict.CANNOT_TELL if _all_crossed(call) else CallVerdict.REPLY_LOST
     if call.reply is None or not call.retries:

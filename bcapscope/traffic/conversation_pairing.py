@@ -13,10 +13,10 @@ from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING
 from bcapscope.traffic.call import Call, CallFrame, CallState, FrameObservation, FrameRole, StrayReply
 from bcapscope.traffic.call_kind import CallKinds
 from bcapscope.traffic.client_timeout import SHORTEST_TIMEOUT_NS, ShownTimeouts
-from bcapscope.traffic.frame_index import FrameIndex
+from bcapscope.traffic.frame_index import FrameIndex, is_captured_again
 from bcapscope.traffic.handle_sequence import OPENERS, HandleSequence
 from bcapscope.traffic.observation import Conversation, Direction, Transport
-from bcapscope.traffic.pairing_states import TRANSITIONS, CallEvent
+from bcapscope.traffic.pairing_states import AWAITING_REPLY, TRANSITIONS, CallEvent
 from bcapscope.traffic.pairing_windows import (
     COPIES_WITHIN_NS,
     LATE_WITHIN_NS,
@@ -25,9 +25,9 @@ from bcapscope.traffic.pairing_windows import (
     unanswered_settles_at,
 )
 from bcapscope.traffic.requests_only import RequestsOnlyEvidence
-from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
+from bcapscope.traffic.reserved_field import ReplyReserved, ReservedFieldUsage
 from bcapscope.traffic.serial_table import SerialTable
-from bcapscope.traffic.unseen_attempts import is_chained_retry, is_unseen_serial, skipped_serials
+from bcapscope.traffic.unseen_attempts import chained_call, is_unseen_serial, skipped_serials
 
 SERVICE_START = 1
 
@@ -43,7 +43,6 @@ _LARGE_CALL = 64 * 1024
 
 _WAITING, _ANSWERED, _SETTLED = CallState.WAITING, CallState.ANSWERED, CallState.SETTLED
 _EXPIRY, _EVICTION = CallEvent.EXPIRY, CallEvent.EVICTION
-_AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is CallEvent.NEXT_CALL)
 
 
 class ConversationPairing:
@@ -106,7 +105,7 @@ class ConversationPairing:
         if reserved and reserved != serial and not self._is_tcp:
             origin = self._by_serial.get(reserved)
             if origin is None:
-                origin = self._chained_call(frame)
+                origin = chained_call(self._newest_call, self._reserved_usage, frame)
             if origin is not None and origin.request.item.raw[9:] == frame.raw[9:]:
                 self._add_retry(origin, observation, frame)
                 return False
@@ -129,7 +128,7 @@ class ConversationPairing:
             oldest = self._serials.oldest_reused(serial, is_answered=frame.code != S_EXECUTING)
             if isinstance(oldest, int):
                 return self._stray_reply(observation, oldest)
-            self._apply(oldest, self._reply_event(oldest, frame), observation)
+            self._add_further_reply(oldest, observation, frame)
             return None
         if call is None:
             self._response_seen = True
@@ -144,7 +143,7 @@ class ConversationPairing:
             or frame.code == S_EXECUTING
             or call.last_attempt.item.serial != serial
         ):
-            self._apply(call, self._reply_event(call, frame), observation)
+            self._add_further_reply(call, observation, frame)
         else:  # nearly all replies take this shortcut, which is twice as fast as `_apply`
             call.state = _ANSWERED
             self._accept_reply(call, observation, frame)
@@ -160,6 +159,19 @@ class ConversationPairing:
             self._response_seen = True
             for call in self.open_calls:
                 call.reply_missed |= call.reply is None and call.number > self._latest_answered
+
+    def add_undelivered_reply(self, observation: FrameObservation, frame: Frame) -> None:
+        """Add a reply or notice that the controller sent, and that did not reach the client's side."""
+        call = self._by_serial.get(frame.serial)
+        if call is not None:
+            is_notice = frame.code == S_EXECUTING
+            self._apply(call, CallEvent.NOTICE if is_notice else CallEvent.UNDELIVERED_REPLY, observation)
+
+    def add_own_request(self, observation: FrameObservation, frame: Frame) -> None:
+        """Add a request that a proxy sent on its own. Only a copy of a client's request belongs to a call."""
+        prior = self._by_serial.get(frame.serial)
+        if prior is not None:
+            self._add_to_prior(prior, observation, frame)
 
     def pop_settled(self, now: int) -> Iterator[Call]:
         """Yield the calls to which no further frame can belong after the time `now`."""
@@ -225,7 +237,7 @@ class ConversationPairing:
 
     def _start_call(self, observation: FrameObservation, frame: Frame, number: int) -> None:
         newest = self._newest_call
-        if newest is not None and newest.state is not _ANSWERED and newest.state in _AWAITING_REPLY:
+        if newest is not None and newest.state is not _ANSWERED and newest.state in AWAITING_REPLY:
             since = max((newest.last_attempt.time, *(notice.time for notice in newest.notices)))
             if observation.time - since >= SHORTEST_TIMEOUT_NS:
                 newest.abandoned_at = observation.time
@@ -251,7 +263,7 @@ class ConversationPairing:
         is_of_session = prior.number >= self._session_call
         sent = self._frame_index_of(prior).sent_at.get(frame.raw) if is_of_session else None
         if sent is not None and observation.time - sent <= copies_within:
-            self._apply(prior, CallEvent.COPY, observation)
+            self._add_copy(prior, observation, sent)
             return True
         first = prior.request.item
         if (
@@ -282,17 +294,6 @@ class ConversationPairing:
             return False
         self._add_retry(call, observation, frame)
         return True
-
-    def _chained_call(self, frame: Frame) -> Call | None:
-        """Return the call of a retry that names an attempt that was not captured; None if no call fits."""
-        newest = self._newest_call
-        if (
-            newest is None
-            or newest.state not in _AWAITING_REPLY
-            or self._reserved_usage.convention is not ReservedConvention.CHAIN
-        ):
-            return None
-        return newest if is_chained_retry(newest, frame) else None
 
     def _add_retry(self, call: Call, observation: FrameObservation, frame: Frame) -> None:
         last = call.last_attempt.item
@@ -374,13 +375,20 @@ class ConversationPairing:
             if self.open_calls[0] is not call:
                 self._answered_early.append((call.number, observation.time))
 
-    def _reply_event(self, call: Call, frame: Frame) -> CallEvent:
-        if frame.code == S_EXECUTING:
-            return CallEvent.NOTICE
-        if frame.raw in self._frame_index_of(call).reply_bytes:
-            return CallEvent.COPY
+    def _add_further_reply(self, call: Call, observation: FrameObservation, frame: Frame) -> None:
+        if frame.code == S_EXECUTING:  # identical notices are no copies
+            self._apply(call, CallEvent.NOTICE, observation)
+            return
+        earlier = self._frame_index_of(call).received_at.get(frame.raw)
+        if earlier is not None:
+            self._add_copy(call, observation, earlier)
+            return
         is_latest = frame.serial == call.last_attempt.item.serial
-        return CallEvent.REPLY if is_latest else CallEvent.EARLIER_REPLY
+        self._apply(call, CallEvent.REPLY if is_latest else CallEvent.EARLIER_REPLY, observation)
+
+    def _add_copy(self, call: Call, observation: FrameObservation, earlier: int) -> None:
+        is_same_packet = is_captured_again(observation.time, earlier)
+        self._apply(call, CallEvent.CAPTURED_AGAIN if is_same_packet else CallEvent.COPY, observation)
 
     def _stray_reply(self, observation: FrameObservation, call_number: int | None) -> StrayReply:
         newest = self._newest_call

@@ -3,6 +3,13 @@
 from __future__ import annotations
 
 from bcapscope.traffic.call import Call, FrameObservation, FrameRole
+from bcapscope.traffic.joining.joined_observation import JoinedObservation
+
+_REPLIES = (FrameRole.REPLY, FrameRole.LATE, FrameRole.LOST)
+
+CAPTURED_AGAIN_WITHIN_NS = 1_000_000
+"""Maximum time in ns between two captures of one packet, such as on two interfaces or a mirror port. A retry
+has its own serial, so an exact copy this soon is probably the same packet."""
 
 
 class FrameIndex:
@@ -11,13 +18,14 @@ class FrameIndex:
     Attributes:
         sent_at: Time of each attempt, by the bytes of the attempt; the latest time for identical attempts.
         reserved_by_serial: For each serial, the reserved field of the latest attempt with this serial.
-        reply_bytes: Bytes of each reply, accepted or not. Notices are not included.
+        received_at: Time of each reply that reached the client's side, accepted or not, by its bytes. Notices
+            are not included.
     """
 
     def __init__(self, call: Call) -> None:
         self.sent_at: dict[bytes, int] = {}
         self.reserved_by_serial: dict[int, int] = {}
-        self.reply_bytes: set[bytes] = set()
+        self.received_at: dict[bytes, int] = {}
         self.add_frame(FrameRole.REQUEST, call.request)
         for role, seen in call.other_frames:
             self.add_frame(role, seen)
@@ -29,5 +37,14 @@ class FrameIndex:
         if role in (FrameRole.REQUEST, FrameRole.RETRY):
             self.sent_at[frame.raw] = observation.time
             self.reserved_by_serial[frame.serial] = frame.reserved
-        elif role in (FrameRole.REPLY, FrameRole.LATE, FrameRole.LOST):
-            self.reply_bytes.add(frame.raw)
+        elif role in _REPLIES and not _was_lost_between(observation):
+            self.received_at[frame.raw] = observation.time
+
+
+def is_captured_again(time: int, earlier: int) -> bool:
+    """Return whether two exact copies of a frame, captured at these times in ns, are probably one packet."""
+    return time - earlier <= CAPTURED_AGAIN_WITHIN_NS
+
+
+def _was_lost_between(observation: FrameObservation) -> bool:
+    return isinstance(observation, JoinedObservation) and observation.was_lost_between

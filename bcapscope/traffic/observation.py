@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from bcapscope.protocol.codec.frame import Frame, Malformed
+
+if TYPE_CHECKING:
+    from bcapscope.traffic.joining.captured_twins import CaptureSide
 
 
 class Transport(StrEnum):
@@ -75,6 +78,10 @@ class Conversation:
             evidence in the traffic.
         connection_end: End of the TCP connection, as far as captured; None while the connection is open, and
             for UDP.
+        controller_leg: Conversation between the proxy and the controller, if this one is between the client
+            and the proxy, and the capture holds both; otherwise None.
+        capture_side: The capture that the conversation comes from, if two captures hold the same
+            conversation; otherwise None.
     """
 
     def __init__(
@@ -85,6 +92,8 @@ class Conversation:
         self.transport = transport
         self.server_known_by = server_known_by
         self.connection_end: ConnectionEnd | None = None
+        self.controller_leg: Conversation | None = None
+        self.capture_side: CaptureSide | None = None
 
     def record_end(self, by: Direction, reset: bool, time: int) -> None:
         """Record that the client or the controller closed or reset the connection. The first such event stays

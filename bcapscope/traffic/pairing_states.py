@@ -26,6 +26,8 @@ class CallEvent(StrEnum):
     """The first attempt arrives after a retry that the client sent later."""
     COPY = "copy"
     """An exact copy of an earlier frame of the call arrives."""
+    CAPTURED_AGAIN = "captured again"
+    """The capture holds the packet of a frame of the call twice."""
     NOTICE = "notice"
     """The controller sends S_EXECUTING."""
     REPLY = "reply"
@@ -35,6 +37,8 @@ class CallEvent(StrEnum):
     OVERDUE_REPLY = "overdue reply"
     """The reply to the latest attempt came after the client had given up. The distances of the attempts
     show it when the call is complete."""
+    UNDELIVERED_REPLY = "undelivered reply"
+    """The controller sends a reply that is lost before it reaches the client's side."""
     NEXT_CALL = "next call"
     """The client begins another call, after it waited for a reply for at least the shortest timeout."""
     EXPIRY = "expiry"
@@ -66,9 +70,11 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_WAITING, CallEvent.OVERTAKEN_RETRY): Transition(_WAITING, FrameRole.RETRY),
     (_WAITING, CallEvent.FIRST_ATTEMPT): Transition(_WAITING, FrameRole.REQUEST),
     (_WAITING, CallEvent.COPY): Transition(_WAITING, FrameRole.DUPLICATE),
+    (_WAITING, CallEvent.CAPTURED_AGAIN): Transition(_WAITING, FrameRole.CAPTURED_AGAIN),
     (_WAITING, CallEvent.NOTICE): Transition(_EXECUTING, FrameRole.NOTICE),
     (_WAITING, CallEvent.REPLY): Transition(_ANSWERED, FrameRole.REPLY),
     (_WAITING, CallEvent.EARLIER_REPLY): Transition(_WAITING, FrameRole.LATE),
+    (_WAITING, CallEvent.UNDELIVERED_REPLY): Transition(_WAITING, FrameRole.LOST),
     (_WAITING, CallEvent.NEXT_CALL): Transition(_ABANDONED, None),
     (_WAITING, CallEvent.EXPIRY): Transition(CallState.UNANSWERED, None),
     (_WAITING, CallEvent.EVICTION): Transition(CallState.EVICTED, None),
@@ -78,9 +84,11 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_EXECUTING, CallEvent.OVERTAKEN_RETRY): Transition(_EXECUTING, FrameRole.RETRY),
     (_EXECUTING, CallEvent.FIRST_ATTEMPT): Transition(_EXECUTING, FrameRole.REQUEST),
     (_EXECUTING, CallEvent.COPY): Transition(_EXECUTING, FrameRole.DUPLICATE),
+    (_EXECUTING, CallEvent.CAPTURED_AGAIN): Transition(_EXECUTING, FrameRole.CAPTURED_AGAIN),
     (_EXECUTING, CallEvent.NOTICE): Transition(_EXECUTING, FrameRole.NOTICE),
     (_EXECUTING, CallEvent.REPLY): Transition(_ANSWERED, FrameRole.REPLY),
     (_EXECUTING, CallEvent.EARLIER_REPLY): Transition(_EXECUTING, FrameRole.LATE),
+    (_EXECUTING, CallEvent.UNDELIVERED_REPLY): Transition(_EXECUTING, FrameRole.LOST),
     (_EXECUTING, CallEvent.NEXT_CALL): Transition(_ABANDONED, None),
     (_EXECUTING, CallEvent.EXPIRY): Transition(CallState.UNANSWERED, None),
     (_EXECUTING, CallEvent.EVICTION): Transition(CallState.EVICTED, None),
@@ -90,10 +98,12 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_ANSWERED, CallEvent.OVERTAKEN_RETRY): Transition(_ANSWERED, FrameRole.RETRY),
     (_ANSWERED, CallEvent.FIRST_ATTEMPT): Transition(_ANSWERED, FrameRole.REQUEST),
     (_ANSWERED, CallEvent.COPY): Transition(_ANSWERED, FrameRole.DUPLICATE),
+    (_ANSWERED, CallEvent.CAPTURED_AGAIN): Transition(_ANSWERED, FrameRole.CAPTURED_AGAIN),
     (_ANSWERED, CallEvent.NOTICE): Transition(_ANSWERED, FrameRole.NOTICE),
     (_ANSWERED, CallEvent.REPLY): Transition(_ANSWERED, FrameRole.LATE),
     (_ANSWERED, CallEvent.EARLIER_REPLY): Transition(_ANSWERED, FrameRole.LATE),
     (_ANSWERED, CallEvent.OVERDUE_REPLY): Transition(CallState.SETTLED, None, FrameRole.LATE),
+    (_ANSWERED, CallEvent.UNDELIVERED_REPLY): Transition(_ANSWERED, FrameRole.LOST),
     (_ANSWERED, CallEvent.EXPIRY): Transition(CallState.SETTLED, None),
     (_ANSWERED, CallEvent.EVICTION): Transition(CallState.SETTLED, None),
     # The client has begun another call, and discards all replies to this call.
@@ -101,11 +111,16 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_ABANDONED, CallEvent.OVERTAKEN_RETRY): Transition(_ABANDONED, FrameRole.RETRY),
     (_ABANDONED, CallEvent.FIRST_ATTEMPT): Transition(_ABANDONED, FrameRole.REQUEST),
     (_ABANDONED, CallEvent.COPY): Transition(_ABANDONED, FrameRole.DUPLICATE),
+    (_ABANDONED, CallEvent.CAPTURED_AGAIN): Transition(_ABANDONED, FrameRole.CAPTURED_AGAIN),
     (_ABANDONED, CallEvent.NOTICE): Transition(_ABANDONED, FrameRole.NOTICE),
     (_ABANDONED, CallEvent.REPLY): Transition(_ABANDONED, FrameRole.LATE),
     (_ABANDONED, CallEvent.EARLIER_REPLY): Transition(_ABANDONED, FrameRole.LATE),
+    (_ABANDONED, CallEvent.UNDELIVERED_REPLY): Transition(_ABANDONED, FrameRole.LOST),
     (_ABANDONED, CallEvent.EXPIRY): Transition(CallState.SETTLED, None),
     (_ABANDONED, CallEvent.EVICTION): Transition(CallState.EVICTED, None),
     # The tracker has returned the call as unanswered, but still records when the client begins another call.
     (CallState.UNANSWERED, CallEvent.NEXT_CALL): Transition(CallState.SETTLED, None),
 }
+
+AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is CallEvent.NEXT_CALL)
+"""States of calls whose client still waits for a reply."""

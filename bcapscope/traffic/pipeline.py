@@ -13,6 +13,8 @@ from bcapscope.traffic.alike_set_points import AlikeSetPoints
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
+from bcapscope.traffic.joining.joined_observation import JoinedObservation
+from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Conversation, Observation
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeTracker
 from bcapscope.traffic.tracker import Tracker
@@ -91,6 +93,7 @@ class Pipeline:
         *subscribers: PipelineSubscriber,
         handles: HandleTracker | None = None,
         slave_mode: SlaveModeTracker | None = None,
+        joiner: Joiner | None = None,
     ) -> None:
         """Create a pipeline.
 
@@ -99,12 +102,14 @@ class Pipeline:
                 handles only if a subscriber needs targets.
             slave_mode: Slave-mode tracker to update, for a caller that also reads it. If None, the pipeline
                 follows slave mode only if a subscriber overrides `on_slave_mode`.
+            joiner: Joins what several places captured of one conversation; None for traffic from one place.
         """
         self._tracker = Tracker()
         self._observe = self._tracker.observe
         self._runs: dict[Conversation, AlikeSetPoints] = {}
         self._frame_handlers = overriding_methods(subscribers, PipelineSubscriber.on_frame)
-        self.add: Callable[[Observation], None] = self._add_and_show if self._frame_handlers else self._add
+        self._joiner = joiner
+        self.add: Callable[[Observation], None] = self._adder(joiner)
         self._call_handlers = overriding_methods(subscribers, PipelineSubscriber.on_call)
         self._run_handlers = overriding_methods(subscribers, PipelineSubscriber.on_set_points)
         self._single_handlers = overriding_methods(
@@ -125,6 +130,8 @@ class Pipeline:
 
     def expire(self, now: int) -> None:
         """Complete the calls to which no further frame can belong after the time `now`, ns since 1970."""
+        if self._joiner is not None:
+            self._add_joined(self._joiner.expire(now))
         self._emit(self._tracker.expire(now))
 
     def close_conversation(self, conversation: Conversation) -> None:
@@ -144,9 +151,37 @@ class Pipeline:
         Args:
             ended_at: Time when the traffic ended, ns since 1970; 0 if it ended with the last observation.
         """
+        if self._joiner is not None:
+            self._add_joined(self._joiner.close())
         if ended_at:
             self.expire(ended_at)
         self._emit(self._tracker.close())
+
+    def _adder(self, joiner: Joiner | None) -> Callable[[Observation], None]:
+        """Return the function that adds an observation."""
+        add = self._add_and_show if self._frame_handlers else self._add
+        if joiner is None:
+            return add
+
+        def add_to_joiner(observation: Observation) -> None:
+            if observation.flow in joiner.passing:  # nearly all observations of captures from one place
+                add(observation)
+            else:
+                self._add_joined(joiner.add(observation))
+
+        return add_to_joiner
+
+    def _add_joined(self, observations: Sequence[Observation]) -> None:
+        """Add observations that a joiner returned."""
+        for observation in observations:
+            if not isinstance(observation, JoinedObservation):
+                (self._add_and_show if self._frame_handlers else self._add)(observation)
+                continue
+            for on_frame in self._frame_handlers:
+                on_frame(observation)
+            settled = self._tracker.observe_joined(observation)
+            if settled:
+                self._emit(settled)
 
     def _add(self, observation: Observation) -> None:
         settled = self._observe(observation)

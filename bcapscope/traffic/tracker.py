@@ -10,6 +10,7 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call import Call, PairingResult
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, CallKinds
 from bcapscope.traffic.conversation_pairing import ConversationPairing
+from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_OPEN = 8192
@@ -88,6 +89,26 @@ class Tracker:
                 self._evict_half(max(self._pairings.values(), key=attrgetter("memory_bytes")))
         elif item.missing or any(problem.code == "cut" for problem in item.problems):
             self._pairing.add_gap(flow.direction)
+        return self._pop_results() if self._results else ()
+
+    def observe_joined(self, observation: JoinedObservation) -> Sequence[PairingResult]:
+        """Add the next observation of a conversation that was captured at two places (see `observe`).
+
+        A reply that never came to the client's side is a lost reply of its call. What a proxy exchanged with
+        the controller on its own belongs to no call of the client.
+        """
+        item = observation.item
+        is_own = observation.was_made_between and observation.is_request
+        if not isinstance(item, Frame) or not (is_own or observation.was_lost_between):
+            return self.observe(observation)
+        if not is_own and observation.is_request:
+            return self.observe(observation)
+        if observation.flow.conversation is not self._current_conversation:
+            self._select_pairing(observation.flow.conversation)
+        if is_own:
+            self._pairing.add_own_request(observation, item)  # type: ignore[arg-type]  # item is a frame
+        else:
+            self._pairing.add_undelivered_reply(observation, item)  # type: ignore[arg-type]  # item is a frame
         return self._pop_results() if self._results else ()
 
     def expire(self, now: int) -> Sequence[PairingResult]:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call import Call
+from bcapscope.traffic.pairing_states import AWAITING_REPLY
+from bcapscope.traffic.reserved_field import ReservedConvention, ReservedFieldUsage
 
 MAX_UNSEEN = 16
 """Maximum number of successive attempts without a captured one between them. A larger gap in the serials
@@ -33,6 +35,15 @@ def is_unseen_serial(latest: int, serial: int) -> bool:
     The reply then answers a request that was not captured.
     """
     return 0 < (serial - latest) & 0xFFFF <= MAX_UNSEEN
+
+
+def chained_call(newest: Call | None, usage: ReservedFieldUsage, frame: Frame) -> Call | None:
+    """Return the newest call if a frame is its retry and names an attempt that was not captured."""
+    if newest is None or newest.state not in AWAITING_REPLY:
+        return None
+    if usage.convention is not ReservedConvention.CHAIN:
+        return None
+    return newest if is_chained_retry(newest, frame) else None
 
 
 def is_chained_retry(call: Call, frame: Frame) -> bool:

@@ -7,7 +7,7 @@ Moments are milliseconds from the beginning.
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.analysis.diagnosis import Diagnosis
@@ -15,12 +15,13 @@ from bcapscope.analysis.finding import Finding, TrafficTotals
 from bcapscope.capture.capture_file import CaptureFile
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.protocol.codec.variant import EMPTY, Variant
+from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.pipeline import Pipeline
 from tests.samples.calls import MS, SERVER, START, Datagrams, i4, i4s, r8s, reply, request, text
-from tests.samples.files import Packet, pcap
+from tests.samples.files import Interface, Packet, pcap, pcapng
 from tests.samples.tcp import Connection
 from tests.samples.wire import Host
-from tests.traffic.playbook import run_pipeline
 
 CONTROLLER, ROBOT = i4(1), i4(2)
 HOME = (0.0, 10.0, 80.0, 0.0, 90.0, 0.0, 0.0, 0.0)
@@ -154,7 +155,10 @@ class Story:
         packets: list[Packet] = []
         for talker in self.talkers:
             packets += talker.network.packets
-        return pcap(sorted(packets, key=lambda packet: packet.time), nanoseconds=True)
+        packets.sort(key=lambda packet: packet.time)
+        if any(packet.comment for packet in packets):
+            return pcapng(packets, [Interface("any")])
+        return pcap(packets, nanoseconds=True)
 
 
 Play: TypeAlias = Callable[[Story], None]
@@ -181,13 +185,19 @@ def stage(play: Play) -> Diagnosed:
 
 def diagnose_bytes(capture: bytes, ports: frozenset[int] = frozenset({5007})) -> Diagnosed:
     """Diagnose a capture file."""
-    return diagnose(list(PacketDecoder(ports).decode(CaptureFile(io.BytesIO(capture)))))
+    decoder = PacketDecoder(ports)
+    return diagnose(list(decoder.decode(CaptureFile(io.BytesIO(capture)))), decoder.comments)
 
 
-def diagnose(observations: list[Observation]) -> Diagnosed:
-    """Diagnose observations."""
+def diagnose(
+    observations: list[Observation], comments: Mapping[int, tuple[str, ...]] | None = None
+) -> Diagnosed:
+    """Diagnose observations; `comments` are those on their packets."""
     diagnosis = Diagnosis()
-    run_pipeline(observations, diagnosis)
+    pipeline = Pipeline(diagnosis, joiner=Joiner(comments or {}))
+    for observation in observations:
+        pipeline.add(observation)
+    pipeline.finish()
     return Diagnosed(diagnosis.findings(), diagnosis.totals())
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import cast
@@ -17,9 +17,14 @@ from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.render.call_text import CallRenderer
 from bcapscope.traffic.call import Call, FrameObservation, PairingResult, StrayReply
 from bcapscope.traffic.call_kind import RecentRequests
+from bcapscope.traffic.call_verdict import CallVerdict
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
+from bcapscope.traffic.joining.joined_observation import JoinedObservation
+from bcapscope.traffic.joining.joiner import Joiner
+from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.tracker import Tracker
 from tests.cli.run import CAPTURES
+from tests.samples.legs import both_legs
 
 
 @pytest.fixture
@@ -58,14 +63,23 @@ def written(
         rows.append((settled, subject))
         book.add(settled, subject)
 
+    def observe(seen: Observation) -> Sequence[PairingResult]:
+        return tracker.observe_joined(seen) if isinstance(seen, JoinedObservation) else tracker.observe(seen)
+
     with open_capture(path) as capture:
-        for seen in PacketDecoder().decode(capture):
+        decoder = PacketDecoder()
+        joiner = Joiner(decoder.comments)
+        for seen in decoder.decode(capture):
             journal.add(seen, questions.kind_of(seen))
-            for settled in tracker.observe(seen):
-                settle(settled)
+            for each in joiner.add(seen):
+                for settled in observe(each):
+                    settle(settled)
             if not seen.number % 50:
                 journal.flush()
                 book.flush()
+    for seen in joiner.close():
+        for settled in observe(seen):
+            settle(settled)
     for settled in tracker.close():
         settle(settled)
     journal.flush()
@@ -92,6 +106,34 @@ def test_every_call_of_the_samples_comes_back(stack: ExitStack, tmp_path: Path, 
         if isinstance(settled, StrayReply):
             frames = [settled.observation.number]
         assert {calls.index_of_frame(frame) for frame in frames} == {index}
+
+
+def test_calls_through_a_proxy_come_back_with_both_legs(stack: ExitStack, tmp_path: Path) -> None:
+    legs = both_legs()
+    legs.lost = {3: "request", 5: "reply"}
+    path, folder = tmp_path / "legs.pcapng", tmp_path / "store"
+    path.write_bytes(legs.poll(20).recording())
+    folder.mkdir()
+    calls, rows = written(stack, folder, path)
+    assert len(rows) == 20
+    verdicts = set()
+    for index, (settled, subject) in enumerate(rows):
+        row = calls.read_call(index)
+        assert told(row.settled, row.subject) == told(settled, subject)
+        assert isinstance(settled, Call)
+        assert isinstance(row.settled, Call)
+        verdicts.add(row.settled.verdict)
+        for event, same in zip(settled.frames, row.settled.frames, strict=True):
+            seen, back = event.observation, same.observation
+            assert isinstance(seen, JoinedObservation)
+            assert isinstance(back, JoinedObservation)
+            assert (back.note, back.is_missed, back.delay) == (seen.note, seen.is_missed, seen.delay)
+            assert {calls.index_of_frame(each.number) for each in seen.sightings()} == {index}
+        near, leg = settled.conversation, row.settled.conversation.controller_leg
+        assert leg is not None
+        assert near.controller_leg is not None
+        assert leg.server == near.controller_leg.server
+    assert verdicts == {CallVerdict.ANSWERED, CallVerdict.REQUEST_LOST, CallVerdict.REPLY_LOST}
 
 
 def test_frames_that_belong_to_no_call_yet(stack: ExitStack, tmp_path: Path) -> None:

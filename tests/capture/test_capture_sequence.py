@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bcapscope.capture import capture_sequence
 from bcapscope.capture.capture_file import open_capture
-from bcapscope.capture.capture_sequence import CaptureSequence, PacketOrigin
+from bcapscope.capture.capture_sequence import CaptureSequence, PacketOrigin, capture_names
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.errors import CaptureError
 from tests.capture.packets import from_client, pcap_header, pcap_record, request
@@ -27,7 +27,9 @@ def sequence_of(folder: Path, files: Sequence[Sequence[int]]) -> tuple[CaptureSe
         records = (pcap_record(from_client(request(time % 65536)), 1_700_000_000 + time) for time in times)
         path.write_bytes(pcap_header() + b"".join(records))
         paths.append(str(path))
-    return CaptureSequence(paths, open_capture, lambda path, error: problems.append(error)), problems
+    return CaptureSequence(
+        paths, capture_names(paths), open_capture, lambda path, error: problems.append(error)
+    ), problems
 
 
 @given(st.lists(st.lists(st.integers(0, 100), max_size=8).map(sorted), min_size=2, max_size=6))
@@ -63,7 +65,8 @@ def test_a_frame_has_the_origin_of_the_packet_that_completed_it(tmp_path: Path) 
     sequence, _ = sequence_of(tmp_path, [[10, 11], [1, 2]])
     other = tmp_path / "other.pcap"
     other.write_bytes(pcap_header() + pcap_record(b"no IP at all", 1_700_000_005))
-    sequence = CaptureSequence([*sequence.paths, str(other)], open_capture, lambda path, error: None)
+    paths = [*sequence.paths, str(other)]
+    sequence = CaptureSequence(paths, capture_names(paths), open_capture, lambda path, error: None)
     origins = capture_sequence.FrameOrigins(sequence)
     for observation in PacketDecoder().decode(sequence):
         origins.on_frame(observation)

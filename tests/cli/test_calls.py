@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -52,12 +53,16 @@ def test_the_retry_story_is_one_call() -> None:
     }
 
 
+def copies_in(call: dict[str, Any]) -> list[int]:
+    return [*call["duplicates"], *call.get("captured_again", ())]
+
+
 @pytest.mark.parametrize("path", ALL, ids=lambda path: path.name)
 def test_every_sound_request_is_in_one_call(path: Path) -> None:
     frames = [json.loads(line) for line in run_here("decode", path, "--json").lines]
     calls = [json.loads(line) for line in run_here("calls", path, "--json").lines]
     asked = sorted(frame["frame"] for frame in frames if frame["kind"] == "request")
-    kept = [number for call in calls for number in call["requests"] + call["duplicates"]]
+    kept = [number for call in calls for number in call["requests"] + copies_in(call)]
     replies = {frame["frame"] for frame in frames if frame["kind"] == "response"}
     assert sorted(number for number in kept if number not in replies) == asked
 

@@ -122,6 +122,7 @@ _SIGNS = {
     "late reply": "late<",
     "lost reply": "lost<",
     "duplicate": "=",
+    "captured again": "=",
 }
 
 

@@ -27,7 +27,8 @@ def test_a_call_that_is_under_way_is_known_at_once() -> None:
     assert heard.sent_at == {first.item.raw: first.time, second.item.raw: second.time}
     assert heard.reserved_by_serial == {1: 1, 2: 1}
     assert call.reply is not None
-    assert heard.reply_bytes == {call.late_replies[0].item.raw, call.reply.item.raw}
+    late = call.late_replies[0]
+    assert heard.received_at == {late.item.raw: late.time, call.reply.item.raw: call.reply.time}
 
 
 def test_a_try_is_known_by_when_it_was_seen_last() -> None:

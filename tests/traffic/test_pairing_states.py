@@ -50,16 +50,29 @@ def later_retry(stage: Stage) -> Observation:
     return stage.add(stage.client.ask(20, 13, 10, MOVE))
 
 
+def captured_again(stage: Stage) -> Observation:
+    copied = stage.client.ask(4.2, 12, 10, MOVE)
+    return stage.add(copied)
+
+
+def undelivered_reply(stage: Stage) -> Observation:
+    seen = stage.client.reply(20, 12, 0, 0, POSE)
+    stage.pairing.add_undelivered_reply(seen, seen.item)  # type: ignore[arg-type]  # item is a frame
+    return seen
+
+
 MAKE_HAPPEN: dict[CallEvent, Callable[[Stage], Observation | None]] = {
     CallEvent.RETRY: lambda stage: stage.add(stage.client.ask(20, 13, 10, MOVE)),
     CallEvent.LATER_RETRY: later_retry,
     CallEvent.OVERTAKEN_RETRY: lambda stage: stage.add(stage.client.ask(20, 11, 10, MOVE)),
     CallEvent.FIRST_ATTEMPT: lambda stage: stage.add(stage.client.ask(20, 10, 0, MOVE)),
     CallEvent.COPY: lambda stage: stage.add(stage.client.ask(20, 12, 10, MOVE)),
+    CallEvent.CAPTURED_AGAIN: captured_again,
     CallEvent.NOTICE: lambda stage: stage.add(stage.client.reply(20, 12, 0, S_EXECUTING)),
     CallEvent.REPLY: lambda stage: stage.add(stage.client.reply(20, 12, 0, 0, r8s(9.0))),
     CallEvent.EARLIER_REPLY: lambda stage: stage.add(stage.client.reply(20, 10, 0, 0, r8s(8.0))),
     CallEvent.OVERDUE_REPLY: lambda stage: (list(stage.pairing.pop_settled(START + 10**12)), None)[1],
+    CallEvent.UNDELIVERED_REPLY: undelivered_reply,
     CallEvent.NEXT_CALL: lambda stage: (stage.add(stage.client.ask(20, 22, 0, OTHER)), None)[1],
     CallEvent.EXPIRY: lambda stage: (list(stage.pairing.pop_settled(START + 10**12)), None)[1],
     CallEvent.EVICTION: lambda stage: (list(stage.pairing.evict_oldest(1)), None)[1],

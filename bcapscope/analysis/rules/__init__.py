@@ -12,6 +12,7 @@ from bcapscope.analysis.rules.object_rules import ObjectChecker
 from bcapscope.analysis.rules.pacing_rules import PacingChecker
 from bcapscope.analysis.rules.polling_rules import PollingChecker
 from bcapscope.analysis.rules.preparation_rules import PreparationChecker
+from bcapscope.analysis.rules.proxy_rules import ProxyChecker
 from bcapscope.analysis.rules.refusal_checker import RefusalChecker
 from bcapscope.analysis.rules.reply_rules import ReplyChecker
 from bcapscope.analysis.rules.request_rules import RequestChecker
@@ -22,6 +23,7 @@ from bcapscope.analysis.rules.slave_mode_rules import SlaveModeChecker
 from bcapscope.analysis.rules.wire_rules import WireChecker
 
 CHECKERS: tuple[type[RuleChecker], ...] = (
+    ProxyChecker,  # first, so that its findings can be causes
     WireChecker,
     ConnectionChecker,
     ReplyChecker,

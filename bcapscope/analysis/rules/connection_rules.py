@@ -13,13 +13,14 @@ from bcapscope.analysis.rules.rule_checker import (
     DiagnosisRule,
     Occurrence,
     RuleChecker,
+    frame_numbers,
     last_frame_time,
 )
 from bcapscope.messages import Message
 from bcapscope.messages.places import Duration, Moment
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.observation import ConnectionEnd, Conversation
+from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction
 
 CONTROLLER_HUNG_UP = DiagnosisRule(
     "controller-hung-up",
@@ -51,28 +52,69 @@ class ConnectionChecker(RuleChecker):
 def _closing_occurrences(client: ClientState) -> Iterator[Occurrence]:
     closing = client.controller_closing
     stopped = client.session_end is not None or client.last_call.kind.function_id == ID["Service_Stop"]
-    if closing is not None and not stopped:
+    if stopped:
+        return
+    by_proxy = client.conversation.connection_end
+    if closing is not None:
         yield _hung_up(client.last_call, closing)
+    elif by_proxy is not None and by_proxy.by is Direction.RESPONSE:
+        yield _hung_up_by_proxy(client.last_call, by_proxy)
 
 
 def _hung_up(last: Call, closing: ConnectionEnd) -> Occurrence:
-    how = "reset" if closing.reset else "closed"
+    how = _how(closing)
     answered = "" if last.reply is not None or last.reply_not_captured else ".unanswered"
-    server = str(last.conversation.server)
+    leg = last.conversation.controller_leg
+    server = str((leg or last.conversation).server)
+    fact = Message(
+        f"finding.controller-hung-up.{how}{answered}",
+        at=Moment(closing.time),
+        server=server,
+        client=client_place(last.conversation),
+        after=Duration(max(closing.time - last_frame_time(last), 0)),
+        call=call_place(last),
+    )
+    passed_on = last.conversation.connection_end
+    if leg is not None and passed_on is not None and passed_on.by is Direction.RESPONSE:
+        proxy = str(last.conversation.server)
+        fact = Message(f"finding.controller-hung-up.proxy-{_how(passed_on)}", fact=fact, proxy=proxy)
     return Occurrence(
         CONTROLLER_HUNG_UP,
         closing.time,
         closing.time,
         last.conversation,
         tuple(seen.number for seen in (last.request, last.reply) if seen is not None),
-        Message(
-            f"finding.controller-hung-up.{how}{answered}",
-            at=Moment(closing.time),
-            server=server,
-            client=client_place(last.conversation),
-            after=Duration(max(closing.time - last_frame_time(last), 0)),
-            call=call_place(last),
-        ),
+        fact,
         Message(f"clause.controller-hung-up.{how}", server=server),
         call=last.number,
     )
+
+
+def _hung_up_by_proxy(last: Call, closing: ConnectionEnd) -> Occurrence:
+    """Return that a proxy ended the connection to the client, although the controller had not ended its."""
+    near = last.conversation
+    server = str((near.controller_leg or near).server)
+    fact = Message(
+        "finding.controller-hung-up.by-proxy",
+        at=Moment(closing.time),
+        proxy=str(near.server),
+        server=server,
+        client=client_place(near),
+        after=Duration(max(closing.time - last_frame_time(last), 0)),
+        call=call_place(last),
+    )
+    return Occurrence(
+        CONTROLLER_HUNG_UP,
+        closing.time,
+        closing.time,
+        near,
+        frame_numbers(last),
+        fact,
+        call=last.number,
+        group_key="proxy",
+        advice=Message("rule.controller-hung-up.advice.by-proxy"),
+    )
+
+
+def _how(closing: ConnectionEnd) -> str:
+    return "reset" if closing.reset else "closed"

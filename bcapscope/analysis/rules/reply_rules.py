@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterator
+from typing import TypedDict
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import attempt_place, call_place, call_places, client_place
+from bcapscope.analysis.rules.proxy_rules import advice_by_place, with_place
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     SECOND,
@@ -192,15 +194,19 @@ class ReplyChecker(RuleChecker):
         self.report_call(
             rule,
             call,
-            Message(
-                f"finding.{rule.id}{'.inferred' if call.gave_up_inferred else ''}",
-                **places,
-                waited=Duration(gave_up - attempt.time),
-                retries=Count(call.retries, "retry"),
+            with_place(
+                call,
+                Message(
+                    f"finding.{rule.id}{'.inferred' if call.gave_up_inferred else ''}",
+                    **places,
+                    waited=Duration(gave_up - attempt.time),
+                    retries=Count(call.retries, "retry"),
+                ),
             ),
             Message("clause.late-reply", **places),
             began=attempt.time,
             completed=reply.time,
+            **_grouped_by_place(call),
         )
 
     def _check_unanswered(self, call: Call) -> None:
@@ -234,7 +240,9 @@ class ReplyChecker(RuleChecker):
             client=client_place(call.conversation),
             took=Duration(reply.time - _AttemptIndex(call).answered_by(reply).time),
         )
-        self.report_call(REPLY_LOST, call, fact, began=reply.time)
+        self.report_call(
+            REPLY_LOST, call, with_place(call, fact), began=reply.time, **_grouped_by_place(call)
+        )
 
     def _report_retried(self, call: Call) -> None:
         attempts = len(call.attempts) + call.unseen_retries
@@ -248,7 +256,18 @@ class ReplyChecker(RuleChecker):
             after=Duration(call.latency or 0),
         )
         clause = Message("clause.retried", call=call_place(call), attempt=attempts)
-        self.report_call(RETRIED, call, fact, clause)
+        self.report_call(RETRIED, call, with_place(call, fact), clause, **_grouped_by_place(call))
+
+
+class _Grouping(TypedDict, total=False):
+    group_key: str
+    advice: Message
+
+
+def _grouped_by_place(call: Call) -> _Grouping:
+    """Return the arguments that give calls disturbed by a proxy a finding and an advice of their own."""
+    advice = advice_by_place(call)
+    return {} if advice is None else {"group_key": "proxy", "advice": advice}
 
 
 def _no_reply(call: Call) -> Occurrence:
@@ -269,11 +288,11 @@ def _no_reply(call: Call) -> Occurrence:
         call.abandoned_at or (last_frame_time(call) if closing is None else closing.time),
         call.conversation,
         frame_numbers(call),
-        fact,
+        with_place(call, fact),
         Message("clause.no-reply", call=sent["call"]),
         call=call.number,
-        group_key="closed" if by_client else "",
-        advice=Message("rule.no-reply.advice.closed") if by_client else None,
+        group_key="closed" if by_client else "proxy" if advice_by_place(call) else "",
+        advice=Message("rule.no-reply.advice.closed") if by_client else advice_by_place(call),
     )
 
 

@@ -32,7 +32,7 @@ def call_test(call_filter: Filter | None, reader: CaptureReader) -> Callable[[Ca
 def read_filtered_calls(reader: CaptureReader, call_filter: Filter | None) -> Iterator[Call]:
     """Yield each call that matches a filter, as soon as the call ends."""
     collector = CallCollector(call_test(call_filter, reader))
-    return read_items(reader, Pipeline(collector), collector.calls)
+    return read_items(reader, reader.pipeline(collector), collector.calls)
 
 
 def read_items(reader: CaptureReader, pipeline: Pipeline, items: list[T]) -> Iterator[T]:

@@ -19,11 +19,19 @@ import click
 
 from bcapscope.capture.capture_file import CaptureFile, open_capture
 from bcapscope.capture.capture_folder import expand_folders
-from bcapscope.capture.capture_sequence import STDIN, CaptureSequence, FrameOrigins, PacketOrigin
+from bcapscope.capture.capture_sequence import (
+    STDIN,
+    CaptureSequence,
+    FrameOrigins,
+    PacketOrigin,
+    capture_names,
+)
 from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.capture.pasted_text import PastedText
+from bcapscope.capture.place_decoder import PlaceDecoder
+from bcapscope.capture.place_plan import plan_places
 from bcapscope.capture.role_detection import BCAP_PORTS
 from bcapscope.capture.text_lines import text_lines
 from bcapscope.cli.common.data_output import DataOutput
@@ -37,8 +45,13 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Count, joined_clauses
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
+from bcapscope.render.place_text import place_plan_text
 from bcapscope.traffic.filter.compiler import Filter
+from bcapscope.traffic.handle_tracker import HandleTracker
+from bcapscope.traffic.joining.joined_observation import CapturePlace
+from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 
 R = TypeVar("R")
 
@@ -67,8 +80,12 @@ class CaptureReader:
         interface: str | None = None,
         text: str | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
+        *,
+        side: CapturePlace | None = None,
     ) -> None:
         """Choose the input: captures, a live interface, or pasted hex text. The path ``-`` is standard input.
+
+        `side` selects one side of the conversations that were captured at two places; None for both.
 
         Raises:
             click.UsageError: there is no input, or more than one kind, or standard input is closed.
@@ -86,27 +103,46 @@ class CaptureReader:
         self._interface = interface
         self._text = text
         self._words = words
+        self._side = side
+        self._joiner: Joiner | None = None
         self._pasted = None if text is None else PastedText(self._text_lines(text))
-        self._observer = PacketDecoder(frozenset(ports) or BCAP_PORTS)
         self._progress = ReadProgressBar()
         self._no_match: _NoMatch | None = None
         self._lost_packets = 0
         self._problems: list[str] = []
+        known_ports = frozenset(ports) or BCAP_PORTS
         expanded = list(expand_folders(paths, self._add_problem))
-        self._sequence = CaptureSequence(expanded, self._open, self._add_problem)
-        self.frame_origins = FrameOrigins(self._sequence)
+        self._plans = plan_places(expanded, known_ports) if len(expanded) > 1 else []
+        self._captures: CaptureSequence | PlaceDecoder
+        self._observer: PacketDecoder | PlaceDecoder
+        if self._plans:
+            names = capture_names(expanded)
+            self._captures = self._observer = PlaceDecoder(
+                expanded, self._plans, known_ports, partial(self._sequence, names)
+            )
+        else:
+            self._captures = self._sequence(capture_names(expanded), expanded)
+            self._observer = PacketDecoder(known_ports)
+        self.frame_origins = FrameOrigins(self._captures)
 
     def observations(self) -> Iterator[Observation]:
-        """Yield all frames of the input.
+        """Yield all frames of the input, or those of one side.
 
         Read errors do not raise an exception; `print_summary` prints them.
         """
+        if self._side is None:
+            yield from self._all_observations()
+            return
+        joiner = Joiner(only=self._side)
+        for observation in self._all_observations():
+            yield from joiner.add(observation)
+        yield from joiner.close()
+
+    def _all_observations(self) -> Iterator[Observation]:
         if self._pasted is not None:
             yield from self._pasted
             return
-        observations = self._observer.decode(
-            self._live_packets() if self._interface else self._file_packets()
-        )
+        observations = self._decode()
         for first in observations:
             self.first_time = first.time
             self.on_first_time(first.time)
@@ -114,6 +150,19 @@ class CaptureReader:
             break
         yield from observations
         self._progress.remove()
+
+    def pipeline(self, *subscribers: PipelineSubscriber, handles: HandleTracker | None = None) -> Pipeline:
+        """Return a pipeline for the input, which joins the conversations that several places captured."""
+        self._joiner = Joiner(self.comments) if self._side is None else None
+        return Pipeline(*subscribers, handles=handles, joiner=self._joiner)
+
+    def _decode(self) -> Iterator[Observation]:
+        if isinstance(self._observer, PlaceDecoder):
+            return self._observer.observations()
+        if self._interface:
+            return self._observer.decode(self._live_packets())
+        assert isinstance(self._captures, CaptureSequence)
+        return self._observer.decode(self._file_packets(self._captures))
 
     @property
     def ended_at(self) -> int:
@@ -143,14 +192,14 @@ class CaptureReader:
     @property
     def paths(self) -> Sequence[str]:
         """Paths of the captures in the order in which they are read, without folders."""
-        return self._sequence.paths
+        return self._captures.paths
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
         """Return where a packet is found, by its number among all packets of the input.
 
         The result is None for live traffic and for pasted text.
         """
-        return self._sequence.origin_of(packet)
+        return self._captures.origin_of(packet)
 
     def citing_words(self) -> MessageFormatter:
         """Return the formatter of the command.
@@ -169,7 +218,7 @@ class CaptureReader:
 
     def show_progress(self) -> None:
         """Show the progress of reading a file that takes long."""
-        self._progress.show(self._sequence.position, self._sequence.size)
+        self._progress.show(self._captures.position, self._captures.size)
 
     def print_lines(self, lines: Iterable[str] | Iterable[bytes]) -> None:
         """Print lines of data, and show the progress of reading after each batch of lines."""
@@ -195,6 +244,8 @@ class CaptureReader:
         words = self._words
         for trouble in self._problems:
             print_stderr(trouble)
+        for plan in self._plans:
+            print_stderr(words.text(place_plan_text(plan)))
         recognised = [c for c in self._observer.conversations if not c.server_known_by.startswith("port ")]
         for conversation in recognised[:_MAX_SERVERS_LISTED]:
             server, transport = str(conversation.server), str(conversation.transport)
@@ -204,6 +255,9 @@ class CaptureReader:
             print_stderr(words("reading.recognised.more", n=len(recognised) - _MAX_SERVERS_LISTED))
         if self._lost_packets:
             print_stderr(words("reading.lost", packets=Count(self._lost_packets, "packet")))
+        if self._joiner is not None and self._joiner.own_requests:
+            own = Count(self._joiner.own_requests, "request")
+            print_stderr(words("reading.own-requests", requests=own))
         counts = self._observer.counts
         if counts.packets or self.exit_code is not ExitCode.UNREADABLE:
             print_stderr(capture_counts_text(counts, words))
@@ -251,9 +305,12 @@ class CaptureReader:
             print_stderr(f"{printable(name)}: {self._words.text(error.message)}")
             self.exit_code = ExitCode.UNREADABLE
 
-    def _file_packets(self) -> Iterator[Packet]:
+    def _file_packets(self, sequence: CaptureSequence) -> Iterator[Packet]:
         with suppress(_Interrupted):
-            yield from self._sequence
+            yield from sequence
+
+    def _sequence(self, names: Mapping[str, str], paths: Sequence[str]) -> CaptureSequence:
+        return CaptureSequence(paths, names, self._open, self._add_problem)
 
     def _open(self, path: str) -> CaptureFile:
         if path != STDIN:

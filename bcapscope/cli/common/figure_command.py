@@ -16,6 +16,7 @@ from bcapscope.messages import MessageFormatter
 from bcapscope.render.color_palette import Palette
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.traffic.joining.joined_observation import CapturePlace
 
 T = TypeVar("T")
 
@@ -57,15 +58,16 @@ def _make_arguments(
     wanted: Filter | None,
     color: str,
     words: MessageFormatter,
+    side: CapturePlace | None,
     window: int | None,
 ) -> FigureArguments:
-    reader = CaptureReader(paths, ports, words=words)
+    reader = CaptureReader(paths, ports, words=words, side=side)
     return FigureArguments(reader, as_json, wanted, choose_palette(color), window)
 
 
 def figure_command(json_help: str) -> options.Decorator:
     """Return a decorator that adds these arguments to a command and passes them as one `FigureArguments`."""
     as_json = click.option("--json", "as_json", is_flag=True, help=json_help)
-    selection = (options.filter_option(RecordKind.CALL), options.color, options.language)
+    selection = (options.side, options.filter_option(RecordKind.CALL), options.color, options.language)
     added = (options.captures, options.ports, as_json, options.window, *selection)
     return options.bundled("arguments", _make_arguments, added)

@@ -18,6 +18,7 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.filter.compiler import Filter, FilterError, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.traffic.joining.joined_observation import CapturePlace
 
 F = TypeVar("F", bound=Callable[..., Any])
 Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -115,6 +116,16 @@ ports = click.option(
     multiple=True,
     help="Expect controllers on this port (default: 5007); may be repeated. On other ports, b-CAP is "
     "recognised by its content.",
+)
+
+side = click.option(
+    "--side",
+    type=click.Choice(["client", "controller"]),
+    callback=lambda context, parameter, value: (
+        None if value is None else CapturePlace[f"{value.upper()}_SIDE"]
+    ),
+    help="Show one side of a conversation that was captured at two places, such as on both legs of a proxy. "
+    "By default, both sides are joined.",
 )
 
 color = click.option(

@@ -10,7 +10,7 @@ from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
-from bcapscope.traffic.observation import Direction, Observation
+from bcapscope.traffic.observation import Direction, Endpoint, Observation
 
 
 class AnnotatedFrame(NamedTuple):
@@ -89,6 +89,17 @@ FRAME_GETTERS: Mapping[str, Callable[[AnnotatedFrame], object]] = {
 """Getter of each frame field, by name."""
 
 
+def _clients(call: Call) -> Endpoint | tuple[Endpoint, Endpoint]:
+    """Return the client; for a call that was captured on both legs of a proxy, the client of each leg."""
+    near, far = call.conversation, call.conversation.controller_leg
+    return near.client if far is None else (near.client, far.client)
+
+
+def _servers(call: Call) -> Endpoint | tuple[Endpoint, Endpoint]:
+    near, far = call.conversation, call.conversation.controller_leg
+    return near.server if far is None else (near.server, far.server)
+
+
 def _result_name(call: Call) -> str | None:
     return None if call.hresult is None else hresult_name(call.hresult)
 
@@ -99,8 +110,8 @@ def _result_text(call: Call) -> str | None:
 
 CALL_GETTERS: Mapping[str, Callable[[Call], object]] = {
     "call": lambda call: call.number,
-    "client": lambda call: call.conversation.client,
-    "server": lambda call: call.conversation.server,
+    "client": _clients,
+    "server": _servers,
     "transport": lambda call: call.conversation.transport,
     "function_id": lambda call: call.kind.function_id,
     "function": lambda call: function_name(call.kind.function_id),

@@ -102,6 +102,10 @@ def _is_endpoint(value: object) -> TypeGuard[str | Endpoint]:
     return isinstance(value, (str, Endpoint))
 
 
+def _is_endpoint_or_legs(value: object) -> bool:
+    return _is_endpoint(value) or type(value) is tuple
+
+
 def _is_code(value: object) -> TypeGuard[int]:
     return isinstance(value, int) and not isinstance(value, bool)
 
@@ -131,13 +135,16 @@ def code(wanted: int) -> LiteralMatch:
 
 
 def endpoint(address: Address, port: int | None) -> LiteralMatch:
-    """Match an address with this port, or with any port if `port` is None."""
+    """Match an address with this port, or with any port if `port` is None. A call through a proxy has a tuple
+    of addresses, one for each leg; one of them has to match."""
 
     def equal(value: object) -> bool:
+        if type(value) is tuple:
+            return any(map(equal, value))
         found = parse_endpoint(value) if _is_endpoint(value) else None
         return found is not None and found[0] == address and (port is None or found[1] == port)
 
-    return LiteralMatch(_is_endpoint, equal)
+    return LiteralMatch(_is_endpoint_or_legs, equal)
 
 
 def parse_endpoint(value: str | Endpoint) -> tuple[Address, int | None] | None:
@@ -272,6 +279,7 @@ def _in_text_or_element(test: Callable[[str], bool]) -> Match:
         text = text_of(value)
         if text is not None:
             return test(text)
-        return any(isinstance(item, str) and test(item) for item in map(plain_value, elements(value)))
+        texts = map(text_of, map(plain_value, elements(value)))
+        return any(each is not None and test(each) for each in texts)
 
     return match

@@ -31,6 +31,7 @@ from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.traffic.call_kind import RecentRequests
+from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.pipeline import Pipeline
 from bcapscope.tui.traffic_processes.process_messages import (
@@ -107,7 +108,8 @@ class TrafficReader:
         """Load the diagnosis, and add all observations so far to it."""
         if self._publisher.has_diagnosis:
             return
-        self._pipeline = Pipeline(*self._publisher.subscribers())
+        joiner = Joiner(self._observer.comments)
+        self._pipeline = Pipeline(*self._publisher.subscribers(), joiner=joiner)
         self._analyse = self._pipeline.add
         for observation in self._undiagnosed:
             self._analyse(observation)

@@ -10,6 +10,7 @@ from tests.analysis.plays import (
     pacing,
     polling,
     preparation,
+    proxy,
     replies,
     requests,
     retries,
@@ -22,6 +23,6 @@ from tests.analysis.plays.scene import Scene
 SCENES: tuple[Scene, ...] = (
     *(*errors.SCENES, *limits.SCENES, *motion.SCENES, *objects.SCENES, *pacing.SCENES, *polling.SCENES),
     *(*preparation.SCENES, *replies.SCENES, *requests.SCENES, *retries.SCENES, *session.SCENES),
-    *(*slavemode.SCENES, *wire.SCENES),
+    *(*slavemode.SCENES, *wire.SCENES, *proxy.SCENES),
 )
 """At least one for each rule."""

@@ -108,8 +108,17 @@ def _twice_seen(story: Story) -> None:
     client = story.client()
     client.open()
     client.ask(50, "Service_Stop")
-    client.network.up(START + 50 * MS + 20_000, request(client.serial, 0, "Service_Stop"))
+    client.network.up(START + 55 * MS, request(client.serial, 0, "Service_Stop"))
     client.answer(51, client.serial)
+
+
+def _captured_twice(story: Story) -> None:
+    """A capture on two interfaces holds each packet twice."""
+    client = story.client()
+    client.open()
+    client.close(60)
+    packets = client.network.packets
+    packets += [packet._replace(time=packet.time + 30_000) for packet in packets]
 
 
 _UNKNOWN = request(9, 0, "Service_Start")
@@ -204,6 +213,6 @@ SCENES = (
         _twice_seen,
         (9, 10, 11),
         ("frames of Service_Stop 5 more than once", "1 copy"),
-        good,
+        _captured_twice,
     ),
 )

@@ -1,0 +1,84 @@
+"""Rules about what a proxy did to the traffic that it recorded."""
+
+from __future__ import annotations
+
+from bcapscope.analysis.client_state import ClientState
+from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.finding_places import call_place, client_place
+from bcapscope.analysis.rules.rule_checker import (
+    DiagnosisRule,
+    Occurrence,
+    RuleChecker,
+)
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count, Duration, Moment, WireText
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.joining.joined_observation import JoinedObservation
+
+INJECTED_FAULT = DiagnosisRule(
+    "injected-fault", Severity.WARNING, "the comments that bcapscope's proxy writes in its recordings"
+)
+
+_HELD_NS = 1_000_000
+"""Minimum time in ns for which a proxy holds a frame before a finding mentions it. Without rules, the proxy
+forwards a frame in a fraction of this time."""
+
+
+class ProxyChecker(RuleChecker):
+    """Checks whether a rule, a script or a user of the proxy disturbed a call."""
+
+    rules = (INJECTED_FAULT,)
+
+    def on_call(self, call: Call, client: ClientState) -> None:
+        noted: dict[str, list[JoinedObservation]] = {}
+        for seen in call.joined_frames:
+            if seen.note:
+                noted.setdefault(seen.note, []).append(seen)
+        for note, frames in noted.items():
+            self._report(call, note, frames)
+
+    def _report(self, call: Call, note: str, frames: list[JoinedObservation]) -> None:
+        places = {
+            "at": Moment(frames[0].time),
+            "call": call_place(call),
+            "client": client_place(call.conversation),
+        }
+        rule, separator, what = note.partition(": ")
+        if separator:
+            fact = Message("finding.injected-fault", **places, rule=WireText(rule), what=WireText(what))
+            clause = Message("clause.injected-fault", rule=WireText(rule))
+        else:
+            fact, clause = Message("finding.injected-fault.note", **places, what=WireText(note)), None
+        self.report_occurrence(
+            Occurrence(
+                INJECTED_FAULT,
+                call.request.time,
+                frames[-1].time,
+                call.conversation,
+                tuple(seen.number for seen in frames),
+                fact,
+                clause,
+                call=call.number,
+                group_key=note,
+                count=len(frames),
+            )
+        )
+
+
+def with_place(call: Call, fact: Message) -> Message:
+    """Return a sentence about a call that also says where its frames were lost or held, if that is known."""
+    lost = call.lost_between
+    if lost:
+        case = "in-proxy" if lost[0].is_relayed else "between"
+        return Message(f"finding.lost-{case}", fact=fact, frames=Count(len(lost), "frame"))
+    held = max((seen.held_by_proxy for seen in call.joined_frames), default=0)
+    return Message("finding.held-in-proxy", fact=fact, held=Duration(held)) if held >= _HELD_NS else fact
+
+
+def advice_by_place(call: Call) -> Message | None:
+    """Return what the reader can do if frames of a call were lost or held in the proxy; None otherwise."""
+    lost = call.lost_between
+    if lost:
+        return Message("rule.advice.in-proxy") if lost[0].is_relayed else None
+    held = any(seen.held_by_proxy >= _HELD_NS for seen in call.joined_frames)
+    return Message("rule.advice.in-proxy") if held else None

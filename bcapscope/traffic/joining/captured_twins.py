@@ -1,0 +1,32 @@
+"""What is known in advance about a conversation that two captures hold."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from bcapscope.traffic.joining.joined_observation import CapturePlace
+from bcapscope.traffic.joining.place_merger import Coverage
+
+
+class CapturedTwins:
+    """A conversation in two captures, each from another place.
+
+    Twins are compared by identity.
+
+    Attributes:
+        coverage: When the captures at the client's and at the controller's side began and ended.
+        clock_error: Uncertainty of the difference between the clocks of both captures, ns.
+        is_relayed: Whether a proxy is between the places.
+    """
+
+    def __init__(self, coverage: tuple[Coverage, Coverage], clock_error: int, *, is_relayed: bool) -> None:
+        self.coverage = coverage
+        self.clock_error = clock_error
+        self.is_relayed = is_relayed
+
+
+class CaptureSide(NamedTuple):
+    """The capture that a conversation comes from, if another capture holds the same conversation."""
+
+    twins: CapturedTwins
+    place: CapturePlace

@@ -1,0 +1,208 @@
+"""Estimate how the clock at one place differs from the clock at another, from the frames that both captured.
+
+A frame cannot arrive before it was sent. A request therefore shows how far the controller's clock is ahead at
+most, and a reply how far it is ahead at least. The truth lies between the closest request and the closest
+reply.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+SEGMENT_NS = 10_000_000_000
+"""Length of a segment in ns. Over this time, clocks drift apart by less than 2 ms even at 200 ppm."""
+
+MAX_DRIFT = 200e-6
+"""Maximum drift between two clocks, as a ratio. The quartz of a PC is off by at most 100 ppm."""
+
+_STEPS = 60
+"""Number of steps of a search, each of which narrows the range by a third at least."""
+
+UNKNOWN_ERROR_NS = 1_000_000_000
+"""Uncertainty in ns if the traffic bounds the offset from one side only."""
+
+
+class ClockEstimate(NamedTuple):
+    """How far the controller-side clock is ahead of the client-side clock.
+
+    Attributes:
+        points: Times by the controller-side clock, ns since 1970, each with the offset at that time, ns.
+            Between the points, and beyond them, the offset follows a straight line.
+        error: Uncertainty of the offset, ns: half the distance between its bounds.
+        drift: How much faster the controller-side clock runs, as a ratio: 1e-6 is one microsecond per second.
+            None if the traffic does not show it.
+    """
+
+    points: tuple[tuple[int, int], ...]
+    error: int
+    drift: float | None = None
+
+    def offset_at(self, time: int) -> int:
+        """Return the offset in ns at a time by the controller-side clock."""
+        points = self.points
+        if len(points) == 1:
+            return points[0][1]
+        after = min(max(bisect_right(points, (time,)), 1), len(points) - 1)
+        (began, first), (ended, last) = points[after - 1], points[after]
+        return first + (last - first) * (time - began) // (ended - began)
+
+    def to_client_clock(self, time: int) -> int:
+        """Convert a time by the controller-side clock to the client-side clock, ns since 1970."""
+        return time - self.offset_at(time)
+
+
+class _Segment:
+    """Bounds of the offset in one segment of time, each with its time."""
+
+    def __init__(self) -> None:
+        self.most: tuple[int, int] | None = None
+        self.least: tuple[int, int] | None = None
+
+    @property
+    def middle(self) -> tuple[int, int] | None:
+        """Middle of the bounds, with its time; None if a bound is unknown."""
+        if self.most is None or self.least is None:
+            return None
+        return (self.most[1] + self.least[1]) // 2, (self.most[0] + self.least[0]) // 2
+
+
+class ClockEstimator:
+    """Collects the times of frames that two places captured. Add the frames in order of time."""
+
+    def __init__(self) -> None:
+        self._segments: dict[int, _Segment] = {}
+        self._most = _LowerHull()
+        self._least = _LowerHull()
+
+    def add_frame(self, at_client: int, at_controller: int, *, is_request: bool) -> None:
+        """Add a frame with its time at each place, each by the clock of that place, ns since 1970."""
+        ahead = at_controller - at_client
+        segment = self._segments.setdefault(at_controller // SEGMENT_NS, _Segment())
+        if is_request:
+            self._most.add(at_controller, ahead)
+            if segment.most is None or ahead < segment.most[0]:
+                segment.most = ahead, at_controller
+        else:
+            self._least.add(at_controller, -ahead)
+            if segment.least is None or ahead > segment.least[0]:
+                segment.least = ahead, at_controller
+
+    def estimate(self) -> ClockEstimate | None:
+        """Return the estimate; None without any frame."""
+        most, least = self._most.corners, self._least.corners
+        if not most and not least:
+            return None
+        if not most or not least:
+            time, ahead = min(most or least, key=lambda corner: corner[1])
+            return ClockEstimate(((time, ahead if most else -ahead),), UNKNOWN_ERROR_NS)
+        return _OffsetBounds(most, least).straight_line() or self._curve()
+
+    def _curve(self) -> ClockEstimate:
+        """Return the middle of the bounds of each segment, for clocks whose drift changes."""
+        segments = [segment for _, segment in sorted(self._segments.items())]
+        middles = dict(middle for segment in segments if (middle := segment.middle) is not None)
+        widths = [
+            abs(segment.most[0] - segment.least[0])
+            for segment in segments
+            if segment.most is not None and segment.least is not None
+        ]
+        if not middles:  # requests and replies are far apart in time
+            time, ahead = self._most.corners[0]
+            return ClockEstimate(((time, ahead),), UNKNOWN_ERROR_NS)
+        return ClockEstimate(tuple(sorted(middles.items())), (max(widths) + 1) // 2)
+
+
+class _LowerHull:
+    """The corners of the lower convex hull of points, of which the times increase.
+
+    A point whose time does not increase is left out.
+    """
+
+    def __init__(self) -> None:
+        self.corners: list[tuple[int, int]] = []
+
+    def add(self, time: int, value: int) -> None:
+        corners = self.corners
+        if corners and time <= corners[-1][0]:
+            return
+        while len(corners) > 1:
+            (first, low), (second, middle) = corners[-2:]
+            if (second - first) * (value - low) > (middle - low) * (time - first):
+                break
+            corners.pop()
+        corners.append((time, value))
+
+
+class _OffsetBounds:
+    """Bounds of the offset over time, and the straight lines between them.
+
+    A line has an offset at the origin and a drift. Times and offsets are relative to the origin.
+    """
+
+    def __init__(self, most: Sequence[tuple[int, int]], least: Sequence[tuple[int, int]]) -> None:
+        self._began = min(most[0][0], least[0][0])
+        self._ended = max(most[-1][0], least[-1][0])
+        self._offset = most[0][1]
+        self._most = [(float(time - self._began), float(ahead - self._offset)) for time, ahead in most]
+        self._least = [(float(time - self._began), float(-ahead - self._offset)) for time, ahead in least]
+
+    def straight_line(self) -> ClockEstimate | None:
+        """Return the middle of all lines between the bounds; None if there is no such line."""
+        best = _highest(self._width, -MAX_DRIFT, MAX_DRIFT)
+        if self._width(best) < 0:
+            return None
+        slowest = _last_sound(self._width, best, -MAX_DRIFT)
+        fastest = _last_sound(self._width, best, MAX_DRIFT)
+        points, error = [], 0.0
+        for time in dict.fromkeys((self._began, self._ended)):
+            most, least = self._limits_at(time - self._began, slowest, fastest)
+            points.append((time, self._offset + round((most + least) / 2)))
+            error = max(error, (most - least) / 2)
+        is_known = slowest > 0 or fastest < 0
+        return ClockEstimate(tuple(points), round(error) + 1, (slowest + fastest) / 2 if is_known else None)
+
+    def _limits_at(self, time: int, slowest: float, fastest: float) -> tuple[float, float]:
+        """Return the highest and the lowest offset that a line between the bounds has at a time."""
+
+        def top(drift: float) -> float:
+            return self._top(drift) + drift * time
+
+        def depth(drift: float) -> float:
+            return -self._bottom(drift) - drift * time
+
+        return top(_highest(top, slowest, fastest)), -depth(_highest(depth, slowest, fastest))
+
+    def _top(self, drift: float) -> float:
+        return min(ahead - drift * at for at, ahead in self._most)
+
+    def _bottom(self, drift: float) -> float:
+        return max(ahead - drift * at for at, ahead in self._least)
+
+    def _width(self, drift: float) -> float:
+        return self._top(drift) - self._bottom(drift)
+
+
+def _highest(value: Callable[[float], float], low: float, high: float) -> float:
+    """Return where a concave function is highest between two bounds."""
+    for _ in range(_STEPS):
+        third = (high - low) / 3
+        if value(low + third) < value(high - third):
+            low += third
+        else:
+            high -= third
+    return (low + high) / 2
+
+
+def _last_sound(value: Callable[[float], float], sound: float, bound: float) -> float:
+    """Return the last place, from `sound` toward `bound`, where a concave function is not negative."""
+    if value(bound) >= 0:
+        return bound
+    for _ in range(_STEPS):
+        middle = (sound + bound) / 2
+        if value(middle) >= 0:
+            sound = middle
+        else:
+            bound = middle
+    return sound

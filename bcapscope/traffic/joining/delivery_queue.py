@@ -1,0 +1,32 @@
+"""Gives observations of several conversations out in one order of time."""
+
+from __future__ import annotations
+
+import heapq
+
+from bcapscope.traffic.observation import Observation
+
+
+class DeliveryQueue:
+    """Observations that wait until no earlier observation can follow. They come out by time, then number."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[int, int, Observation]] = []
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def add(self, observation: Observation) -> None:
+        heapq.heappush(self._waiting, (observation.time, observation.number, observation))
+
+    def pop_until(self, time: int) -> list[Observation]:
+        """Remove and return the observations up to and including `time`, ns since 1970."""
+        waiting, due = self._waiting, []
+        while waiting and waiting[0][0] <= time:
+            due.append(heapq.heappop(waiting)[2])
+        return due
+
+    def pop_all(self) -> list[Observation]:
+        due = [each for _, _, each in sorted(self._waiting)]
+        self._waiting.clear()
+        return due

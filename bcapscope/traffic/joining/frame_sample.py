@@ -1,0 +1,111 @@
+"""Recognise from a sample of their frames that two captures hold the same conversation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from statistics import median
+from typing import NamedTuple, TypeAlias
+
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Observation, Transport
+
+SAMPLE_FRAMES = 2048
+"""Maximum number of frames in a sample. At a cycle of 8 ms, two frames per cycle, this is 8 s."""
+
+FEWEST_SHARED = 4
+"""Minimum number of equal frames in two samples of the same conversation."""
+
+_SAME_OFFSET_NS = 500_000_000
+"""Maximum difference in ns between the times from one capture's sighting of a frame to the other's. Frames
+that only look alike, such as a poll whose serial came round again, are farther apart."""
+
+SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
+"""Minimum number and share of equal frames, and maximum median deviation in ns, if the captures did not run
+at the same time by their clocks. One of the clocks is then wrong, or the client ran the same program twice.
+A second run has another client port, other values, or other pauses."""
+
+ConversationEnds: TypeAlias = tuple[Endpoint, Endpoint, Transport]
+"""Client, controller and transport."""
+
+_FrameKey: TypeAlias = tuple[Direction, bytes]
+
+
+class SharedConversation(NamedTuple):
+    """A conversation that two captures hold.
+
+    Attributes:
+        ends: Its ends in the first and in the second capture. They differ if a proxy or a router is between.
+        offset: Rough time from a sighting in the first capture to the sighting in the second, ns.
+        request_offset: The same for requests only; None without a common request.
+        reply_offset: The same for replies only; None without a common reply.
+        is_sure: Whether it is the same conversation even if the captures did not run at the same time, by
+            their clocks.
+    """
+
+    ends: tuple[ConversationEnds, ConversationEnds]
+    offset: int
+    request_offset: int | None
+    reply_offset: int | None
+    is_sure: bool
+
+
+class FrameSample:
+    """A sample of the frames of one capture.
+
+    Attributes:
+        count: Number of frames.
+        frames: Time of the first of equal frames, by conversation, direction and bytes.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.frames: dict[ConversationEnds, dict[_FrameKey, int]] = {}
+
+    def add(self, observation: Observation) -> None:
+        frames = self.frames.setdefault(ends_of(observation.flow.conversation), {})
+        frames.setdefault((observation.flow.direction, observation.item.raw), observation.time)
+        self.count += 1
+
+
+def ends_of(conversation: Conversation) -> ConversationEnds:
+    return conversation.client, conversation.server, conversation.transport
+
+
+def find_shared(one: FrameSample, other: FrameSample) -> list[SharedConversation]:
+    """Return the conversations that both samples hold."""
+    found = (
+        _compare((ends, other_ends), frames, other_frames)
+        for ends, frames in one.frames.items()
+        for other_ends, other_frames in other.frames.items()
+        if ends[2] is other_ends[2]
+    )
+    return [each for each in found if each is not None]
+
+
+def _compare(
+    ends: tuple[ConversationEnds, ConversationEnds],
+    frames: dict[_FrameKey, int],
+    other_frames: dict[_FrameKey, int],
+) -> SharedConversation | None:
+    common = [key for key in frames if key in other_frames and key[1]]
+    if len(common) < FEWEST_SHARED:
+        return None
+    offset = _middle([other_frames[key] - frames[key] for key in common])
+    same = [key for key in common if abs(other_frames[key] - frames[key] - offset) <= _SAME_OFFSET_NS]
+    if len(same) < FEWEST_SHARED or 2 * len(same) < len(common):
+        return None
+    requests, replies = (
+        [other_frames[key] - frames[key] for key in same if key[0] is direction] for direction in Direction
+    )
+    spread = _middle([abs(other_frames[key] - frames[key] - offset) for key in same])
+    fewest = max(SURE_FRAMES, round(SURE_SHARE * min(len(frames), len(other_frames))))
+    return SharedConversation(
+        ends,
+        offset,
+        _middle(requests) if requests else None,
+        _middle(replies) if replies else None,
+        is_sure=ends[0] == ends[1] and len(same) >= fewest and spread <= SURE_SPREAD_NS,
+    )
+
+
+def _middle(values: Sequence[int]) -> int:
+    return round(median(values))

@@ -1,0 +1,106 @@
+"""One frame that was captured at up to two places on its way between client and controller."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from enum import IntEnum
+
+from bcapscope.traffic.observation import Direction, Flow, Observation
+
+_REQUEST = Direction.REQUEST
+
+
+class CapturePlace(IntEnum):
+    """A place where the frames of a conversation were captured."""
+
+    CLIENT_SIDE = 0
+    """At the client, or between client and proxy."""
+    CONTROLLER_SIDE = 1
+    """At the controller, or between proxy and controller."""
+
+
+class JoinedObservation(Observation):
+    """A frame of a conversation that was captured at two places, with its sighting at each place.
+
+    As an `Observation`, it is the sighting at the client's side. If there is none, it is the sighting at the
+    controller's side, with the flow of the client's side.
+
+    Attributes:
+        at_client: Sighting at the client's side; None if there is none.
+        at_controller: Sighting at the controller's side; None if there is none.
+        is_missed: Whether the place that lacks the frame captured at that time, so that the frame did not
+            pass there. False if both places have the frame.
+        is_relayed: Whether a proxy is between the two places.
+        note: What a proxy did to the frame, from the comment on its packet; "" for nothing.
+        delay_error: Uncertainty of `delay`, ns; 0 if both places have the same clock.
+    """
+
+    at_client: Observation | None
+    at_controller: Observation | None
+    is_missed: bool
+    is_relayed: bool
+    note: str
+    delay_error: int
+
+    @property
+    def is_request(self) -> bool:
+        return self.flow.direction is _REQUEST
+
+    @property
+    def was_lost_between(self) -> bool:
+        """Whether the frame was lost between the two places: its receiver's side did not see it."""
+        receiver = self.at_controller if self.is_request else self.at_client
+        return self.is_missed and receiver is None
+
+    @property
+    def was_made_between(self) -> bool:
+        """Whether a proxy between the places made the frame: its sender's side did not see it."""
+        sender = self.at_client if self.is_request else self.at_controller
+        return self.is_missed and self.is_relayed and sender is None
+
+    @property
+    def delay(self) -> int | None:
+        """Time from the sender's place to the receiver's place, ns; None if a place lacks the frame."""
+        if self.at_client is None or self.at_controller is None:
+            return None
+        time = self.at_controller.time - self.at_client.time
+        return time if self.is_request else -time
+
+    @property
+    def held_by_proxy(self) -> int:
+        """Time from one leg of a proxy to the other, ns; 0 if it is unknown or there is no proxy."""
+        return (self.delay or 0) if self.is_relayed else 0
+
+    def sightings(self) -> Iterator[Observation]:
+        """Yield the sightings, the client's side first."""
+        for sighting in (self.at_client, self.at_controller):
+            if sighting is not None:
+                yield sighting
+
+
+def join_sightings(
+    at_client: Observation | None,
+    at_controller: Observation | None,
+    flow: Flow,
+    *,
+    is_missed: bool = False,
+    is_relayed: bool = True,
+    note: str = "",
+    delay_error: int = 0,
+) -> JoinedObservation:
+    """Return the joined observation of one or two sightings. `flow` is the flow at the client's side."""
+    base = at_client or at_controller
+    assert base is not None
+    joined = JoinedObservation(base.number, base.time, base.first_byte_time, flow, base.item, base.packet)
+    joined.at_client, joined.at_controller = at_client, at_controller
+    joined.is_missed, joined.is_relayed, joined.note = is_missed, is_relayed, note
+    joined.delay_error = delay_error
+    return joined
+
+
+def sightings_of(observation: Observation) -> Iterator[Observation]:
+    """Yield the plain observations of an observation: its sightings, or the observation itself."""
+    if isinstance(observation, JoinedObservation):
+        yield from observation.sightings()
+    else:
+        yield observation

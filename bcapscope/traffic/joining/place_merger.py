@@ -1,0 +1,242 @@
+"""Merge what two places captured of one conversation: each frame once, with its sightings."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from bcapscope.traffic.joining.joined_observation import CapturePlace, JoinedObservation, join_sightings
+from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
+
+JOIN_WITHIN_NS = 1_000_000_000
+"""Maximum time in ns between the two sightings of a frame. A frame that the other place has not captured
+after this time counts as lost between the two places. A proxy's delay faults are shorter."""
+
+MAX_OVERDUE = 256
+"""Maximum number of frames that counted as lost, and are still recognised if the other place captures them
+later, such as a message that the proxy's user held and then released."""
+
+NO_COMMENTS: Mapping[int, tuple[str, ...]] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """When a place captured, ns since 1970. None means: as long as the traffic that is read."""
+
+    begins: int | None = None
+    ends: int | None = None
+
+
+@dataclass(slots=True, eq=False)
+class _Waiting:
+    """The sighting of a frame that waits for the sighting at the other place."""
+
+    place: CapturePlace
+    observation: Observation
+    is_resolved: bool = field(default=False)
+
+
+class PlaceMerger:
+    """Merges the observations of one conversation from two places.
+
+    A frame is recognised by its bytes and its direction. If a proxy changed its bytes, it is recognised by
+    its serial. Add the observations of both places in order of time.
+
+    Attributes:
+        conversation: Conversation to which all joined observations belong, normally that at the client's
+            side.
+        own_requests: Number of requests that the proxy made.
+    """
+
+    def __init__(
+        self,
+        conversation: Conversation,
+        deliver: Callable[[JoinedObservation], object],
+        *,
+        is_relayed: bool = True,
+        coverage: tuple[Coverage, Coverage] = (Coverage(), Coverage()),
+        clock_error: int = 0,
+        comments: Mapping[int, tuple[str, ...]] = NO_COMMENTS,
+    ) -> None:
+        """Start without observations.
+
+        Args:
+            deliver: Receives each joined observation. Their order is not the order of time; see
+                `earliest_pending`.
+            is_relayed: Whether a proxy is between the places.
+            coverage: When each place captured.
+            clock_error: Uncertainty of the difference between the clocks of both places, ns.
+            comments: Comments by packet number.
+        """
+        self.conversation = conversation
+        self._deliver = deliver
+        self._is_relayed = is_relayed
+        self._coverage = coverage
+        self._clock_error = clock_error
+        self._comments = comments
+        self._flows = {direction: Flow(conversation, direction) for direction in Direction}
+        self._known_flows: set[Direction] = set()
+        self._pending: deque[_Waiting] = deque()
+        self._by_bytes: dict[tuple[Direction, bytes], list[_Waiting]] = {}
+        self._overdue: dict[tuple[Direction, bytes], JoinedObservation] = {}
+        self._own_serials: set[int | None] = set()
+        self.own_requests = 0
+        self._latest_joined = dict.fromkeys(Direction, 0)
+
+    @property
+    def earliest_pending(self) -> int | None:
+        """Earliest time of a frame that is still to be delivered, ns since 1970; None if none waits."""
+        pending = self._pending
+        while pending and pending[0].is_resolved:
+            pending.popleft()
+        return pending[0].observation.time if pending else None
+
+    def add(self, observation: Observation, place: CapturePlace) -> None:
+        """Add the next observation of a place."""
+        flow = observation.flow
+        if flow.conversation is self.conversation and flow.direction not in self._known_flows:
+            self._known_flows.add(flow.direction)
+            self._flows[flow.direction] = flow
+        key = flow.direction, observation.item.raw
+        others = self._by_bytes.get(key)
+        if others is not None:
+            twin = next((each for each in others if each.place is not place), None)
+            if twin is not None:
+                others.remove(twin)
+                if not others:
+                    del self._by_bytes[key]
+                self._join(twin, place, observation)
+                return
+        elif self._overdue and self._complete_overdue(key, place, observation):
+            return
+        waiting = _Waiting(place, observation)
+        self._pending.append(waiting)
+        self._by_bytes.setdefault(key, []).append(waiting)
+
+    def expire(self, now: int) -> None:
+        """Deliver the frames for which the other place had enough time until `now`, ns since 1970."""
+        while (pending := self.earliest_pending) is not None and pending + JOIN_WITHIN_NS < now:
+            self._give_up(self._pending.popleft(), is_at_end=False)
+
+    def close(self) -> None:
+        """Deliver all frames, because the traffic has ended."""
+        while self.earliest_pending is not None:
+            self._give_up(self._pending.popleft(), is_at_end=True)
+
+    def _join(self, twin: _Waiting, place: CapturePlace, observation: Observation) -> None:
+        twin.is_resolved = True
+        ends = (
+            (twin.observation, observation)
+            if place is CapturePlace.CONTROLLER_SIDE
+            else (observation, twin.observation)
+        )
+        direction = observation.flow.direction
+        self._latest_joined[direction] = max(self._latest_joined[direction], twin.observation.time)
+        self._deliver(
+            join_sightings(
+                *ends,
+                self._flows[direction],
+                is_relayed=self._is_relayed,
+                note=self._note_on(*ends),
+                delay_error=self._clock_error,
+            )
+        )
+
+    def _give_up(self, waiting: _Waiting, *, is_at_end: bool) -> None:
+        """Deliver a frame whose bytes the other place did not capture in time."""
+        observation, place = waiting.observation, waiting.place
+        direction = observation.flow.direction
+        key = direction, observation.item.raw
+        self._forget(key, waiting)
+        changed = self._find_changed(waiting)
+        if changed is not None:
+            self._forget((direction, changed.observation.item.raw), changed)
+            changed.is_resolved = True
+            self._join(waiting, changed.place, changed.observation)
+            return
+        is_missed = self._is_missed(observation, place, is_at_end)
+        at_client, at_controller = (
+            (observation, None) if place is CapturePlace.CLIENT_SIDE else (None, observation)
+        )
+        joined = join_sightings(
+            at_client,
+            at_controller,
+            self._flows[direction],
+            is_missed=is_missed,
+            is_relayed=self._is_relayed,
+            note=self._note_on(observation),
+            delay_error=self._clock_error,
+        )
+        if joined.was_made_between and joined.is_request:
+            self.own_requests += 1
+            self._own_serials.add(_serial_of(observation))
+        if joined.was_lost_between:
+            self._overdue[key] = joined
+            if len(self._overdue) > MAX_OVERDUE:
+                del self._overdue[next(iter(self._overdue))]
+        self._deliver(joined)
+
+    def _is_missed(self, observation: Observation, place: CapturePlace, is_at_end: bool) -> bool:
+        """Return whether the other place captured when this frame would have passed it."""
+        if not self._is_relayed and self.conversation.transport is Transport.TCP:
+            return False  # TCP repeats what the network loses, so the other capture has a gap
+        other, time = self._coverage[1 - place], observation.time
+        if other.begins is not None and time < other.begins:
+            return False
+        is_sender_side = (place is CapturePlace.CONTROLLER_SIDE) is (
+            observation.flow.direction is Direction.REQUEST
+        )
+        if is_sender_side or _serial_of(observation) in self._own_serials:
+            return True  # a frame passes its sender's side first
+        if is_at_end or (other.ends is not None and time > other.ends - JOIN_WITHIN_NS):
+            return time < self._latest_joined[observation.flow.direction]
+        return True
+
+    def _forget(self, key: tuple[Direction, bytes], waiting: _Waiting) -> None:
+        others = self._by_bytes.get(key)
+        if others is not None and waiting in others:
+            others.remove(waiting)
+            if not others:
+                del self._by_bytes[key]
+
+    def _find_changed(self, waiting: _Waiting) -> _Waiting | None:
+        """Return the frame at the other place that has the same serial and direction but other bytes."""
+        direction = waiting.observation.flow.direction
+        serial = _serial_of(waiting.observation)
+        if serial is None:
+            return None
+        return next(
+            (
+                each
+                for each in self._pending
+                if not each.is_resolved
+                and each.place is not waiting.place
+                and each.observation.flow.direction is direction
+                and _serial_of(each.observation) == serial
+            ),
+            None,
+        )
+
+    def _complete_overdue(
+        self, key: tuple[Direction, bytes], place: CapturePlace, observation: Observation
+    ) -> bool:
+        """Add the second sighting of a request that already counted as lost; return whether there is one."""
+        joined = self._overdue.get(key)
+        if joined is None or not joined.is_request or place is not CapturePlace.CONTROLLER_SIDE:
+            return False
+        del self._overdue[key]
+        joined.at_controller = observation
+        joined.is_missed = False
+        return True
+
+    def _note_on(self, *observations: Observation) -> str:
+        """Return the comments on the packets of a frame, in which a proxy says what it did."""
+        if not self._comments:
+            return ""
+        notes = dict.fromkeys(note for each in observations for note in self._comments.get(each.packet, ()))
+        return "; ".join(notes)
+
+
+def _serial_of(observation: Observation) -> int | None:
+    return getattr(observation.item, "serial", None)

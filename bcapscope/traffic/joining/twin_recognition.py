@@ -1,0 +1,62 @@
+"""Recognise from their frames that two conversations are the two legs of one conversation through a proxy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from bcapscope.traffic.observation import Conversation, Direction, Observation
+
+ENOUGH_CALLS = 8
+"""Number of nested calls that prove twins in the middle of the traffic. Two clients that start the same
+program at the same time send the same bytes, but their calls are hardly nested eight times in a row."""
+
+FEWEST_CALLS = 2
+"""Number of nested calls that prove twins if the traffic holds no more."""
+
+_REQUEST = Direction.REQUEST
+
+
+class NestedCalls(NamedTuple):
+    """How well the calls of one conversation are nested in those of another.
+
+    A call is nested if its request follows the same request of the outer conversation, and its reply precedes
+    the same reply.
+
+    Attributes:
+        calls: Number of nested calls.
+        lag: Sum of the times between the same requests, ns.
+        is_contradicted: Whether a request or a reply is earlier than in the other order.
+    """
+
+    calls: int
+    lag: int
+    is_contradicted: bool
+
+    def proves_twins(self, fewest: int) -> bool:
+        return not self.is_contradicted and self.calls >= fewest
+
+
+def nested_calls(outer: Iterable[Observation], inner: Iterable[Observation]) -> NestedCalls:
+    """Return how well the calls of `inner` are nested in those of `outer`."""
+    requests, replies = _first_times(outer)
+    inner_requests, inner_replies = _first_times(inner)
+    lags = [time - requests[raw] for raw, time in inner_requests.items() if raw in requests]
+    leads = [replies[raw] - time for raw, time in inner_replies.items() if raw in replies]
+    is_contradicted = any(lag < 0 for lag in lags) or any(lead < 0 for lead in leads)
+    return NestedCalls(min(len(lags), len(leads)), sum(lags), is_contradicted)
+
+
+def may_be_twins(one: Conversation, other: Conversation) -> bool:
+    """Return whether two conversations can be the legs of a proxy: both ends differ, and the transport does
+    not."""
+    return one.transport is other.transport and one.server != other.server
+
+
+def _first_times(observations: Iterable[Observation]) -> tuple[dict[bytes, int], dict[bytes, int]]:
+    requests: dict[bytes, int] = {}
+    replies: dict[bytes, int] = {}
+    for each in observations:
+        times = requests if each.flow.direction is _REQUEST else replies
+        times.setdefault(each.item.raw, each.time)
+    return requests, replies

@@ -1,0 +1,169 @@
+"""Captures of one conversation from two places, on the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bcapscope.cli.common.exit_codes import ExitCode
+from tests.cli.run import run_here
+from tests.samples.calls import MS, START
+from tests.samples.files import pcap
+from tests.samples.legs import TwoPlaces, both_ends, both_legs
+
+SECOND = 1000 * MS
+LOST = {3: "request", 5: "reply", 9: "request"}
+
+
+def json_lines(*words: object) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in run_here(*map(str, words), "--json").lines]
+
+
+def two_files(folder: Path, places: TwoPlaces, clock: int = 0, drift: float = 0.0) -> list[Path]:
+    paths = [folder / "client.pcap", folder / "controller.pcap"]
+    for path, data in zip(paths, places.captures(clock, drift), strict=True):
+        path.write_bytes(data)
+    return paths
+
+
+def recording(folder: Path, note: str = "drop: dropped") -> Path:
+    legs = both_legs(note)
+    legs.lost = dict(LOST)
+    path = folder / "legs.pcapng"
+    path.write_bytes(legs.poll(20).recording())
+    return path
+
+
+def verdicts(calls: list[dict[str, Any]]) -> dict[int, str]:
+    return {call["call"] - 1: call["verdict"] for call in calls if call["retries"]}
+
+
+EXPECTED = {3: "request lost", 5: "reply lost", 9: "request lost"}
+
+
+@pytest.mark.parametrize("clock", [0, -700 * MS, 90 * SECOND])
+def test_two_ends_give_each_call_once_with_its_verdict(tmp_path: Path, clock: int) -> None:
+    places = both_ends()
+    places.lost = dict(LOST)
+    near, far = two_files(tmp_path, places.poll(200), clock, 30e-6)
+    for paths in ((near, far), (far, near)):
+        calls = json_lines("calls", *paths)
+        assert len(calls) == 200
+        assert verdicts(calls) == EXPECTED
+        assert calls[0]["started"] == START / 1e9
+        delays = [seen for call in calls for seen in call["places"] if seen["delay_ms"] is not None]
+        assert all(abs(seen["delay_ms"] - 0.3) <= seen["delay_error_ms"] + 0.001 for seen in delays)
+        assert all(seen["delay_error_ms"] <= 0.301 for seen in delays)
+
+
+def test_what_one_capture_did_not_cover_is_not_lost(tmp_path: Path) -> None:
+    places = both_ends()
+    places.lost = {3: "reply", 100: "request", 196: "request"}
+    places.poll(200)
+    places.far.packets = [
+        packet for packet in places.far.packets if START + 2 * SECOND < packet.time < START + 9 * SECOND
+    ]
+    calls = json_lines("calls", *two_files(tmp_path, places))
+    assert len(calls) == 200
+    assert verdicts(calls) == {3: "cannot tell", 100: "request lost", 196: "cannot tell"}
+    assert {call["outcome"] for call in calls} == {"answered"}
+
+
+def test_the_same_file_twice_is_one_capture(tmp_path: Path) -> None:
+    near, _ = two_files(tmp_path, both_ends().poll(30))
+    copy = tmp_path / "copy.pcap"
+    copy.write_bytes(near.read_bytes())
+    calls = json_lines("calls", near, copy)
+    assert len(calls) == 30
+    assert not any(call["retries"] or call["duplicates"] for call in calls)
+
+
+def test_decode_shows_the_frames_of_both_ends_in_order(tmp_path: Path) -> None:
+    paths = two_files(tmp_path, both_ends().poll(30), 90 * SECOND)
+    frames = json_lines("decode", *paths)
+    times = [frame["time"] for frame in frames]
+    assert times == sorted(times)
+    assert [frame["frame"] for frame in frames] == list(range(1, 121))
+    assert sorted(frame["packet"] for frame in frames) == list(range(1, 121))
+    near = json_lines("decode", *paths, "--side", "client")
+    assert [frame["packet"] for frame in near] == list(range(1, 61))
+
+
+def test_the_summary_says_how_the_clocks_differ(tmp_path: Path) -> None:
+    paths = two_files(tmp_path, both_ends().poll(30), 250 * MS)
+    said = run_here("calls", *paths).err
+    assert "client.pcap and controller.pcap hold the same conversation" in said
+    assert "differs by +250.000 ms (± 0.300 ms" in said
+    assert "120 frames in 120 packets" in said
+
+
+def test_a_damaged_file_is_reported_once(tmp_path: Path) -> None:
+    paths = two_files(tmp_path, both_ends().poll(30))
+    paths[1].write_bytes(paths[1].read_bytes()[:-10])
+    done = run_here("calls", *paths)
+    assert done.code == ExitCode.DAMAGED
+    assert done.err.count("controller.pcap: ") == 1
+    assert len(done.lines) == 30
+
+
+def test_further_files_are_read_beside_the_pair(tmp_path: Path) -> None:
+    paths = two_files(tmp_path, both_ends().poll(30))
+    later = tmp_path / "later.pcap"
+    later.write_bytes(pcap(both_ends().poll(10, START + 100 * SECOND, 60 * MS).near.packets))
+    assert len(json_lines("calls", *paths, later)) == 40
+
+
+@pytest.mark.parametrize("command", ["stats", "diagnose", "slave"])
+def test_every_command_counts_one_client(tmp_path: Path, command: str) -> None:
+    path = recording(tmp_path)
+    both, near = run_here(command, path), run_here(command, path, "--side", "client")
+    assert both.code == near.code == ExitCode.OK
+    if command == "stats":
+        (figures,) = json_lines("stats", path)
+        (alone,) = json_lines("stats", path, "--side", "client")
+        assert figures["total"]["calls"] == alone["total"]["calls"] == 20
+        assert len(figures["clients"]) == 1
+    if command == "diagnose":
+        assert "20 calls, 1 client" in both.out
+        assert "cable" not in both.out.replace("Network, cable and controller are not the\n  cause", "")
+        assert "the proxy's rule drop acted on" in " ".join(both.out.split())
+
+
+def test_a_call_says_which_rule_of_the_proxy_dropped_its_frames(tmp_path: Path) -> None:
+    lines = run_here("calls", recording(tmp_path)).lines
+    assert "1 retry, request lost, lost in the proxy, drop: dropped" in lines[3]
+    assert "1 retry, reply lost, lost in the proxy, drop: dropped" in lines[5]
+    tree = run_here("calls", "--tree", recording(tmp_path)).lines
+    assert any("proxy 0.200 ms" in line for line in tree)
+
+
+def test_a_recording_without_comments_says_that_the_proxy_lost_them(tmp_path: Path) -> None:
+    path = recording(tmp_path, note="")
+    assert "request lost, lost in the proxy" in run_here("calls", path).lines[3]
+    found = " ".join(run_here("diagnose", path).out.split())
+    assert "The proxy received 1 frame of this call and did not forward it" in found
+    assert "Check cable" not in found
+
+
+def test_a_comment_on_the_wire_is_escaped(tmp_path: Path) -> None:
+    done = run_here("calls", recording(tmp_path, note="drop: \x1b[31mdropped"))
+    assert "\x1b[31m" not in done.out
+    assert "\x1b[31m" not in run_here("diagnose", recording(tmp_path, note="\x1b[31mbad")).out
+
+
+def test_a_delay_in_the_proxy_is_shown(tmp_path: Path) -> None:
+    legs = both_legs("")
+    legs.poll(20)
+    legs.far.packets = [packet._replace(time=packet.time + 5 * MS) for packet in legs.far.packets]
+    near = legs.near.packets
+    legs.near.packets = [
+        packet._replace(time=packet.time + (10 * MS if index % 2 else 0)) for index, packet in enumerate(near)
+    ]
+    path = tmp_path / "slow.pcapng"
+    path.write_bytes(legs.recording())
+    lines = run_here("calls", path).lines
+    assert len(lines) == 20
+    assert "held by the proxy for 5.200 ms" in lines[10]

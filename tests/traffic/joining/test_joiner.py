@@ -1,0 +1,266 @@
+"""Conversations that were captured on both legs of a proxy are one."""
+
+from __future__ import annotations
+
+import pytest
+
+from bcapscope.traffic.call_verdict import CallVerdict, Outcome
+from bcapscope.traffic.joining import joiner as joiner_module
+from bcapscope.traffic.joining.joined_observation import JoinedObservation, sightings_of
+from bcapscope.traffic.joining.joiner import Joiner
+from bcapscope.traffic.observation import Endpoint, Observation, Transport
+from bcapscope.traffic.pipeline import CallCollector, Pipeline
+from tests.traffic.joining.two_places import START_SERVICE, ProxiedScript
+from tests.traffic.playbook import MOVE, MS, OTHER, POSE, S_EXECUTING, Script, execute, i4
+
+TRANSPORTS = [Transport.UDP, Transport.TCP]
+
+
+def joined(observations: list[Observation]) -> list[Observation]:
+    joiner = Joiner()
+    due = [each for seen in observations for each in joiner.add(seen)]
+    return [*due, *joiner.close()]
+
+
+@pytest.mark.parametrize("transport", TRANSPORTS)
+def test_a_call_on_both_legs_is_one_call_of_the_client(transport: Transport) -> None:
+    script = ProxiedScript()
+    client = script.proxied_client(transport=transport)
+    client.call(0, 1, START_SERVICE)
+    client.calls(8, 20, MOVE, 2)
+    calls = script.calls()
+    assert len(calls) == 21
+    assert {call.conversation.client for call in calls} == {Endpoint("10.0.0.2", 50001)}
+    assert {call.verdict for call in calls} == {CallVerdict.ANSWERED}
+    assert {call.latency for call in calls} == {MS}
+
+
+def test_every_observation_comes_out_once_in_order_of_time() -> None:
+    script = ProxiedScript()
+    script.proxied_client().calls(0, 30, MOVE)
+    script.proxied_client(50002).calls(1, 30, OTHER)
+    alone = script.client(50003)
+    for serial in range(1, 30):
+        alone.ask(9 * serial, serial, 0, MOVE)
+        alone.reply(9 * serial + 2, serial)
+    seen = script.in_order()
+    out = joined(seen)
+    assert [each.time for each in out] == sorted(each.time for each in out)
+    assert sorted(each.number for one in out for each in sightings_of(one)) == [each.number for each in seen]
+    assert sum(isinstance(each, JoinedObservation) for each in out) == 120
+
+
+def test_the_place_where_a_frame_was_lost_is_the_verdict() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.calls(0, 4, MOVE)
+    client.ask(100, 10, 0, OTHER, lost=True)
+    client.ask(108, 11, 10, OTHER)
+    client.reply(109, 11)
+    client.ask(200, 12, 0, MOVE)
+    client.reply(201, 12, lost=True)
+    client.ask(208, 13, 12, MOVE)
+    client.reply(209, 13)
+    client.calls(300, 2, MOVE, 20)
+    calls = script.calls()
+    assert len(calls) == 8
+    assert [call.verdict for call in calls[4:6]] == [CallVerdict.REQUEST_LOST, CallVerdict.REPLY_LOST]
+    assert [call.retries for call in calls[4:6]] == [1, 1]
+    assert [len(call.lost_replies) for call in calls[4:6]] == [0, 1]
+
+
+def test_the_first_loss_of_a_call_decides() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.calls(0, 4, MOVE)
+    client.ask(100, 10, 0, OTHER, lost=True)
+    client.ask(108, 11, 10, OTHER)
+    client.reply(109, 11, lost=True)
+    client.ask(116, 12, 10, OTHER)
+    client.reply(117, 12)
+    client.calls(300, 2, MOVE, 20)
+    call = script.calls()[4]
+    assert call.verdict is CallVerdict.REQUEST_LOST
+    assert [each.is_request for each in call.lost_between] == [True, False]
+
+
+def test_a_call_whose_only_request_was_lost_says_so() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.calls(0, 4, MOVE)
+    client.ask(100, 10, 0, OTHER, lost=True)
+    client.calls(3000, 2, MOVE, 20)
+    call = script.calls()[4]
+    assert (call.outcome, call.verdict) == (Outcome.UNANSWERED, CallVerdict.REQUEST_LOST)
+
+
+def test_a_reply_that_the_proxy_delays_is_late_not_lost() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.calls(0, 4, MOVE)
+    client.ask(100, 10, 0, OTHER)
+    client.reply(101, 10, held=30)
+    client.ask(108, 11, 10, OTHER)
+    client.reply(109, 11, held=30)
+    client.calls(300, 2, MOVE, 20)
+    call = script.calls()[4]
+    assert call.verdict is CallVerdict.REPLY_LATE
+    reply = call.reply
+    assert isinstance(reply, JoinedObservation)
+    assert reply.delay == 30 * MS
+
+
+def test_a_message_that_is_held_for_seconds_was_not_lost() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.calls(0, 4, MOVE)
+    client.ask(100, 10, 0, OTHER, held=3000)
+    client.reply(3101, 10)
+    client.calls(3200, 2, MOVE, 20)
+    call = script.calls()[4]
+    assert (call.outcome, call.lost_between) == (Outcome.ANSWERED, ())
+    request = call.request
+    assert isinstance(request, JoinedObservation)
+    assert request.delay == 3000 * MS
+
+
+def test_what_the_proxy_sends_on_its_own_is_no_call_of_the_client() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.calls(0, 4, MOVE)
+    client.far.ask(2000, 10, 0, execute("GiveArm"))
+    client.far.reply(2001, 10)
+    assert len(script.calls()) == 4
+
+
+def test_a_request_that_the_proxy_sends_twice_is_one_attempt_with_a_copy() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.calls(0, 4, MOVE)
+    client.ask(100, 10, 0, OTHER)
+    client.far.ask(102.3, 10, 0, OTHER)
+    client.reply(101, 10)
+    client.calls(300, 2, MOVE, 20)
+    call = script.calls()[4]
+    assert (len(call.attempts), len(call.duplicates), call.verdict) == (1, 1, CallVerdict.ANSWERED)
+
+
+def test_a_reply_that_the_proxy_makes_is_accepted() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.calls(0, 4, MOVE)
+    client.ask(100, 10, 0, OTHER, lost=True)
+    client.near.reply(100.1, 10, 0, 0x80004005)
+    client.calls(300, 2, MOVE, 20)
+    call = script.calls()[4]
+    assert (call.outcome, call.verdict) == (Outcome.REFUSED, CallVerdict.REFUSED)
+
+
+def test_a_frame_that_the_proxy_changed_is_one_frame_as_the_client_sent_it() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.calls(0, 4, MOVE)
+    client.near.ask(100, 10, 0, OTHER)
+    client.far.ask(100.2, 10, 0, MOVE)
+    client.far.reply(101, 10, 0, 0, POSE)
+    client.near.reply(101.2, 10, 0, 0, i4(7))
+    client.calls(3000, 2, MOVE, 20)
+    call = script.calls()[4]
+    assert call.request.item.raw[9:] == client.near.ask(9999, 10, 0, OTHER).item.raw[9:]
+    assert call.reply is not None
+    assert call.reply.item.arguments[0].variant == i4(7)
+    assert call.verdict is CallVerdict.ANSWERED
+
+
+def test_a_notice_that_is_lost_still_shows_that_the_controller_works() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.calls(0, 4, MOVE)
+    client.ask(100, 10, 0, OTHER)
+    client.reply(101, 10, code=S_EXECUTING, lost=True)
+    client.reply(140, 10)
+    client.calls(300, 2, MOVE, 20)
+    call = script.calls()[4]
+    assert (len(call.notices), call.lost_replies, call.verdict) == (1, (), CallVerdict.ANSWERED)
+
+
+def test_the_end_of_the_capture_is_no_loss() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.calls(0, 4, MOVE)
+    client.ask(100, 10, 0, OTHER, lost=True)
+    call = script.calls()[4]
+    assert (call.outcome, call.lost_between) == (Outcome.CAPTURE_ENDED, ())
+
+
+def test_two_clients_that_run_the_same_program_at_the_same_time_stay_two() -> None:
+    script = Script()
+    one = script.client()
+    other = script.client(50002)
+    other.conversation.server = Endpoint("10.0.0.9", 5007)
+    for serial in range(1, 30):
+        first, second = (one, other) if serial % 3 else (other, one)
+        first.ask(8 * serial, serial, 0, MOVE)
+        second.ask(8 * serial + 0.1, serial, 0, MOVE)
+        first.reply(8 * serial + 1, serial)
+        second.reply(8 * serial + 1.1, serial)
+    assert not any(isinstance(each, JoinedObservation) for each in joined(script.seen))
+
+
+def test_two_clients_of_one_controller_are_never_joined() -> None:
+    script = Script()
+    one, other = script.client(), script.client(50002)
+    for serial in range(1, 30):
+        one.ask(8 * serial, serial, 0, MOVE)
+        other.ask(8 * serial + 0.1, serial, 0, MOVE)
+        other.reply(8 * serial + 1, serial)
+        one.reply(8 * serial + 1.1, serial)
+    assert not any(isinstance(each, JoinedObservation) for each in joined(script.seen))
+
+
+def test_many_clients_of_a_proxy_are_joined_with_their_own_legs() -> None:
+    script = ProxiedScript()
+    clients = [script.proxied_client(50001 + index) for index in range(5)]
+    for index, client in enumerate(clients):
+        client.call(index * 0.01, 1, START_SERVICE)
+        client.calls(8 + index * 0.01, 20, MOVE, 2)
+    calls = script.calls()
+    assert len(calls) == 105
+    legs = {call.conversation: call.conversation.controller_leg for call in calls}
+    assert all(leg is not None and leg.client.port == one.client.port + 10_000 for one, leg in legs.items())
+
+
+def test_a_conversation_without_twin_is_held_for_two_calls_only() -> None:
+    script = Script()
+    client = script.client()
+    joiner = Joiner()
+    due = []
+    for serial in range(1, 4):
+        due.append(len(joiner.add(client.ask(8 * serial, serial, 0, MOVE))))
+        due.append(len(joiner.add(client.reply(8 * serial + 1, serial))))
+    assert due == [0, 0, 0, 4, 1, 1]
+    assert client.flows[next(iter(client.flows))] in joiner.passing
+
+
+def test_silence_ends_the_hold_after_a_second() -> None:
+    script = Script()
+    collector = CallCollector()
+    pipeline = Pipeline(collector, joiner=Joiner())
+    seen = script.client().ask(0, 1, 0, MOVE)
+    pipeline.add(seen)
+    assert not pipeline.has_open_calls
+    pipeline.expire(seen.time + joiner_module.HELD_NS)
+    assert pipeline.has_open_calls
+
+
+def test_a_clock_that_is_set_back_does_not_stop_the_output() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.calls(0, 10, MOVE)
+    before = script.in_order()
+    script.seen.clear()
+    client.calls(-3_600_000, 10, OTHER, 50)
+    after = [seen._replace(number=seen.number + len(before)) for seen in script.in_order()]
+    out = joined([*before, *after])
+    assert len(out) == 40
+    assert out[-1].time < out[0].time
