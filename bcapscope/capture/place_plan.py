@@ -6,7 +6,8 @@ import heapq
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import combinations, islice
+from functools import cached_property
+from itertools import chain, combinations, islice
 from pathlib import Path
 
 from bcapscope.capture.capture_file import open_capture
@@ -28,6 +29,9 @@ from bcapscope.traffic.observation import Direction, Observation
 
 SAMPLE_PACKETS = 20_000
 """Maximum number of packets of any protocol that are read for a sample."""
+
+MAX_FILES = 100
+"""Maximum number of files that are compared. More files are probably a ring; comparing them takes long."""
 
 FEWEST_JOINED = 2
 """Minimum number of equal frames of a conversation in two files that are joined."""
@@ -70,58 +74,63 @@ def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]
     Files that cannot be read are in no pair. Reading them again reports why.
     A pipe is in no pair, because it can be read only once.
     """
-    samples = {path: _read_sample(path, ports) for path in dict.fromkeys(paths) if Path(path).is_file()}
+    files = [path for path in dict.fromkeys(paths) if Path(path).is_file()]
+    samples = {path: _Sample(path, ports) for path in files} if len(files) <= MAX_FILES else {}
     plans: list[PlacePlan] = []
     paired: set[str] = set()
     for one, other in combinations(samples, 2):
         if paired & {one, other}:
             continue
-        plan = _plan_pair(one, other, samples[one], samples[other], ports)
+        plan = _plan_pair(samples[one], samples[other], ports)
         if plan is not None:
             plans.append(plan)
             paired |= {one, other}
     return plans
 
 
-@dataclass(slots=True)
 class _Sample:
     """The beginning of a file. `begins` is the time of its first packet, ns since 1970; 0 without packets."""
 
-    frames: FrameSample
-    begins: int
+    def __init__(self, path: str, ports: Collection[int]) -> None:
+        self.path = path
+        self.frames = FrameSample()
+        self._ports = ports
+        packets = self._packets()
+        first = next(packets, None)
+        self.begins = 0 if first is None else first[0]
+        if first is not None:
+            self._read_frames(self.frames, chain((first,), packets))
 
+    @cached_property
+    def ends(self) -> int:
+        """Time of the last packet, ns since 1970. All packets are read to find it."""
+        return max((packet[0] for packet in self._packets()), default=0)
 
-def _read_sample(path: str, ports: Collection[int], begin: int = 0) -> _Sample:
-    """Read a sample of a file, from the time `begin` on."""
-    first = 0
-    frames = FrameSample()
+    def frames_from(self, begin: int) -> FrameSample:
+        """Return a sample of the frames from the time `begin` on."""
+        frames = FrameSample()
+        self._read_frames(frames, (packet for packet in self._packets() if packet[0] >= begin))
+        return frames
 
-    def packets() -> Iterator[Packet]:
-        nonlocal first
-        with open_capture(path) as capture:
-            for packet in capture:
-                if packet[0] >= begin:
-                    first = first or packet[0]
-                    yield packet
+    def _packets(self) -> Iterator[Packet]:
+        with suppress(CaptureError), open_capture(self.path) as capture:
+            yield from capture
 
-    with suppress(CaptureError):
-        for observation in PacketDecoder(ports).decode(islice(packets(), SAMPLE_PACKETS)):
+    def _read_frames(self, frames: FrameSample, packets: Iterable[Packet]) -> None:
+        for observation in PacketDecoder(self._ports).decode(islice(packets, SAMPLE_PACKETS)):
             frames.add(observation)
             if frames.count >= SAMPLE_FRAMES:
                 break
-    return _Sample(frames, first)
 
 
-def _plan_pair(
-    one: str, other: str, sample: _Sample, other_sample: _Sample, ports: Collection[int]
-) -> PlacePlan | None:
-    shared = find_shared(sample.frames, other_sample.frames)
-    if not shared and _has_common_ends(sample.frames, other_sample.frames):
-        shared = _find_later(one, other, sample, other_sample, ports)
+def _plan_pair(one: _Sample, other: _Sample, ports: Collection[int]) -> PlacePlan | None:
+    shared = find_shared(one.frames, other.frames)
+    if not shared and _has_common_ends(one.frames, other.frames):
+        shared = _find_later(one, other)
     if not shared:
         return None
     first = max(shared, key=lambda each: each.request_offset is not None and each.reply_offset is not None)
-    files = PlaceFile(one), PlaceFile(other)
+    files = PlaceFile(one.path), PlaceFile(other.path)
     if not _is_at_client(first):
         first, files = _reversed(first), (files[1], files[0])
     measurement = _Measurement(files, first.offset, ports)
@@ -135,15 +144,19 @@ def _has_common_ends(one: FrameSample, other: FrameSample) -> bool:
     return not one.frames.keys().isdisjoint(other.frames)
 
 
-def _find_later(
-    one: str, other: str, sample: _Sample, other_sample: _Sample, ports: Collection[int]
-) -> list[SharedConversation]:
+def _find_later(one: _Sample, other: _Sample) -> list[SharedConversation]:
     """Return the shared conversations of two files, of which one begins much later than the other."""
-    if sample.begins <= other_sample.begins:
-        later = _read_sample(one, ports, other_sample.begins - JOIN_WITHIN_NS)
-        return find_shared(later.frames, other_sample.frames)
-    later = _read_sample(other, ports, sample.begins - JOIN_WITHIN_NS)
-    return find_shared(sample.frames, later.frames)
+    if one.begins <= other.begins:
+        return find_shared(_frames_at(one, other.begins), other.frames)
+    return find_shared(one.frames, _frames_at(other, one.begins))
+
+
+def _frames_at(sample: _Sample, begin: int) -> FrameSample:
+    """Return the frames of a file around the time `begin` at which the other file begins.
+
+    Files of a ring follow each other. They are not searched again for each other file of the ring.
+    """
+    return sample.frames_from(begin - JOIN_WITHIN_NS) if begin <= sample.ends else FrameSample()
 
 
 def _overlap(one: PlaceFile, other: PlaceFile) -> bool:

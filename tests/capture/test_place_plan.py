@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
+from bcapscope.capture import place_plan
+from bcapscope.capture.capture_file import CaptureFile, open_capture
 from bcapscope.capture.place_plan import PlacePlan, plan_places
 from tests.samples.calls import CLIENT, MS, SERVER, START, US, Datagrams
 from tests.samples.files import pcap
@@ -42,6 +45,22 @@ def test_files_of_a_ring_are_not_the_same(tmp_path: Path) -> None:
     packets = both_ends().poll(200).near.packets
     files = [pcap(packets[start : start + 100], nanoseconds=True) for start in range(0, 400, 100)]
     assert plan_places(written(tmp_path, *files), PORTS) == []
+
+
+def test_each_file_of_a_ring_is_read_only_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    packets = both_ends().poll(200).near.packets
+    files = [pcap(packets[start : start + 20], nanoseconds=True) for start in range(0, 400, 20)]
+    paths = written(tmp_path, *files)
+    opened: Counter[str] = Counter()
+
+    def open_counted(path: str) -> CaptureFile:
+        opened[path] += 1
+        return open_capture(path)
+
+    monkeypatch.setattr(place_plan, "open_capture", open_counted)
+    assert plan_places(paths, PORTS) == []
+    assert set(opened) == set(paths)
+    assert max(opened.values()) == 2  # once for the sample, once for the time of the last packet
 
 
 def test_a_program_that_runs_again_is_another_conversation(tmp_path: Path) -> None:
