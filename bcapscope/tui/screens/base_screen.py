@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import ClassVar
 
 from textual.app import ComposeResult
@@ -51,6 +51,10 @@ class BaseScreen(Screen[None], PlainContainer):
     def on_screen_resume(self, event: ScreenResume) -> None:
         """Skip Textual's style update: each widget already has its styles, also after a change of theme."""
         event.refresh_styles = False
+
+    def call_in_screen(self, function: Callable[..., object], *arguments: object) -> None:
+        """Call a function in the screen's thread. Any thread may call this method, which does not wait."""
+        self.call_later(function, *arguments)
 
     def content(self) -> ComposeResult:
         raise NotImplementedError

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Coroutine
 from contextlib import AsyncExitStack, ExitStack
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -17,7 +17,6 @@ from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.message import Message
 from textual.widgets import Button
 
 from bcapscope.live.controller.controller_session import ControllerSession
@@ -89,11 +88,6 @@ class TesterOptions(NamedTuple):
     tap: Callable[[Observation], None] = lambda seen: None
 
 
-@dataclass
-class SessionUpdated(Message):
-    update: SessionUpdate
-
-
 class TesterScreen(TesterNavigation):
     """Connects to a controller, makes calls, and shows their packets."""
 
@@ -118,7 +112,11 @@ class TesterScreen(TesterNavigation):
     def __init__(self, tester_options: TesterOptions) -> None:
         super().__init__()
         self._options = tester_options
-        self.session = ControllerSession(self._post_update, tester_options.log_folder, tester_options.tap)
+        self.session = ControllerSession(
+            partial(self.call_in_screen, self._show_update),
+            tester_options.log_folder,
+            tester_options.tap,
+        )
         self.variable_watcher = VariableWatcher(self.session)
         self.call_runner = CallRunner(self.session, self._ask_to_arm)
         self.player_slot = PlayerSlot()
@@ -193,13 +191,7 @@ class TesterScreen(TesterNavigation):
 
     # Updates from the session.
 
-    def _post_update(self, update: SessionUpdate) -> None:
-        """Forward an update from a thread of the session to the screen's event loop."""
-        self.post_message(SessionUpdated(update))
-
-    @on(SessionUpdated)
-    def _show_update(self, message: SessionUpdated) -> None:
-        news = message.update
+    def _show_update(self, news: SessionUpdate) -> None:
         if isinstance(news, HistoryRecord):
             self.query_one(PacketPane).add_record(news)
             self._last_slave_session.on_record(news)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import os.path
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
 from textual import on, work
 from textual.binding import Binding, BindingType
-from textual.message import Message
 
 from bcapscope.render.escape import printable
 from bcapscope.render.timestamp import TimeFormat
@@ -29,14 +27,6 @@ from bcapscope.tui.widgets.lines import Lines
 
 _FRAME_ACTIONS = frozenset({"filter", "partner", "call", "mark", "note", "clock", "goto", "follow"})
 _CLOCKS = (TimeFormat.RELATIVE, TimeFormat.DELTA, TimeFormat.UTC)
-
-
-@dataclass
-class NotesSaved(Message):
-    """A file was saved. If saving failed or was incomplete, `reason` says why."""
-
-    target: str
-    reason: str
 
 
 class TrafficScreen(TrafficViews):
@@ -253,16 +243,12 @@ class TrafficScreen(TrafficViews):
 
     @work(thread=True)
     def _save_packets(self, job: SaveJob) -> None:
-        self.post_message(NotesSaved(job.target, self.feed.save(job)))
-
-    def on_notes_saved(self, message: NotesSaved) -> None:
-        message.stop()
-        path = printable(message.target)
-        if message.reason:
-            text = label("traffic.unsaved", path=path, reason=message.reason)
-            app_of(self).show_message(text, "error")
+        problem, path = self.feed.save(job), printable(job.target)
+        if problem:
+            text = label("traffic.unsaved", path=path, reason=problem)
+            self.call_in_screen(app_of(self).show_message, text, "error")
         else:
-            app_of(self).show_message(label("traffic.saved", path=path))
+            self.call_in_screen(app_of(self).show_message, label("traffic.saved", path=path))
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
         if self.check_action("open", ()):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -13,7 +12,6 @@ from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.events import Resize
-from textual.message import Message
 from textual.widgets import Static
 
 from bcapscope.render.timestamp import TimeFormat
@@ -38,11 +36,11 @@ from bcapscope.tui.widgets.call_list import CallList
 from bcapscope.tui.widgets.checked_input import CheckedInput
 from bcapscope.tui.widgets.finding_page import FindingPage
 from bcapscope.tui.widgets.frame_list import FrameList
+from bcapscope.tui.widgets.item_list import TextList
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.packet_view import PacketView
 from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
 from bcapscope.tui.widgets.record_list import RecordList
-from bcapscope.tui.widgets.text_page import TextPage
 from bcapscope.tui.widgets.view_bar import ViewBar
 
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
@@ -50,12 +48,6 @@ RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
 
 _NARROW_WIDTH = 100
 """Terminal width in columns below which the screen rounds large counts."""
-
-
-@dataclass
-class FeedUpdated(Message):
-    feed: TrafficFeed
-    update: FeedUpdate
 
 
 class TrafficViews(ViewsScreen):
@@ -98,8 +90,8 @@ class TrafficViews(ViewsScreen):
             yield FrameList(id="frames")
             yield CallList(id="calls")
             yield FindingPage(id="findings")
-            yield TextPage([label("traffic.empty.slave")], id="slave")
-            yield TextPage([label("traffic.empty.statistics")], id="statistics")
+            yield TextList("traffic.empty.slave", id="slave")
+            yield TextList("traffic.empty.statistics", id="statistics")
         with PlainVertical(id="detail"):
             yield Static(id="about")
             yield PacketView(id="packet")
@@ -116,11 +108,8 @@ class TrafficViews(ViewsScreen):
             settings = app_of(self).settings
             settings.captures = with_recent(str(Path(path).absolute()), settings.captures)
             self.call_after_refresh(app_of(self).save_settings)  # show the traffic first
-        self.feed.subscribe(partial(self._post_update, self.feed))
+        self.feed.subscribe(partial(self.call_in_screen, self.show_update, self.feed))
         self.show_state()
-
-    def _post_update(self, feed: TrafficFeed, update: FeedUpdate) -> None:
-        self.post_message(FeedUpdated(feed, update))
 
     async def _close(self) -> None:
         self._close_feed()
@@ -140,10 +129,8 @@ class TrafficViews(ViewsScreen):
 
     # updates
 
-    def on_feed_updated(self, message: FeedUpdated) -> None:
-        message.stop()
-        update = message.update
-        if message.feed is not self.feed or message.feed.is_closed:
+    def show_update(self, feed: TrafficFeed, update: FeedUpdate) -> None:
+        if feed is not self.feed or feed.is_closed:
             return
         if isinstance(update, ReadProgress):
             self._show_progress(update)
@@ -183,12 +170,8 @@ class TrafficViews(ViewsScreen):
     def _show_analysis(self, analysis: TrafficAnalysis) -> None:
         self.analysis = analysis
         self.query_one(FindingPage).show_analysis(analysis)
-        self.query_one("#slave", TextPage).show_lines(
-            analysis.slave_sessions or [label("traffic.empty.slave")]
-        )
-        self.query_one("#statistics", TextPage).show_lines(
-            analysis.statistics or [label("traffic.empty.statistics")]
-        )
+        self.query_one("#slave", TextList).show_items(analysis.slave_sessions)
+        self.query_one("#statistics", TextList).show_items(analysis.statistics)
 
     def _add_matches(self, matches: SearchMatches) -> None:
         self._searched = matches.searched

@@ -57,7 +57,7 @@ def watcher_job(folder: Path, recording: Path) -> ReadJob:
 
 
 FeedUpdate: TypeAlias = ReadProgress | TrafficAnalysis | SearchMatches | SourceProblem
-FeedListener = Callable[[FeedUpdate], None]
+FeedListener = Callable[[FeedUpdate], object]
 
 
 class TrafficFeed:
