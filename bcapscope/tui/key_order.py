@@ -83,7 +83,6 @@ class KeyOrderApp(App[None]):
 
     @on(KeyHandled)
     def _marker_returned(self, message: KeyHandled) -> None:
-        message.stop()
         self.call_later(self._deliver_next, message)  # after callbacks of the key, such as focus
 
     async def _deliver_next(self, marker: KeyHandled) -> None:

@@ -191,8 +191,8 @@ def test_history_again_edit_copy_save_and_filter(tmp_path: Path) -> None:
         count = lines.count
         await pilot.press("r")
         await until(pilot, lambda: lines.count == count + 1)
-        assert lines.current_record is not None
-        assert lines.current_record.outcome is RecordOutcome.ANSWERED
+        assert lines.current_item is not None
+        assert lines.current_item.outcome is RecordOutcome.ANSWERED
         for key, text in (("x", "01 "), ("p", "from bcapscope.client"), ("c", "bcapscope call 127.0.0.1")):
             await pilot.press(key)
             assert pilot.app.clipboard.startswith(text)

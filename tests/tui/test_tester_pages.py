@@ -218,4 +218,4 @@ def test_the_pages(tmp_path: Path, size: tuple[int, int], pacing: SlaveModePacin
 
 def _names(pilot: Pilot[None]) -> list[str]:
     lines = screen(pilot).query_one(HistoryLines)
-    return [function_name(record.function_id) for record in lines._records]
+    return [function_name(record.function_id) for record in lines.items]

@@ -45,11 +45,10 @@ from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label, reader_words
 from bcapscope.tui.screens.base_screen import BaseScreen
 from bcapscope.tui.settings import with_recent
-from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.dialogs import ChoiceDialog
 from bcapscope.tui.tester.file_picker import FilePicker
+from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
 from bcapscope.tui.tester.playback_view import PlaybackView
-from bcapscope.tui.tester.tick_box import TickBox
 from bcapscope.tui.widgets.inked_text import InkedText
 
 _MODE_NUMBERS = (0x001, 0x002, 0x003, 0x101, 0x102, 0x103, 0x201, 0x202, 0x203)
@@ -100,7 +99,7 @@ class SlaveScreen(BaseScreen):
                 with Horizontal(classes="row"):
                     yield Caption("tester.file")
                     yield Input(self._initial_path, id="file")
-                    yield Button(label("tester.browse"), compact=True, id="browse")
+                    yield FormButton("tester.browse", id="browse")
                 with Horizontal(classes="row"):
                     yield Caption("tester.mode")
                     yield Select(
@@ -119,11 +118,9 @@ class SlaveScreen(BaseScreen):
                     yield Input(placeholder="J1=-170..170 J1..J3.speed=300 J1.acceleration=6000", id="limits")
                     yield TickBox(label("tester.resample"), id="again")
             with Horizontal(classes="row"):
-                yield Button(
-                    label("tester.start"), compact=True, variant="success", id="start", disabled=True
-                )
-                yield Button(label("tester.stop"), compact=True, variant="warning", id="stop", disabled=True)
-                yield Button(label("shell.halt"), compact=True, variant="error", id="halt")
+                yield FormButton("tester.start", "success", id="start", disabled=True)
+                yield FormButton("tester.stop", "warning", id="stop", disabled=True)
+                yield FormButton("shell.halt", "error", id="halt")
                 yield InkedText(id="slave-state")
             with ContentSwitcher(initial="before", id="slave-views"):
                 with VerticalScroll(id="before"):

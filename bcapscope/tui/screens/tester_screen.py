@@ -413,7 +413,7 @@ class TesterScreen(TesterNavigation):
         if status.target is None:
             app_of(self).show_message(label("tester.not_connected"), "warning")
             return False
-        if not await self.app.push_screen_wait(ArmDialog(arming_facts(status))):
+        if await self.app.push_screen_wait(ArmDialog(arming_facts(status))) != "yes":
             return False
         self.session.arming.arm(self.session.now())
         self._show_status()

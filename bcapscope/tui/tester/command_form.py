@@ -17,8 +17,8 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.parameter_input import command_hint
 from bcapscope.tui.reader_language import label
-from bcapscope.tui.tester.caption import Caption
-from bcapscope.tui.tester.list_pickers import CommandPicker
+from bcapscope.tui.tester.form_widgets import Caption, FormButton
+from bcapscope.tui.tester.list_pickers import command_picker
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.typed_value import TypedValue
 from bcapscope.tui.tester.wanted_messages import CallWanted
@@ -45,7 +45,7 @@ class CommandForm(Vertical):
         with Horizontal(classes="row"):
             yield Caption("tester.parameter")
             yield TypedValue()
-            yield Button(label("tester.execute"), compact=True, variant="primary", classes="execute")
+            yield FormButton("tester.execute", "primary", classes="execute")
         yield ResultView()
 
     @on(Input.Changed, ".command")
@@ -55,7 +55,6 @@ class CommandForm(Vertical):
         A parameter that belongs to another command is cleared; the parameter last sent with this command is
         restored.
         """
-        message.stop()
         found = command_hint(self.function.id, message.value)
         if found is None:
             self.query_one(ResultView).show_hint("")
@@ -72,7 +71,6 @@ class CommandForm(Vertical):
 
     @on(TypedValue.Changed)
     def _show_check(self, message: TypedValue.Changed) -> None:
-        message.stop()
         found = command_hint(self.function.id, self.query_one(".command", Input).value)
         hint = found.text if found else message.value.hint
         self.query_one(ResultView).show_check(message.problem, hint)
@@ -90,19 +88,16 @@ class CommandForm(Vertical):
             each.name for each in commands_of(self.function.id) if each.name.casefold().startswith(begun)
         ]
         if begun and names and begun not in map(str.casefold, names):
-            message.stop()
             message.input.value = names[0]
             message.input.cursor_position = len(names[0])
         elif begun and self.query_one(TypedValue).is_missing:
-            message.stop()
             self.query_one(TypedValue).query_one(Input).focus()
         else:
-            self._execute(message)
+            self._execute()
 
     @on(Button.Pressed)
     @on(TypedValue.Submitted)
-    def _execute(self, message: Button.Pressed | TypedValue.Submitted | Input.Submitted) -> None:
-        message.stop()
+    def _execute(self) -> None:
         result, name = self.query_one(ResultView), self.query_one(".command", Input).value.strip()
         checked = self.query_one(TypedValue).checked_text
         if not name:
@@ -122,4 +117,4 @@ class CommandForm(Vertical):
                 self.query_one(".command", Input).value = name
                 self.query_one(TypedValue).query_one(Input).focus()
 
-        app_of(self).push_screen(CommandPicker(self.function.id), take)
+        app_of(self).push_screen(command_picker(self.function.id, app_of(self).text_styles), take)

@@ -17,8 +17,7 @@ from bcapscope.tui.controller_access.option_field import read_option_field
 from bcapscope.tui.controller_access.reason_text import reason_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label
-from bcapscope.tui.tester.caption import Caption
-from bcapscope.tui.tester.tick_box import TickBox
+from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
 from bcapscope.tui.tester.wanted_messages import ConnectWanted, DisconnectWanted
 from bcapscope.tui.widgets.inked_text import InkedText
 
@@ -48,8 +47,8 @@ class ConnectionPanel(Vertical):
             yield Caption("tester.option")
             yield Input(option, placeholder="Timeout=300", id="option")
         with Horizontal(classes="row"):
-            yield Button(label("tester.connect"), compact=True, variant="primary", id="connect")
-            yield Button(label("tester.disconnect"), compact=True, id="disconnect", disabled=True)
+            yield FormButton("tester.connect", "primary", id="connect")
+            yield FormButton("tester.disconnect", id="disconnect", disabled=True)
             yield InkedText(id="steps")
         yield InkedText(id="found")
 
@@ -142,18 +141,13 @@ class ConnectionPanel(Vertical):
         return f"{color}{_STEP_MARKS[news.done]} {name}{INK.reset}"
 
     @on(Input.Changed)
-    def _check_fields(self, message: Input.Changed) -> None:
-        message.stop()
+    def _check_fields(self) -> None:
         wish = "" if self._is_address_pending else self.wanted_connection()
         self._problem = wish if isinstance(wish, str) else ""
         self._update_texts()
 
     @on(Button.Pressed, "#connect")
     @on(Input.Submitted)
-    def _connect(self, message: Button.Pressed | Input.Submitted) -> None:
-        message.stop()
-        self.request_connect()
-
     def request_connect(self) -> None:
         """Request the connection, or show what is wrong with the text in the fields."""
         if self._is_address_pending:
@@ -169,6 +163,5 @@ class ConnectionPanel(Vertical):
             self.post_message(wish)
 
     @on(Button.Pressed, "#disconnect")
-    def _disconnect(self, message: Button.Pressed) -> None:
-        message.stop()
+    def _disconnect(self) -> None:
         self.post_message(DisconnectWanted())

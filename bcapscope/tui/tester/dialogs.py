@@ -1,4 +1,4 @@
-"""Small dialogs: questions with answers to choose from."""
+"""Dialogs with a few buttons to choose from."""
 
 from __future__ import annotations
 
@@ -13,79 +13,49 @@ from textual.screen import ModalScreen
 from textual.widgets import Button, Static
 
 from bcapscope.tui.reader_language import label
-
-_ARROW_BINDINGS = (
-    Binding("left", "app.focus_previous", show=False),
-    Binding("right", "app.focus_next", show=False),
-)
-"""The arrow keys move between the answers, which are side by side."""
-
-
-class ArmDialog(ModalScreen[bool]):
-    """Asks the user whether to arm, and shows which robot could move.
-
-    The answer "no" has the focus at the start.
-    """
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,n", "dismiss(False)", "tester.arm.no", key_display="esc"),
-        *_ARROW_BINDINGS,
-    ]
-
-    def __init__(self, facts: list[str]) -> None:
-        """Store the facts about controller and robot that the dialog shows, as escaped lines."""
-        super().__init__()
-        self._facts = facts
-
-    def compose(self) -> ComposeResult:
-        """Arrange the answers below the facts."""
-        with Vertical(classes="dialog -warning") as box:
-            box.border_title = label("tester.arm.title")
-            yield Static("\n".join(self._facts), markup=False, id="facts")
-            yield Static(label("tester.arm.warning"), markup=False)
-            with Horizontal(classes="answers"):
-                yield Button(label("tester.arm.no"), compact=True, id="no")
-                yield Button(label("tester.arm.yes"), compact=True, variant="error", id="yes")
-
-    def on_mount(self) -> None:
-        """Focus the answer "no", so that Enter does not arm."""
-        self.query_one("#no").focus()
-
-    @on(Button.Pressed)
-    def _answer(self, message: Button.Pressed) -> None:
-        self.dismiss(message.button.id == "yes")
+from bcapscope.tui.tester.form_widgets import FormButton
 
 
 class ChoiceDialog(ModalScreen[str | None]):
-    """Asks the user to choose. The first choice changes nothing and has the focus at the start."""
+    """Asks the user to choose. The first choice changes nothing, and Enter chooses it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
-        *_ARROW_BINDINGS,
+        Binding("left", "app.focus_previous", show=False),
+        Binding("right", "app.focus_next", show=False),
     ]
+    LABELS = "tester.answer"
+    """Start of the label keys of the choices; a point and the choice follow."""
 
-    def __init__(self, facts: list[str], choices: Sequence[str]) -> None:
-        """Store the escaped facts and the choices."""
+    def __init__(self, lines: Sequence[str], choices: Sequence[str]) -> None:
+        """Store the facts and the question, as escaped lines, and the choices."""
         super().__init__()
-        self._facts, self._choices = facts, tuple(choices)
+        self._lines, self._choices = lines, choices
 
     def compose(self) -> ComposeResult:
-        """Arrange the choices below the facts."""
         with Vertical(classes="dialog -warning"):
-            yield Static("\n".join(self._facts), markup=False, id="facts")
+            yield Static("\n".join(self._lines), markup=False, id="facts")
             with Horizontal(classes="answers"):
                 for at, choice in enumerate(self._choices):
-                    yield Button(
-                        label(f"tester.answer.{choice}"),
-                        compact=True,
-                        id=f"choice{at}",
-                        variant="error" if at else "default",
-                    )
+                    yield FormButton(f"{self.LABELS}.{choice}", "error" if at else "default", id=choice)
 
     def on_mount(self) -> None:
-        """Focus the first choice, which changes nothing, so that Enter is harmless."""
-        self.query_one("#choice0").focus()
+        self.query_one(f"#{self._choices[0]}").focus()
 
     @on(Button.Pressed)
     def _answer(self, message: Button.Pressed) -> None:
-        self.dismiss(self._choices[int((message.button.id or "choice0").removeprefix("choice"))])
+        self.dismiss(message.button.id)
+
+
+class ArmDialog(ChoiceDialog):
+    """Asks whether to arm, with the result ``yes`` or ``no``; the facts say which robot could move."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("n", "dismiss(None)", show=False)]
+    LABELS = "tester.arm"
+
+    def __init__(self, facts: Sequence[str]) -> None:
+        super().__init__([*facts, "", label("tester.arm.warning")], ("no", "yes"))
+
+    def on_mount(self) -> None:
+        super().on_mount()
+        self.query_one(".dialog").border_title = label("tester.arm.title")

@@ -14,9 +14,10 @@ from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, function_by_name
 from bcapscope.render.notation_text import untyped_text
+from bcapscope.tui.app import app_of
 from bcapscope.tui.tester.choice_row import ChoiceRow
 from bcapscope.tui.tester.function_form import FunctionForm, FunctionPanel
-from bcapscope.tui.tester.list_pickers import FunctionPicker
+from bcapscope.tui.tester.list_pickers import function_picker
 from bcapscope.tui.tester.open_object_row import OpenObjectRow
 from bcapscope.tui.tester.raw_form import RawForm
 from bcapscope.tui.tester.robot_panel import RobotPanel
@@ -79,17 +80,14 @@ class FormTabs(Vertical):
 
     @on(ChoiceRow.Chosen, "#tabs")
     def _switch_tab(self, message: ChoiceRow.Chosen) -> None:
-        message.stop()
         self.query_one("#panels", ContentSwitcher).current = message.value
 
     @on(Button.Pressed, "#choose-function")
-    def _choose_function(self, message: Button.Pressed) -> None:
-        message.stop()
-
+    def _choose_function(self) -> None:
         async def choose(name: str | None) -> None:
             function = function_by_name(name) if name else None
             if function is not None:
                 form = await self.query_one(FunctionPanel).show_function(function)
                 form.focus_first()
 
-        self.app.push_screen(FunctionPicker(), choose)
+        self.app.push_screen(function_picker(app_of(self).text_styles), choose)

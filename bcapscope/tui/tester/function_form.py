@@ -13,8 +13,8 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.enumerations import INTERPOLATIONS, TASK_START_MODES, TASK_STOP_MODES
 from bcapscope.protocol.tables.function_table import Function, Param
 from bcapscope.tui.controller_access.parameter_input import PARAMETER_TYPES
-from bcapscope.tui.reader_language import label, table_text
-from bcapscope.tui.tester.caption import Caption
+from bcapscope.tui.reader_language import table_text
+from bcapscope.tui.tester.form_widgets import Caption, FormButton
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.typed_value import TypedValue
 from bcapscope.tui.tester.wanted_messages import CallWanted
@@ -49,7 +49,7 @@ class FunctionForm(Vertical):
         yield ResultView()
 
     def _execute_button(self) -> Button:
-        return Button(label("tester.execute"), compact=True, variant="primary", classes="execute")
+        return FormButton("tester.execute", "primary", classes="execute")
 
     def _make_field(self, index: int, param: Param) -> Iterator[Select[int] | TypedValue]:
         known = _NAMED_VALUES.get((self.function.name, param.name))
@@ -90,13 +90,11 @@ class FunctionForm(Vertical):
 
     @on(TypedValue.Changed)
     def _show_check(self, message: TypedValue.Changed) -> None:
-        message.stop()
         self.query_one(ResultView).show_check(message.problem, message.value.hint)
 
     @on(Button.Pressed, ".execute")
     @on(TypedValue.Submitted)
-    def _execute(self, message: Button.Pressed | TypedValue.Submitted) -> None:
-        message.stop()
+    def _execute(self) -> None:
         values = self.argument_values()
         result = self.query_one(ResultView)
         if isinstance(values, str):

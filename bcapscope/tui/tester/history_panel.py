@@ -1,7 +1,4 @@
-"""The history panel: all calls with result and time.
-
-The user can filter, repeat, edit, copy and save calls.
-"""
+"""The history of calls: the user can filter, repeat, edit, copy and save them."""
 
 from __future__ import annotations
 
@@ -19,11 +16,11 @@ from bcapscope.tui.controller_access.call_history import history_filter, history
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.checked_input import CheckedInput
+from bcapscope.tui.widgets.item_list import ItemList
 from bcapscope.tui.widgets.lines import Lines
 
 MAX_CALLS = 20_000
 """Maximum number of calls in the history; the oldest calls are dropped first."""
-
 
 MAX_BYTES = 32 << 20
 """Maximum size in bytes of the packets in the history.
@@ -32,7 +29,7 @@ Beyond this size, a tenth of the calls is dropped, but never the latest call.
 """
 
 
-class HistoryLines(Lines):
+class HistoryLines(ItemList[HistoryRecord]):
     """A list of the calls that match the filter; the latest call is the last line."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -56,35 +53,15 @@ class HistoryLines(Lines):
         record: HistoryRecord
         what: str
 
-    def __init__(self, *, id: str | None = None) -> None:
-        super().__init__(id=id)
-        self._records: list[HistoryRecord] = []
-
-    @property
-    def count(self) -> int:
-        return len(self._records)
-
-    @property
-    def current_record(self) -> HistoryRecord | None:
-        return self._records[self.cursor] if self._records else None
-
-    def line(self, index: int) -> str:
-        return history_line(self._records[index], INK)
-
-    def show_records(self, records: list[HistoryRecord]) -> None:
-        self._records = records
-        self.reset_lines(len(records) - 1)
-
-    def add_record(self, record: HistoryRecord) -> None:
-        self._records.append(record)
-        self.lines_added()
+    def item_line(self, item: HistoryRecord) -> str:
+        return history_line(item, INK)
 
     def action_filter(self) -> None:
         self.post_message(self.FilterWanted())
 
     def action_want(self, what: str) -> None:
-        if self.current_record is not None:
-            self.post_message(self.ActionWanted(self.current_record, what))
+        if self.current_item is not None:
+            self.post_message(self.ActionWanted(self.current_item, what))
 
 
 class HistoryPanel(Vertical):
@@ -119,37 +96,32 @@ class HistoryPanel(Vertical):
                 self._bytes -= sum(each.size for each in oldest)
             self._show_matching()
         elif self._matches_filter(record):
-            self.query_one(HistoryLines).add_record(record)
+            self.query_one(HistoryLines).add_item(record)
 
     @on(CheckedInput.Typed)
     def _apply_filter(self, message: CheckedInput.Typed) -> None:
-        message.stop()
         self._matches_filter = history_filter(message.text)
         self._show_matching()
 
     @on(HistoryLines.FilterWanted)
-    def _focus_filter(self, message: HistoryLines.FilterWanted) -> None:
-        message.stop()
+    def _focus_filter(self) -> None:
         self.query_one(CheckedInput).field.focus()
 
     @on(CheckedInput.Entered)
-    def _focus_list(self, message: CheckedInput.Entered) -> None:
-        message.stop()
+    def _focus_list(self) -> None:
         self.query_one(HistoryLines).focus()
 
     @on(Lines.Moved)
-    def _cursor_moved(self, message: Lines.Moved) -> None:
-        message.stop()
+    def _cursor_moved(self) -> None:
         lines = self.query_one(HistoryLines)
-        if lines.current_record is not None and lines.has_focus:
-            self.post_message(self.RecordSelected(lines.current_record))
+        if lines.current_item is not None and lines.has_focus:
+            self.post_message(self.RecordSelected(lines.current_item))
 
     @on(Lines.Chosen)
-    def _edit_chosen(self, message: Lines.Chosen) -> None:
-        message.stop()
+    def _edit_chosen(self) -> None:
         self.query_one(HistoryLines).action_want("edit")
 
     def _show_matching(self) -> None:
-        self.query_one(HistoryLines).show_records(
-            [each for each in self._records if self._matches_filter(each)]
-        )
+        lines = self.query_one(HistoryLines)
+        lines.show_items([each for each in self._records if self._matches_filter(each)])
+        lines.action_to_end()

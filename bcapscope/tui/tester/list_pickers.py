@@ -1,7 +1,8 @@
-"""Dialogs to choose a command or function; they show purpose, parameters, and possible motion."""
+"""Dialogs to choose a command or a function from a list."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import ClassVar
 
 from rich.text import Text
@@ -16,23 +17,25 @@ from textual.widgets.option_list import Option
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.command_catalogue import CommandSpec, commands_of
 from bcapscope.protocol.tables.function_table import FUNCTIONS
-from bcapscope.tui.app import app_of
+from bcapscope.tui.ink import Styles
 from bcapscope.tui.reader_language import label, table_text
 
 _WARNINGS = {CallEffect.ENERGISES: "tester.energises", CallEffect.MOVES: "tester.moves"}
 
 
 class ListPicker(ModalScreen[str | None]):
-    """A dialog with a list to choose from, and a field that filters the list."""
+    """A dialog with a list, and a field for words that the shown entries must contain."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
         Binding("down", "down", "", show=False),
     ]
 
-    def __init__(self, title: str) -> None:
+    def __init__(self, title: str, entries: Iterable[tuple[str, Text, str]]) -> None:
+        """Store the entries, each as name, text on the screen, and text in which words are searched."""
         super().__init__()
         self._title = title
+        self._entries = tuple(entries)
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog") as box:
@@ -42,10 +45,6 @@ class ListPicker(ModalScreen[str | None]):
 
     def on_mount(self) -> None:
         self._show_matching("")
-
-    def matching_options(self, words: list[str]) -> list[Option]:
-        """Return the options that contain all `words`, which must be in lower case."""
-        raise NotImplementedError
 
     def action_down(self) -> None:
         self.query_one(OptionList).focus()
@@ -64,59 +63,48 @@ class ListPicker(ModalScreen[str | None]):
     def _choose(self, message: OptionList.OptionSelected) -> None:
         self.dismiss(message.option_id)
 
-    def _show_matching(self, text: str) -> None:
-        found = self.query_one(OptionList)
+    def _show_matching(self, typed: str) -> None:
+        words, found = typed.casefold().split(), self.query_one(OptionList)
         found.clear_options()
-        found.add_options(self.matching_options(text.casefold().split()))
+        found.add_options(
+            Option(text, id=name)
+            for name, text, searched in self._entries
+            if all(word in searched.casefold() for word in words)
+        )
         if found.option_count:
             found.highlighted = 0
 
 
-class CommandPicker(ListPicker):
-    """A dialog to choose a command of one ..._Execute function."""
+def command_picker(function_id: int, styles: Styles) -> ListPicker:
+    """Return a dialog to choose a command of one ..._Execute function."""
+    return ListPicker(
+        label("tester.catalogue", name=FUNCTIONS[function_id].name),
+        (
+            (each.name, _command_text(each, styles), f"{each.name} {each.text} {table_text(each.text)}")
+            for each in commands_of(function_id)
+        ),
+    )
 
-    def __init__(self, function_id: int) -> None:
-        super().__init__(label("tester.catalogue", name=FUNCTIONS[function_id].name))
-        self._commands = commands_of(function_id)
 
-    def matching_options(self, words: list[str]) -> list[Option]:
-        return [
-            Option(self._command_text(each), id=each.name)
-            for each in self._commands
-            if _matches_words(each, words)
-        ]
+def _command_text(command: CommandSpec, styles: Styles) -> Text:
+    types = " ".join(name.removeprefix("VT_").replace("|VT_ARRAY", "[]") for name in command.parameter_types)
+    warning = _WARNINGS.get(command.effect)
+    return Text.assemble(
+        (f"{command.name:<24} ", styles["name"]),
+        (f"{types:<14} ", styles["number"]),
+        (f"{label(warning)} ", styles["bad"]) if warning else "",
+        (table_text(command.text), styles["dim"]),
+    )
 
-    def _command_text(self, each: CommandSpec) -> Text:
-        inks = app_of(self).text_styles
-        types = " ".join(name.removeprefix("VT_").replace("|VT_ARRAY", "[]") for name in each.parameter_types)
-        return Text.assemble(
-            (f"{each.name:<24} ", inks["name"]),
-            (f"{types:<14} ", inks["number"]),
-            (f"{label(_WARNINGS[each.effect])} ", inks["bad"]) if each.effect in _WARNINGS else "",
-            (table_text(each.text), inks["dim"]),
+
+def function_picker(styles: Styles) -> ListPicker:
+    """Return a dialog to choose a function of b-CAP."""
+    entries = []
+    for each in FUNCTIONS.values():
+        text = Text.assemble(
+            (f"{each.id:>3} ", styles["number"]),
+            (f"{each.name:<30} ", styles["name"]),
+            (" ".join(param.name for param in each.params), styles["dim"]),
         )
-
-
-class FunctionPicker(ListPicker):
-    def __init__(self) -> None:
-        super().__init__(label("tester.functions"))
-
-    def matching_options(self, words: list[str]) -> list[Option]:
-        inks = app_of(self).text_styles
-        return [
-            Option(
-                Text.assemble(
-                    (f"{each.id:>3} ", inks["number"]),
-                    (f"{each.name:<30} ", inks["name"]),
-                    (" ".join(param.name for param in each.params), inks["dim"]),
-                ),
-                id=each.name,
-            )
-            for each in FUNCTIONS.values()
-            if all(word in f"{each.id} {each.name.casefold()}" for word in words)
-        ]
-
-
-def _matches_words(each: CommandSpec, words: list[str]) -> bool:
-    text = f"{each.name} {each.text} {table_text(each.text)}".casefold()
-    return all(word in text for word in words)
+        entries.append((each.name, text, f"{each.id} {each.name}"))
+    return ListPicker(label("tester.functions"), entries)

@@ -15,7 +15,7 @@ from bcapscope.protocol.closing_calls import RELEASES
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.render.escape import printable
 from bcapscope.tui.reader_language import label
-from bcapscope.tui.tester.caption import Caption
+from bcapscope.tui.tester.form_widgets import Caption, FormButton
 from bcapscope.tui.tester.wanted_messages import CallWanted, OpenWanted, ResultDisplay
 
 
@@ -46,8 +46,8 @@ class OpenObjectRow(Horizontal):
         )
         yield Caption("tester.option")
         yield Input(classes="option")
-        yield Button(label("tester.add"), compact=True, variant="primary", classes="add")
-        yield Button(label("tester.release"), compact=True, classes="release")
+        yield FormButton("tester.add", "primary", classes="add")
+        yield FormButton("tester.release", classes="release")
 
     @property
     def object_name(self) -> str:
@@ -67,8 +67,7 @@ class OpenObjectRow(Horizontal):
 
     @on(Button.Pressed, ".add")
     @on(Input.Submitted)
-    def _add(self, message: Button.Pressed | Input.Submitted) -> None:
-        message.stop()
+    def _add(self) -> None:
         if not self.object_name:
             self._result_display.show_error(label("tester.name.missing"))
             return
@@ -78,8 +77,7 @@ class OpenObjectRow(Horizontal):
         )
 
     @on(Button.Pressed, ".release")
-    def _release(self, message: Button.Pressed) -> None:
-        message.stop()
+    def _release(self) -> None:
         found = self.find_open()
         if found is None:
             text = label("tester.release.missing", name=printable(self.object_name))

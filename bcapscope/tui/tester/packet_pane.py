@@ -19,10 +19,10 @@ from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label, reader_words
 from bcapscope.tui.screens.prompt import Prompt
 from bcapscope.tui.tester.choice_row import ChoiceRow
+from bcapscope.tui.tester.form_widgets import FormButton, TickBox
 from bcapscope.tui.tester.history_panel import HistoryLines, HistoryPanel
 from bcapscope.tui.tester.packet_box import PacketBox
 from bcapscope.tui.tester.saved_list import SavedList
-from bcapscope.tui.tester.tick_box import TickBox
 from bcapscope.tui.tester.watch_list import WatchList
 from bcapscope.tui.widgets.inked_text import InkedText
 
@@ -46,7 +46,7 @@ class PacketPane(Vertical):
         with Horizontal(classes="row", id="views"):
             yield ChoiceRow([(view, f"tester.view.{view}") for view in VIEWS], id="view")
             yield TickBox(label("tester.overwrite"), True, id="overwrite")
-            yield Button(label("tester.clear"), compact=True, id="clear")
+            yield FormButton("tester.clear", id="clear")
         yield PacketBox("tester.senddata", id="sent")
         yield PacketBox("tester.receivedata", id="received")
         yield InkedText(id="tries")
@@ -107,10 +107,9 @@ class PacketPane(Vertical):
 
     @on(ChoiceRow.Chosen, "#view")
     def _view_chosen(self, message: ChoiceRow.Chosen) -> None:
-        message.stop()
         self._switch_view(message.value)
         if message.value == "saved":
-            self.query_one(SavedList).reload()
+            self.query_one(SavedList).action_reload()
 
     @on(HistoryLines.ActionWanted)
     def _save_record(self, message: HistoryLines.ActionWanted) -> None:
@@ -129,19 +128,17 @@ class PacketPane(Vertical):
                 app_of(self).show_message(full_error_text(error), "error")
                 return
             app_of(self).show_message(label("tester.saved", path=printable(str(path))))
-            self.query_one(SavedList).reload()
+            self.query_one(SavedList).action_reload()
 
         first = call_name(record.function_id, record.arguments)
         self.app.push_screen(Prompt(label("tester.save"), "", printable(first)), take)
 
     @on(HistoryPanel.RecordSelected)
     def _record_selected(self, message: HistoryPanel.RecordSelected) -> None:
-        message.stop()
         self.show_record(message.record)
 
     @on(Button.Pressed, "#clear")
-    def _clear_packets(self, message: Button.Pressed) -> None:
-        message.stop()
+    def _clear_packets(self) -> None:
         self.query_one("#sent", PacketBox).clear_packets()
         self.query_one("#received", PacketBox).clear_packets()
         self.query_one("#tries", InkedText).set_class(True, "-empty")

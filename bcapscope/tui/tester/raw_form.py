@@ -13,9 +13,8 @@ from textual.widgets import Button, Input
 from bcapscope.protocol.codec.frame import Frame, Problem, parse_datagram
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.tui.reader_language import label, reader_words
-from bcapscope.tui.tester.caption import Caption
+from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
 from bcapscope.tui.tester.result_view import ResultView
-from bcapscope.tui.tester.tick_box import TickBox
 from bcapscope.tui.tester.wanted_messages import RawWanted
 
 MAX_DATAGRAM = 65_507
@@ -41,7 +40,7 @@ class RawForm(Vertical):
             yield BytesField(placeholder=_EXAMPLE, classes="value")
         with Horizontal(classes="row"):
             yield TickBox(label("tester.raw.length"), True)
-            yield Button(label("tester.send"), compact=True, variant="primary", classes="execute")
+            yield FormButton("tester.send", "primary", classes="execute")
         yield ResultView()
 
     def fill_bytes(self, raw: bytes) -> None:
@@ -62,16 +61,14 @@ class RawForm(Vertical):
 
     @on(Input.Changed)
     @on(TickBox.Changed)
-    def _check_bytes(self, message: Input.Changed | TickBox.Changed) -> None:
-        message.stop()
+    def _check_bytes(self) -> None:
         raw = self.typed_bytes
         problem, items = (raw, ()) if isinstance(raw, str) else ("", parse_datagram(raw))
         self.query_one(ResultView).show_check(problem, "; ".join(map(_frame_text, items)))
 
     @on(Button.Pressed)
     @on(Input.Submitted)
-    def _request_send(self, message: Button.Pressed | Input.Submitted) -> None:
-        message.stop()
+    def _request_send(self) -> None:
         raw, result = self.typed_bytes, self.query_one(ResultView)
         if isinstance(raw, str):
             result.show_problem(raw)

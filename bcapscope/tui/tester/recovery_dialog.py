@@ -28,7 +28,7 @@ from bcapscope.tui.controller_access.reason_text import error_text, failure_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, reader_words
 from bcapscope.tui.tester.call_runner import run_armed
-from bcapscope.tui.tester.caption import Caption
+from bcapscope.tui.tester.form_widgets import Caption, FormButton
 from bcapscope.tui.widgets.inked_text import InkedText
 
 _STEP_MARKS = {None: "○", True: "●", False: "✗"}
@@ -60,9 +60,7 @@ class RecoveryDialog(ModalScreen[None]):
             yield InkedText(id="errors")
             for each in list(RecoveryStep)[1:]:
                 with Horizontal(classes="row"):
-                    yield Button(
-                        label(f"tester.recovery.{each}"), compact=True, id=f"do-{each}", classes="step"
-                    )
+                    yield FormButton(f"tester.recovery.{each}", id=f"do-{each}", classes="step")
                     yield InkedText(id=f"done-{each}", classes="done")
             with Horizontal(classes="row"):
                 yield Caption("tester.recovery.position")
@@ -91,7 +89,6 @@ class RecoveryDialog(ModalScreen[None]):
 
     @on(Button.Pressed)
     def _step_pressed(self, message: Button.Pressed) -> None:
-        message.stop()
         which = RecoveryStep((message.button.id or "").removeprefix("do-"))
         self.run_worker(self._run_step(which), group="recovery")
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.widgets import Button, ContentSwitcher
+from textual.widgets import ContentSwitcher
 
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
-from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.choice_row import ChoiceRow
 from bcapscope.tui.tester.command_form import CommandForm
+from bcapscope.tui.tester.form_widgets import FormButton
 from bcapscope.tui.tester.function_form import FunctionForm
 from bcapscope.tui.tester.open_object_row import OpenObjectRow
 from bcapscope.tui.tester.result_view import ResultView
@@ -31,7 +31,7 @@ class RobotPanel(VerticalScroll, can_focus=False):
                     [("execute", "tester.execute"), ("move", "tester.move"), ("change", "tester.change")],
                     id="robot-choice",
                 )
-                yield Button(label("tester.slave"), compact=True, variant="warning", id="slave-mode")
+                yield FormButton("tester.slave", "warning", id="slave-mode")
             with ContentSwitcher(initial="execute", id="robot-switch"):
                 yield CommandForm(_EXECUTE, id="execute")
                 yield FunctionForm(FUNCTIONS[_MOVE], id="move")
@@ -40,5 +40,4 @@ class RobotPanel(VerticalScroll, can_focus=False):
 
     @on(ChoiceRow.Chosen, "#robot-choice")
     def _switch(self, message: ChoiceRow.Chosen) -> None:
-        message.stop()
         self.query_one("#robot-switch", ContentSwitcher).current = message.value

@@ -17,12 +17,12 @@ from bcapscope.render.escape import printable
 from bcapscope.tui.controller_access.saved_requests import SavedRequest, list_requests
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label
-from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.item_list import ItemList
 
 _NAME_WIDTH = 28
 
 
-class SavedList(Lines):
+class SavedList(ItemList[tuple[str, SavedRequest | str] | None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("e", "edit", "tester.edit"),
         Binding("u", "reload", "tester.reload"),
@@ -38,23 +38,18 @@ class SavedList(Lines):
     def __init__(self, folder: Path, *, id: str | None = None) -> None:
         super().__init__(id=id)
         self.folder = folder
-        self._requests: list[tuple[str, SavedRequest | str]] = []
 
     def on_mount(self) -> None:
-        self.reload()
+        self.action_reload()
 
-    def reload(self) -> None:
-        self._requests = list_requests(self.folder)
-        self.reset_lines(self.cursor)
+    def action_reload(self) -> None:
+        """Read the folder again; the last line of the list shows the folder's name."""
+        self.show_items([*list_requests(self.folder), None])
 
-    @property
-    def count(self) -> int:
-        return len(self._requests) + 1
-
-    def line(self, index: int) -> str:
-        if index == len(self._requests):
+    def item_line(self, item: tuple[str, SavedRequest | str] | None) -> str:
+        if item is None:
             return f"{INK.dim}{label('tester.saved.folder', path=printable(str(self.folder)))}{INK.reset}"
-        name, found = self._requests[index]
+        name, found = item
         head = f"{INK.name}{set_cell_size(printable(name), _NAME_WIDTH)}{INK.reset}"
         if isinstance(found, str):
             return f"{head} {INK.bad}{printable(found)}{INK.reset}"
@@ -62,17 +57,12 @@ class SavedList(Lines):
         note = f"  {INK.dim}{printable(found.note)}{INK.reset}" if found.note else ""
         return f"{head} {found.function.name} {INK.number}{values}{INK.reset}{note}"
 
-    def on_lines_chosen(self, message: Lines.Chosen) -> None:
-        message.stop()
+    def on_lines_chosen(self) -> None:
         self._post_request(False)
 
     def action_edit(self) -> None:
         self._post_request(True)
 
-    def action_reload(self) -> None:
-        self.reload()
-
     def _post_request(self, edit: bool) -> None:
-        found = self._requests[self.cursor][1] if self.cursor < len(self._requests) else ""
-        if isinstance(found, SavedRequest):
-            self.post_message(self.RequestWanted(found, edit))
+        if self.current_item is not None and isinstance(self.current_item[1], SavedRequest):
+            self.post_message(self.RequestWanted(self.current_item[1], edit))

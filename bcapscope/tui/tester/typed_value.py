@@ -82,14 +82,12 @@ class TypedValue(Horizontal):
 
     @on(Input.Changed)
     @on(Select.Changed)
-    def _check_input(self, message: Message) -> None:
-        message.stop()
+    def _check_input(self) -> None:
         problem = self.checked_text.problem if self.query_one(Input).value else ""
         self.query_one(Input).set_class(bool(problem), "-invalid")
         if self.has_focus_within:
             self.post_message(self.Changed(self, problem))
 
     @on(Input.Submitted)
-    def _submit(self, message: Input.Submitted) -> None:
-        message.stop()
+    def _submit(self) -> None:
         self.post_message(self.Submitted())

@@ -13,7 +13,7 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.protocol.tables.variables import VARIABLES, find_variable
 from bcapscope.tui.controller_access.parameter_input import expected_input, type_number
 from bcapscope.tui.reader_language import label
-from bcapscope.tui.tester.caption import Caption
+from bcapscope.tui.tester.form_widgets import Caption, FormButton
 from bcapscope.tui.tester.open_object_row import OpenObjectRow
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.typed_value import TypedValue
@@ -41,27 +41,24 @@ class VariablePanel(Vertical):
         with Horizontal(classes="row"):
             yield Caption("tester.value")
             yield TypedValue(VT.I4)
-            yield Button(label("tester.get"), compact=True, variant="primary", classes="get")
-            yield Button(label("tester.put"), compact=True, classes="put")
-            yield Button(label("tester.watch"), compact=True, classes="watch")
+            yield FormButton("tester.get", "primary", classes="get")
+            yield FormButton("tester.put", classes="put")
+            yield FormButton("tester.watch", classes="watch")
         yield result
 
     @on(TypedValue.Changed)
     def _show_check(self, message: TypedValue.Changed) -> None:
-        message.stop()
         self.query_one(ResultView).show_check(message.problem, expected_input(message.value.vt))
 
     @on(Button.Pressed, ".get")
-    def _get_value(self, message: Button.Pressed) -> None:
-        message.stop()
+    def _get_value(self) -> None:
         found = self._require_variable()
         if found is not None:
             self.post_message(CallWanted(self.query_one(ResultView), FUNCTIONS[_GET], (), found))
 
     @on(Button.Pressed, ".put")
     @on(TypedValue.Submitted)
-    def _put_value(self, message: Button.Pressed | TypedValue.Submitted) -> None:
-        message.stop()
+    def _put_value(self) -> None:
         found, checked = self._require_variable(), self.query_one(TypedValue).checked_text
         if found is None:
             return
@@ -71,8 +68,7 @@ class VariablePanel(Vertical):
         self.post_message(CallWanted(self.query_one(ResultView), FUNCTIONS[_PUT], (checked.value,), found))
 
     @on(Button.Pressed, ".watch")
-    def _request_watch(self, message: Button.Pressed) -> None:
-        message.stop()
+    def _request_watch(self) -> None:
         found = self._require_variable()
         if found is not None:
             self.post_message(WatchWanted(found))

@@ -67,12 +67,10 @@ class CheckedInput(Vertical):
         self._show_problem("")
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        event.stop()
         self._check_text(event.value.strip(), self.Typed)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Check the text again, because its validity can depend on other state."""
-        event.stop()
         self._check_text(event.value.strip(), self.Entered)
 
     def _check_text(self, text: str, message: type[Typed]) -> None:

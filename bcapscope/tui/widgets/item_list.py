@@ -56,7 +56,7 @@ class ItemList(Lines, Generic[T]):
 
     @property
     def count(self) -> int:
-        return len(self.items) or bool(self._empty)
+        return max(len(self.items), bool(self._empty))
 
     def line(self, index: int) -> str:
         if index < len(self.items):

@@ -78,8 +78,8 @@ class Lines(ScrollView, can_focus=True):
     class Chosen(Moved):
         """The user pressed Enter on a line, or clicked the line under the cursor."""
 
-    def __init__(self, *, id: str | None = None, classes: str | None = None) -> None:
-        super().__init__(id=id, classes=classes)
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
         self._strips: FIFOCache[tuple[object, ...], Strip] = FIFOCache(_MAX_STRIPS)
         self._width = 0
         self._known_count = 0

@@ -49,12 +49,10 @@ class PacketView(Horizontal, PlainContainer):
         self.query_one(HexView).styles.width = wide if fits else width_for(8) + scrollbar
 
     def on_field_tree_field_selected(self, message: FieldTree.FieldSelected) -> None:
-        message.stop()
         self.query_one(HexView).highlight_bytes(message.section, message.begin, message.end)
 
     def on_hex_view_byte_selected(self, message: HexView.ByteSelected) -> None:
         """Select the field that contains the byte under the cursor, and highlight the bytes of that field."""
-        message.stop()
         start, stop = self.query_one(FieldTree).select_field_at(message.section, message.offset)
         if stop:
             self.query_one(HexView).highlight_bytes(message.section, start, stop, follow=False)
