@@ -25,9 +25,8 @@ from textual.reactive import reactive
 from bcapscope.live.standard_streams import discard_unwritable_output
 from bcapscope.messages import Language
 from bcapscope.messages.os_errors import os_reason
-from bcapscope.tui.browser_driver import make_server_safe_driver
 from bcapscope.tui.control_char_filter import ControlCharFilter
-from bcapscope.tui.halt_driver import HALT_KEYS, make_halt_driver
+from bcapscope.tui.drivers import HALT_KEYS, make_halt_driver, make_server_safe_driver
 from bcapscope.tui.ink import Styles
 from bcapscope.tui.key_order import KeyOrderApp
 from bcapscope.tui.reader_language import apply_saved_language, label, set_language

@@ -13,7 +13,7 @@ from bcapscope.messages import Language
 from bcapscope.tui.app import BcapApp, ScreenEntry
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
-from bcapscope.tui.widgets.view_bar import ViewBar
+from bcapscope.tui.widgets.bars import ViewBar
 from tests.tui.pilot import Act, drive, make, until
 
 

@@ -25,7 +25,7 @@ from bcapscope.tui.screens.base_screen import BaseScreen
 from bcapscope.tui.screens.help_screen import HelpScreen
 from bcapscope.tui.screens.screen_commands import all_commands
 from bcapscope.tui.settings import read_settings
-from bcapscope.tui.widgets.top_bar import TopBar
+from bcapscope.tui.widgets.bars import TopBar
 from tests.cli.run import CAPTURES
 from tests.tui.pilot import drive, make, shown, until
 

@@ -16,9 +16,8 @@ from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens.help_screen import HelpScreen
 from bcapscope.tui.screens.screen_commands import ScreenCommandProvider, all_commands
-from bcapscope.tui.widgets.key_bar import KeyBar
+from bcapscope.tui.widgets.bars import KeyBar, TopBar
 from bcapscope.tui.widgets.plain_containers import PlainContainer
-from bcapscope.tui.widgets.top_bar import TopBar
 
 
 class BaseScreen(Screen[None], PlainContainer):

@@ -24,13 +24,20 @@ from bcapscope.traffic.observation import Observation
 from bcapscope.tui.app import app_of
 from bcapscope.tui.ink import INK
 from bcapscope.tui.proxy_panel.message_editing import edited_message, proposed_edit
-from bcapscope.tui.proxy_panel.proxy_lists import ClientList, HeldList, ProxyLog, RuleList
-from bcapscope.tui.proxy_panel.proxy_summary import intercept_line, summary_lines
+from bcapscope.tui.proxy_panel.proxy_status import (
+    ClientList,
+    HeldList,
+    ProxyLog,
+    RuleList,
+    intercept_line,
+    summary_lines,
+)
 from bcapscope.tui.proxy_panel.shared_control_client import ProxyState, SharedControlClient
 from bcapscope.tui.reader_language import full_error_text, label
 from bcapscope.tui.screens.prompt import Prompt
 from bcapscope.tui.screens.views_screen import ViewsScreen, view_keys
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
+from bcapscope.tui.widgets.bars import ViewBar
 from bcapscope.tui.widgets.checked_input import CheckedInput
 from bcapscope.tui.widgets.field_tree import FieldTree
 from bcapscope.tui.widgets.inked_text import InkedText
@@ -38,7 +45,6 @@ from bcapscope.tui.widgets.item_list import ItemList
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.packet_view import PacketView
 from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
-from bcapscope.tui.widgets.view_bar import ViewBar
 
 POLL_INTERVAL = 0.5
 """Time in seconds between two queries of the proxy's state."""

@@ -33,21 +33,20 @@ from bcapscope.render.escape import printable
 from bcapscope.render.play_text import controller_line, play_summary_lines, trouble_lines
 from bcapscope.render.preflight_text import PreflightRenderer
 from bcapscope.tui.app import app_of
-from bcapscope.tui.controller_access.playback_run import PlaybackRun
-from bcapscope.tui.controller_access.player_slot import PlayerSlot
+from bcapscope.tui.controller_access.call_history import error_text
+from bcapscope.tui.controller_access.playback_run import PlaybackRun, PlayerSlot
 from bcapscope.tui.controller_access.prepared_trajectory import (
     PlaybackSettings,
     PreparedTrajectory,
     prepare_trajectory,
 )
-from bcapscope.tui.controller_access.reason_text import error_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label, reader_words
 from bcapscope.tui.screens.base_screen import BaseScreen
 from bcapscope.tui.settings import with_recent
 from bcapscope.tui.tester.dialogs import ChoiceDialog
-from bcapscope.tui.tester.file_picker import FilePicker
 from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
+from bcapscope.tui.tester.pickers import FilePicker
 from bcapscope.tui.tester.playback_view import PlaybackView
 from bcapscope.tui.widgets.inked_text import InkedText
 

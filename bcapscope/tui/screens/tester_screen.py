@@ -37,11 +37,10 @@ from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation
 from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.builtin_simulator import BuiltInSimulator, run_builtin_simulator
-from bcapscope.tui.controller_access.call_history import copy_text
+from bcapscope.tui.controller_access.call_history import copy_text, error_text, reason_text
 from bcapscope.tui.controller_access.option_field import read_option_field
-from bcapscope.tui.controller_access.player_slot import PlayerSlot
-from bcapscope.tui.controller_access.reason_text import error_text, reason_text
-from bcapscope.tui.controller_access.variable_watcher import VariableWatcher
+from bcapscope.tui.controller_access.playback_run import PlayerSlot
+from bcapscope.tui.controller_access.watched_variables import VariableWatcher
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.screens.tester_navigation import TesterNavigation

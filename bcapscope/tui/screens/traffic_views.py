@@ -32,6 +32,7 @@ from bcapscope.tui.traffic_processes.process_messages import (
     TrafficAnalysis,
 )
 from bcapscope.tui.traffic_processes.traffic_feed import FeedUpdate, SourceProblem, TrafficFeed
+from bcapscope.tui.widgets.bars import ViewBar
 from bcapscope.tui.widgets.call_list import CallList
 from bcapscope.tui.widgets.checked_input import CheckedInput
 from bcapscope.tui.widgets.finding_page import FindingPage
@@ -41,7 +42,6 @@ from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.packet_view import PacketView
 from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
 from bcapscope.tui.widgets.record_list import RecordList
-from bcapscope.tui.widgets.view_bar import ViewBar
 
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
 """Views that list frames or calls, each with the kind of record that the view's filter tests."""

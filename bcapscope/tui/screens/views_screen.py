@@ -8,9 +8,9 @@ from typing import ClassVar
 from textual.binding import Binding
 
 from bcapscope.tui.screens.base_screen import BaseScreen
+from bcapscope.tui.widgets.bars import ViewBar
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.plain_containers import Switcher
-from bcapscope.tui.widgets.view_bar import ViewBar
 
 
 def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:

@@ -13,7 +13,7 @@ from textual.message import Message
 from textual.reactive import reactive
 
 from bcapscope.tui.reader_language import label
-from bcapscope.tui.widgets.click_bar import ClickBar
+from bcapscope.tui.widgets.bars import ClickBar
 
 
 class ChoiceRow(ClickBar, can_focus=True):

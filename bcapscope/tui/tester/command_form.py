@@ -18,7 +18,7 @@ from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.parameter_input import command_hint
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.form_widgets import Caption, FormButton
-from bcapscope.tui.tester.list_pickers import command_picker
+from bcapscope.tui.tester.pickers import command_picker
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.typed_value import TypedValue
 from bcapscope.tui.tester.wanted_messages import CallWanted

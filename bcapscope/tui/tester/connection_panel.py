@@ -13,8 +13,8 @@ from bcapscope.live.controller.session_updates import ConnectStep, ConnectStepUp
 from bcapscope.protocol.number_parsing import parse_integer
 from bcapscope.render.escape import printable
 from bcapscope.tui.app import app_of
+from bcapscope.tui.controller_access.call_history import reason_text
 from bcapscope.tui.controller_access.option_field import read_option_field
-from bcapscope.tui.controller_access.reason_text import reason_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label
 from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox

@@ -17,12 +17,10 @@ from bcapscope.render.notation_text import untyped_text
 from bcapscope.tui.app import app_of
 from bcapscope.tui.tester.choice_row import ChoiceRow
 from bcapscope.tui.tester.function_form import FunctionForm, FunctionPanel
-from bcapscope.tui.tester.list_pickers import function_picker
+from bcapscope.tui.tester.object_panels import RobotPanel, TaskPanel, VariablePanel
 from bcapscope.tui.tester.open_object_row import OpenObjectRow
+from bcapscope.tui.tester.pickers import function_picker
 from bcapscope.tui.tester.raw_form import RawForm
-from bcapscope.tui.tester.robot_panel import RobotPanel
-from bcapscope.tui.tester.task_panel import TaskPanel
-from bcapscope.tui.tester.variable_panel import VariablePanel
 
 TABS = ("robot", "variable", "task", "function", "raw")
 """Names of the tabs, in the order on the screen."""

@@ -24,7 +24,7 @@ from bcapscope.protocol.number_parsing import parse_integer
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.render.escape import printable
 from bcapscope.render.result_advice import result_advice
-from bcapscope.tui.controller_access.reason_text import error_text, failure_text
+from bcapscope.tui.controller_access.call_history import error_text, failure_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, reader_words
 from bcapscope.tui.tester.call_runner import run_armed

@@ -12,7 +12,7 @@ from textual.message import Message
 
 from bcapscope.render.escape import printable
 from bcapscope.render.result_values import variant_values_text
-from bcapscope.tui.controller_access.watched_variable import WatchedVariable, WatchSeries
+from bcapscope.tui.controller_access.watched_variables import WatchedVariable, WatchSeries
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.lines import Lines

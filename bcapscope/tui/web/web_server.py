@@ -6,7 +6,7 @@ import asyncio
 import logging
 import signal
 import socket
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 import aiohttp_jinja2
@@ -14,14 +14,24 @@ import jinja2
 import orjson
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 from aiohttp.http import HttpProcessingError
+from aiohttp.typedefs import Handler
+from aiohttp.web_protocol import RequestHandler
 from textual_serve.server import Server
 
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Endpoint
 from bcapscope.tui.web.screen_process import ENDS_WITHIN, NoSeat, ScreenProcess, ViewerSeats
-from bcapscope.tui.web.web_connections import WebConnections
 from bcapscope.tui.web.web_gate import COOKIE, TOKEN, WebGate, WebRequest
+
+PROVES_WITHIN = 10.0
+"""Maximum time in seconds that a connection may last without a request that passes the gate."""
+
+MAX_UNPROVED = 64
+"""Maximum number of connections that have not passed the gate; the oldest is closed first.
+
+A browser opens at most six connections.
+"""
 
 HEARTBEAT = 4.0
 """Seconds between two pings to a viewer.
@@ -42,8 +52,6 @@ _PAGE = """<!DOCTYPE html>
 <body style="background: #0c181f; color: #eee; font: 16px sans-serif; margin: 15vh auto; max-width: 34em">
 {body}</body></html>
 """
-
-RequestHandler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class WebServer:
@@ -109,7 +117,7 @@ class WebServer:
         return application
 
     @web.middleware
-    async def _check_request(self, request: web.Request, handler: RequestHandler) -> web.StreamResponse:
+    async def _check_request(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         reason = self.gate.refusal_reason(
             WebRequest(
                 path=request.path,
@@ -292,3 +300,30 @@ def _one_line_logger() -> logging.Logger:
         logger.handlers = [_OneLineHandler(logging.WARNING)]
         logger.propagate = False
     return logging.getLogger("aiohttp")
+
+
+class WebConnections:
+    """Creates the protocol object of each connection, and ends connections without the secret."""
+
+    def __init__(self, server: web.Server) -> None:
+        self._server = server
+        self._unproved: dict[RequestHandler, asyncio.TimerHandle] = {}
+
+    def __call__(self) -> RequestHandler:
+        if len(self._unproved) >= MAX_UNPROVED:
+            self._abort(next(iter(self._unproved)))
+        handler = self._server()
+        loop = asyncio.get_running_loop()
+        self._unproved[handler] = loop.call_later(PROVES_WITHIN, self._abort, handler)
+        return handler
+
+    def mark_proved(self, handler: RequestHandler) -> None:
+        """Keep a connection, because one of its requests has passed the gate."""
+        timer = self._unproved.pop(handler, None)
+        if timer is not None:
+            timer.cancel()
+
+    def _abort(self, handler: RequestHandler) -> None:
+        self._unproved.pop(handler).cancel()
+        if handler.transport is not None:
+            handler.transport.abort()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.tui.controller_access.watched_variable import MAX_READINGS, WatchedVariable
+from bcapscope.tui.controller_access.watched_variables import MAX_READINGS, WatchedVariable
 
 SECOND = 1_000_000_000
 

@@ -30,7 +30,7 @@ from bcapscope.tui.proxy_panel.shared_control_client import ProxyState
 from bcapscope.tui.screens.proxy_screen import ProxyScreen
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
 from bcapscope.tui.traffic_processes.traffic_feed import PublishedTraffic, TrafficFeed, watcher_job
-from bcapscope.tui.widgets.view_bar import ViewBar
+from bcapscope.tui.widgets.bars import ViewBar
 from tests.tui.pilot import drive, make, picture, shown, until
 from tests.tui.proxy_panel.proxy_figures import figures
 from tests.tui.showing import screen as traffic_screen

@@ -1,4 +1,4 @@
-"""Textual driver for browsers: the program ends in order when the viewer or the server disconnects."""
+"""Textual's drivers, extended by the HALT keys and by survival of a lost terminal, viewer or server."""
 
 from __future__ import annotations
 
@@ -9,8 +9,29 @@ from typing import Any
 
 from textual.driver import Driver
 from textual.drivers.web_driver import WebDriver
+from textual.events import Key
+from textual.message import Message
 
-from bcapscope.tui.textual_internals import survive_lost_server
+from bcapscope.tui.textual_internals import make_resumable_driver, survive_lost_server, survive_lost_terminal
+
+HALT_KEYS = ("f12", "ctrl+backslash")
+"""Keys that stop the robot on every screen."""
+
+
+def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[Driver]:
+    """Return a driver that calls `halt` in its reading thread as soon as it reads a HALT key."""
+
+    class HaltDriver(make_resumable_driver(driver)):  # type: ignore[misc]  # the base class varies
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            survive_lost_terminal(self)
+
+        def process_message(self, message: Message) -> None:
+            if isinstance(message, Key) and message.key in HALT_KEYS:
+                halt()
+            super().process_message(message)
+
+    return HaltDriver
 
 
 def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) -> type[Driver]:
