@@ -25,7 +25,7 @@ from bcapscope.player.player_messages import PlayPlan
 from bcapscope.player.trajectory import Trajectory, TrajectorySource
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.tui.app import BcapApp, ScreenEntry, app_of
-from bcapscope.tui.controller_access.playback_run import PlaybackRun, PlayerSlot
+from bcapscope.tui.controller_access.playback import PlaybackRun, PlayerSlot
 from bcapscope.tui.screens.base_screen import BaseScreen
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
 from bcapscope.tui.tester.playback_view import PlaybackView

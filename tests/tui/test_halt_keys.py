@@ -18,13 +18,12 @@ from textual.screen import Screen
 from textual.widgets import Select
 
 from bcapscope.tui.drivers import HALT_KEYS, make_halt_driver
-from bcapscope.tui.screens.help_screen import HelpScreen
+from bcapscope.tui.screens.base_screen import HelpScreen
 from bcapscope.tui.screens.prompt import Prompt
 from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.screens.tester_screen import TesterScreen as Window
-from bcapscope.tui.tester.dialogs import ArmDialog, ChoiceDialog
+from bcapscope.tui.tester.dialogs import ArmDialog, ChoiceDialog, RecoveryDialog
 from bcapscope.tui.tester.pickers import FilePicker, ListPicker
-from bcapscope.tui.tester.recovery_dialog import RecoveryDialog
 from tests.tui.pilot import drive, until
 from tests.tui.tester import focus, make_tester
 

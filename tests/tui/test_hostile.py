@@ -22,11 +22,10 @@ from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.tui.app import BcapApp, ScreenEntry
 from bcapscope.tui.control_char_filter import ControlCharFilter
 from bcapscope.tui.proxy_panel.message_editing import edited_message, proposed_edit
-from bcapscope.tui.proxy_panel.shared_control_client import ProxyState
-from bcapscope.tui.screens.proxy_screen import ProxyScreen
+from bcapscope.tui.screens.proxy_screen import ProxyScreen, ProxyState
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
-from bcapscope.tui.tester.choice_row import ChoiceRow
-from bcapscope.tui.tester.history_panel import HistoryLines
+from bcapscope.tui.tester.call_lists import HistoryLines
+from bcapscope.tui.tester.form_widgets import ChoiceRow
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from tests.client.server import udp_server
 from tests.tui.pilot import drive, make, shown, until

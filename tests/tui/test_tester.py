@@ -17,12 +17,11 @@ from bcapscope.player.player_messages import PlayOutcome
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.tui.controller_access.builtin_simulator import START_JOINTS
 from bcapscope.tui.screens.slave_screen import SlaveScreen
-from bcapscope.tui.tester.choice_row import ChoiceRow
+from bcapscope.tui.tester.call_lists import HistoryLines, WatchList
 from bcapscope.tui.tester.connection_panel import ConnectionPanel
 from bcapscope.tui.tester.dialogs import ArmDialog
 from bcapscope.tui.tester.form_tabs import TABS, FormTabs
-from bcapscope.tui.tester.history_panel import HistoryLines
-from bcapscope.tui.tester.watch_list import WatchList
+from bcapscope.tui.tester.form_widgets import ChoiceRow
 from tests.client.peer import Answer, Peer
 from tests.client.server import udp_server
 from tests.tui.marks import strip_styles

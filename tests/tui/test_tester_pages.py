@@ -25,7 +25,7 @@ from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.simulator.kinematics import pad_joints, pose_of
 from bcapscope.tui.controller_access.builtin_simulator import START_JOINTS
 from bcapscope.tui.screens.slave_screen import SlaveScreen
-from bcapscope.tui.tester.history_panel import HistoryLines
+from bcapscope.tui.tester.call_lists import HistoryLines
 from bcapscope.tui.tester.packet_pane import PacketBox
 from tests.tui.pilot import drive, until
 from tests.tui.tester import (

@@ -15,8 +15,7 @@ from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.live.controller.reply_monitor import ReplyMonitor
 from bcapscope.tui.app import BcapApp
 from bcapscope.tui.screens.slave_screen import SlaveScreen
-from bcapscope.tui.tester.choice_row import ChoiceRow
-from bcapscope.tui.tester.form_widgets import TickBox
+from bcapscope.tui.tester.form_widgets import ChoiceRow, TickBox
 from tests.cli.run import CAPTURES
 from tests.tui.pilot import drive, picture, until
 from tests.tui.test_pictures import PICTURES

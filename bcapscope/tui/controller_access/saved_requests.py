@@ -27,8 +27,8 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.codec.variant_notation import parse_variant_as
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, Param, function_by_name
 from bcapscope.render.notation_text import typed_text
-from bcapscope.tui.atomic_file import write_atomically
 from bcapscope.tui.reader_language import full_error_text
+from bcapscope.tui.settings import write_atomically
 
 MAX_FILE_SIZE = 100_000
 """Maximum size in bytes of a file; a b-CAP request written by hand is far smaller."""

@@ -12,7 +12,7 @@ from bcapscope.render.escape import printable
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.item_list import ItemList, TextList
-from bcapscope.tui.widgets.record_list import left_aligned, right_aligned
+from bcapscope.tui.widgets.record_lists import left_aligned, right_aligned
 
 _SILENT_AFTER = 1.0
 """Time in seconds after an unanswered request until the list shows the controller as silent."""

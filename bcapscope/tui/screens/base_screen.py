@@ -1,23 +1,144 @@
-"""Base class of all screens: top bar, key bar, help, command palette and name."""
+"""What every screen has: bars, help, command palette and name; and screens with several views."""
 
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Iterator
-from typing import ClassVar
+from collections.abc import Callable, Coroutine, Iterator, Mapping
+from functools import partial
+from typing import Any, ClassVar, NamedTuple, cast
 
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.command import CommandPalette
+from textual.command import CommandPalette, DiscoveryHit, Hit, Hits, Provider
+from textual.containers import VerticalScroll
+from textual.content import Content
+from textual.dom import DOMNode
 from textual.events import ScreenResume
-from textual.screen import Screen
+from textual.screen import ModalScreen, Screen
+from textual.widget import Widget
+from textual.widgets import Static
 
-from bcapscope.tui.app import app_of
+from bcapscope.messages import Language
+from bcapscope.messages.message import has_message
+from bcapscope.tui.app import BcapApp, app_of
 from bcapscope.tui.reader_language import label
-from bcapscope.tui.screens.help_screen import HelpScreen
-from bcapscope.tui.screens.screen_commands import ScreenCommandProvider, all_commands
-from bcapscope.tui.widgets.bars import KeyBar, TopBar
-from bcapscope.tui.widgets.plain_containers import PlainContainer
+from bcapscope.tui.themes import THEMES
+from bcapscope.tui.widgets.bars import KeyBar, TopBar, ViewBar
+from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.plain_containers import PlainContainer, Switcher
+
+HelpKeys = list[tuple[str, str, str]]
+"""For each key: its name as in the documentation, what the key does, and an explanation or ""."""
+
+
+class HelpScreen(ModalScreen[None]):
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,q,f1", "dismiss", "shell.close", key_display="esc"),
+    ]
+
+    def __init__(self, name: str, text: str, keys: HelpKeys) -> None:
+        super().__init__()
+        self._title, self._text, self._keys = name, text, keys
+
+    def compose(self) -> ComposeResult:
+        with VerticalScroll(id="help") as page:
+            page.border_title = Text(label("shell.help.title", name=self._title)).markup
+            page.border_subtitle = label("shell.close.hint")
+            yield Static(Group(*self._parts()), id="help-text")
+
+    def on_mount(self) -> None:
+        self.query_one("#help").focus()
+
+    def _parts(self) -> Iterator[RenderableType]:
+        inks = app_of(self).text_styles
+        for paragraph in self._text.split("\n"):
+            yield Text(paragraph)
+        yield Text(f"\n{label('shell.keys')}", style=inks["name"])
+        table = Table.grid(padding=(0, 2))
+        table.add_column(no_wrap=True)
+        table.add_column(no_wrap=True)
+        table.add_column(overflow="fold")  # Japanese text has no spaces to break at
+        for key, what, tip in self._keys:
+            table.add_row(Text(key, style=inks["number"]), Text(what, style=inks["name"]), Text(tip))
+        yield table
+
+
+class ScreenCommand(NamedTuple):
+    """An action in the palette; `key` is its key as the documentation writes it, or ""."""
+
+    name: str
+    tip: str
+    action: str
+    node: DOMNode
+    key: str = ""
+
+
+def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
+    """Yield the commands for one node's key bindings, each action once."""
+    for kind in type(node).__mro__:
+        for binding in vars(kind).get("BINDINGS", ()):
+            if isinstance(binding, Binding) and has_message(binding.description):
+                tip = binding.tooltip or f"{binding.description}.tip"
+                key = app.get_key_display(
+                    Binding(binding.key.partition(",")[0], "", "", key_display=binding.key_display)
+                )
+                yield ScreenCommand(
+                    label(binding.description),
+                    label(tip) if has_message(tip) else "",
+                    binding.action,
+                    node,
+                    key,
+                )
+
+
+def all_commands(screen: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
+    known: set[tuple[str, str]] = set()
+    widgets = [widget for widget in screen.query(Widget) if widget.display]
+    for node in (screen, *widgets, app):
+        for command in node_commands(node, app):
+            if (command.name, command.action) not in known:
+                known.add((command.name, command.action))
+                yield command
+    for name, tip, action in getattr(screen, "commands", lambda: ())():
+        yield ScreenCommand(name, tip, action, screen)
+    yield from _app_commands(app)
+
+
+def _app_commands(app: BcapApp) -> Iterator[ScreenCommand]:
+    for spot in app.screen_entries:
+        name = label("shell.screen", name=label(spot.name))
+        yield ScreenCommand(
+            name, label("shell.screen.tip"), f"switch_mode('{spot.mode}')", app, spot.key.upper()
+        )
+    for theme in THEMES:
+        name = label("shell.theme", name=label(f"shell.theme.{theme.name}"))
+        yield ScreenCommand(name, label("shell.theme.tip"), f"theme('{theme.name}')", app)
+    for code, key in (("", "auto"), *((each.value, each.value) for each in Language)):
+        name = label("shell.language", name=label(f"shell.language.{key}"))
+        yield ScreenCommand(name, label("shell.language.tip"), f"language('{code}')", app)
+
+
+class ScreenCommandProvider(Provider):
+    def _available_commands(self) -> Iterator[tuple[ScreenCommand, partial[Coroutine[Any, Any, bool]]]]:
+        """Yield the commands that can run now, each with the function that runs the command."""
+        for command in all_commands(self.screen, cast(BcapApp, self.app)):
+            if command.node.check_action(command.action.partition("(")[0], ()) is not False:
+                yield command, partial(self.app.run_action, command.action, command.node)
+
+    async def discover(self) -> Hits:
+        for command, run in self._available_commands():
+            text = f"{command.name}  ({command.key})" if command.key else command.name
+            yield DiscoveryHit(Content(text), run, command.name, command.tip or None)
+
+    async def search(self, query: str) -> Hits:
+        matcher = self.matcher(query)
+        for command, run in self._available_commands():
+            score = matcher.match(command.name)
+            if score > 0:
+                yield Hit(score, matcher.highlight(command.name), run, command.name, command.tip or None)
 
 
 class BaseScreen(Screen[None], PlainContainer):
@@ -73,3 +194,54 @@ class BaseScreen(Screen[None], PlainContainer):
             if command.key
         ]
         await self.app.push_screen(HelpScreen(label(self.NAME), label(self.ABOUT), keys))
+
+
+def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
+    """Yield a number key for each view of a screen; `tip` is the label key of the explanation."""
+    for number, (view, name) in enumerate(views.items(), 1):
+        yield Binding(f"{number}", f"view('{view}')", name, show=False, tooltip=tip)
+
+
+class ViewsScreen(BaseScreen):
+    """A screen that shows one of its lists; number keys and the view bar switch between them.
+
+    A subclass yields the bar from `make_view_bar` and a `Switcher` as part of its content. The switcher holds
+    a `Lines` widget for each of `VIEWS`, with the name of the view as the widget's id.
+
+    Attributes:
+        VIEWS: Label key of each view, by the view's name. The screen starts with the first view.
+    """
+
+    VIEWS: ClassVar[Mapping[str, str]]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.view = next(iter(self.VIEWS))
+
+    def make_view_bar(self) -> ViewBar:
+        return ViewBar(tuple(self.VIEWS.items()), id="views")
+
+    @property
+    def shown_list(self) -> Lines:
+        found = self.query_one(f"#{self.view}")
+        assert isinstance(found, Lines)
+        return found
+
+    def action_view(self, view: str) -> None:
+        self.view = view
+        self.query_one(Switcher).current = view
+        self.show_view()
+        self.set_focus(self.shown_list)
+        self.refresh_bindings()
+        self.show_state()
+
+    def show_view(self) -> None:
+        """Show the widgets that belong to the visible view, and hide those of other views."""
+        raise NotImplementedError
+
+    def show_state(self) -> None:
+        """Show the counts of all views and the present state of the screen in the view bar."""
+        raise NotImplementedError
+
+    def action_back(self) -> None:
+        self.set_focus(self.shown_list)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, ClassVar
 
+import msgspec
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
@@ -18,7 +20,7 @@ from bcapscope.faults.fault_notation import read_fault
 from bcapscope.live.child_process import ChildProcess
 from bcapscope.protocol.codec.frame import parse_datagram
 from bcapscope.proxy import control_messages as control
-from bcapscope.proxy.control_client import ControlRefused
+from bcapscope.proxy.control_client import ControlClient, ControlRefused
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation
 from bcapscope.tui.app import app_of
@@ -32,10 +34,9 @@ from bcapscope.tui.proxy_panel.proxy_status import (
     intercept_line,
     summary_lines,
 )
-from bcapscope.tui.proxy_panel.shared_control_client import ProxyState, SharedControlClient
 from bcapscope.tui.reader_language import full_error_text, label
+from bcapscope.tui.screens.base_screen import ViewsScreen, view_keys
 from bcapscope.tui.screens.prompt import Prompt
-from bcapscope.tui.screens.views_screen import ViewsScreen, view_keys
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from bcapscope.tui.widgets.bars import ViewBar
 from bcapscope.tui.widgets.checked_input import CheckedInput
@@ -45,6 +46,45 @@ from bcapscope.tui.widgets.item_list import ItemList
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.packet_view import PacketView
 from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
+
+
+class ProxyState(msgspec.Struct, frozen=True):
+    """All responses to one poll."""
+
+    clients: list[control.ClientStatus]
+    rules: list[control.FaultStatus]
+    held: list[control.HeldStatus]
+    figures: control.ProxyStats
+
+
+class SharedControlClient:
+    """Sends one request at a time to the proxy, from any thread.
+
+    Methods raise `ControlError` if the proxy does not respond or has another version, and `ControlRefused` if
+    the proxy refuses.
+    """
+
+    def __init__(self, address: str) -> None:
+        self._client = ControlClient(address)
+        self._lock = threading.Lock()
+
+    def read_state(self) -> ProxyState:
+        with self._lock:
+            request = self._client.request
+            return ProxyState(
+                request(control.ListClients(), control.ClientsResponse).clients,
+                request(control.ListFaults(), control.FaultsResponse).rules,
+                request(control.ListHeld(), control.HeldResponse).held,
+                request(control.GetStats(), control.ProxyStats),
+            )
+
+    def send_order(self, order: control.ControlRequest) -> None:
+        with self._lock:
+            self._client.request(order, control.DoneResponse)
+
+    def close(self) -> None:
+        self._client.close()
+
 
 POLL_INTERVAL = 0.5
 """Time in seconds between two queries of the proxy's state."""

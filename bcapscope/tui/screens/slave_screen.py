@@ -34,9 +34,10 @@ from bcapscope.render.play_text import controller_line, play_summary_lines, trou
 from bcapscope.render.preflight_text import PreflightRenderer
 from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.call_history import error_text
-from bcapscope.tui.controller_access.playback_run import PlaybackRun, PlayerSlot
-from bcapscope.tui.controller_access.prepared_trajectory import (
+from bcapscope.tui.controller_access.playback import (
+    PlaybackRun,
     PlaybackSettings,
+    PlayerSlot,
     PreparedTrajectory,
     prepare_trajectory,
 )

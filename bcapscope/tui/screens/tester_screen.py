@@ -39,23 +39,21 @@ from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.builtin_simulator import BuiltInSimulator, run_builtin_simulator
 from bcapscope.tui.controller_access.call_history import copy_text, error_text, reason_text
 from bcapscope.tui.controller_access.option_field import read_option_field
-from bcapscope.tui.controller_access.playback_run import PlayerSlot
+from bcapscope.tui.controller_access.playback import PlayerSlot
 from bcapscope.tui.controller_access.watched_variables import VariableWatcher
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.screens.tester_navigation import TesterNavigation
 from bcapscope.tui.settings import with_recent
+from bcapscope.tui.tester.call_forms import CommandForm
+from bcapscope.tui.tester.call_lists import HistoryLines, SavedList, WatchList
 from bcapscope.tui.tester.call_runner import CallNotice, CallRunner
-from bcapscope.tui.tester.command_form import CommandForm
 from bcapscope.tui.tester.connection_panel import ConnectionPanel
-from bcapscope.tui.tester.dialogs import ArmDialog
+from bcapscope.tui.tester.dialogs import ArmDialog, RecoveryDialog
 from bcapscope.tui.tester.form_tabs import FormTabs
-from bcapscope.tui.tester.history_panel import HistoryLines
-from bcapscope.tui.tester.open_object_row import OpenObjectRow
+from bcapscope.tui.tester.object_panels import OpenObjectRow
 from bcapscope.tui.tester.packet_pane import PacketPane
-from bcapscope.tui.tester.recovery_dialog import RecoveryDialog
 from bcapscope.tui.tester.result_view import ResultView
-from bcapscope.tui.tester.saved_list import SavedList
 from bcapscope.tui.tester.status_line import arming_facts, status_pieces
 from bcapscope.tui.tester.wanted_messages import (
     CallWanted,
@@ -66,7 +64,6 @@ from bcapscope.tui.tester.wanted_messages import (
     RobSlaveWanted,
     WatchWanted,
 )
-from bcapscope.tui.tester.watch_list import WatchList
 
 _EXECUTE_CONTROLLER = 17
 

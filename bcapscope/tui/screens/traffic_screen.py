@@ -15,9 +15,9 @@ from bcapscope.render.timestamp import TimeFormat
 from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import full_error_text, label
 from bcapscope.tui.screens import frame_relations
+from bcapscope.tui.screens.base_screen import view_keys
 from bcapscope.tui.screens.prompt import Prompt
 from bcapscope.tui.screens.traffic_views import RECORD_KINDS, TrafficViews
-from bcapscope.tui.screens.views_screen import view_keys
 from bcapscope.tui.traffic_processes.process_messages import SaveJob
 from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed

@@ -14,6 +14,7 @@ from textual.app import ComposeResult
 from textual.events import Resize
 from textual.widgets import Static
 
+from bcapscope.render.escape import printable
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import PairingResult
 from bcapscope.traffic.filter.compiler import compile_filter
@@ -22,8 +23,7 @@ from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens import frame_relations
-from bcapscope.tui.screens.progress_text import count_text, progress_texts
-from bcapscope.tui.screens.views_screen import ViewsScreen
+from bcapscope.tui.screens.base_screen import ViewsScreen
 from bcapscope.tui.settings import with_recent
 from bcapscope.tui.traffic_processes.process_messages import (
     NO_ANALYSIS,
@@ -33,15 +33,13 @@ from bcapscope.tui.traffic_processes.process_messages import (
 )
 from bcapscope.tui.traffic_processes.traffic_feed import FeedUpdate, SourceProblem, TrafficFeed
 from bcapscope.tui.widgets.bars import ViewBar
-from bcapscope.tui.widgets.call_list import CallList
 from bcapscope.tui.widgets.checked_input import CheckedInput
 from bcapscope.tui.widgets.finding_page import FindingPage
-from bcapscope.tui.widgets.frame_list import FrameList
 from bcapscope.tui.widgets.item_list import TextList
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.packet_view import PacketView
 from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
-from bcapscope.tui.widgets.record_list import RecordList
+from bcapscope.tui.widgets.record_lists import CallList, FrameList, RecordList
 
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
 """Views that list frames or calls, each with the kind of record that the view's filter tests."""
@@ -327,3 +325,46 @@ class TrafficViews(ViewsScreen):
         else:
             target.reset_lines(target.nearest_row(here) if here is not None and not expression else 0)
         self.show_state()
+
+
+_BAR = 12
+
+
+def progress_texts(
+    progress: ReadProgress, source_problem: str, searched: int | None, title: str
+) -> tuple[str, ...]:
+    """Return texts on the progress of reading and searching, longest text first.
+
+    Args:
+        source_problem: Why the source of the traffic may have ended although reading continues; "" otherwise.
+        searched: Percentage of rows that the search has examined; None if the search is complete.
+    """
+    long, short = [], []
+    if searched is not None:
+        long.append(label("traffic.searching", percent=searched))
+        short.append(f"/{searched}%")
+    if progress.lost:
+        long.append(label("traffic.lost", count=progress.lost))
+    if source_problem:
+        long.append(f"○ {printable(source_problem)}")
+        short.append(f"○ {label('traffic.ended')}")
+    elif not progress.ended and progress.size:
+        percent = 100 * progress.position // progress.size
+        long.append(f"{label('traffic.reading')} {_progress_bar(percent)} {percent:>3} %")
+        short.append(f"{percent}%")
+    elif not progress.ended:
+        long.append(f"● {label('traffic.live')}")
+        short.append("●")
+    return "  ".join((*long, printable(title))), "  ".join(long), " ".join(short)
+
+
+def count_text(number: int, brief: bool) -> str:
+    """Return a count as text; if `brief`, round counts from 10,000 down, as in ``12k`` or ``1.2M``."""
+    if not brief or number < 10_000:
+        return f"{number:,}"
+    return f"{number // 1000}k" if number < 1_000_000 else f"{number // 100_000 / 10}M"
+
+
+def _progress_bar(percent: int) -> str:
+    full = _BAR * percent // 100
+    return f"{'━' * full}{'╌' * (_BAR - full)}"

@@ -15,12 +15,10 @@ from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, function_by_name
 from bcapscope.render.notation_text import untyped_text
 from bcapscope.tui.app import app_of
-from bcapscope.tui.tester.choice_row import ChoiceRow
-from bcapscope.tui.tester.function_form import FunctionForm, FunctionPanel
-from bcapscope.tui.tester.object_panels import RobotPanel, TaskPanel, VariablePanel
-from bcapscope.tui.tester.open_object_row import OpenObjectRow
+from bcapscope.tui.tester.call_forms import FunctionForm, FunctionPanel, RawForm
+from bcapscope.tui.tester.form_widgets import ChoiceRow
+from bcapscope.tui.tester.object_panels import OpenObjectRow, RobotPanel, TaskPanel, VariablePanel
 from bcapscope.tui.tester.pickers import function_picker
-from bcapscope.tui.tester.raw_form import RawForm
 
 TABS = ("robot", "variable", "task", "function", "raw")
 """Names of the tabs, in the order on the screen."""

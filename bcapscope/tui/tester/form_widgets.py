@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
 
+from rich.text import Text
+from textual.app import RenderResult
+from textual.binding import Binding, BindingType
+from textual.message import Message
+from textual.reactive import reactive
 from textual.widgets import Button, Checkbox, Label
 
 from bcapscope.tui.reader_language import label
+from bcapscope.tui.widgets.bars import ClickBar
 
 
 class Caption(Label):
@@ -44,3 +52,46 @@ class TickBox(Checkbox):
 
     def _update_mark(self) -> None:
         self.BUTTON_INNER = "X" if self.value else " "
+
+
+class ChoiceRow(ClickBar, can_focus=True):
+    """Shows names, one of which is chosen."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("left", "step(-1)", "", show=False),
+        Binding("right", "step(1)", "", show=False),
+    ]
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"choice--chosen", "choice--other"}
+    chosen: reactive[str] = reactive("", init=False)
+
+    @dataclass
+    class Chosen(Message):
+        choice: ChoiceRow
+        value: str
+
+        @property
+        def control(self) -> ChoiceRow:
+            return self.choice
+
+    def __init__(self, options: Sequence[tuple[str, str]], *, id: str | None = None) -> None:
+        """Store the values, each with its label key; the first value is chosen."""
+        super().__init__(id=id)
+        self._options = tuple(options)
+        self.set_reactive(ChoiceRow.chosen, self._options[0][0])
+
+    def watch_chosen(self, value: str) -> None:
+        self.post_message(self.Chosen(self, value))
+
+    def render(self) -> RenderResult:
+        text = Text(no_wrap=True, end="")
+        for value, name in self._options:
+            kind = "choice--chosen" if value == self.chosen else "choice--other"
+            text.append(f" {label(name)} ", style=self.style_for(kind, f"choose({value!r})"))
+        return text
+
+    def action_step(self, by: int) -> None:
+        values = [value for value, _ in self._options]
+        self.chosen = values[(values.index(self.chosen) + by) % len(values)]
+
+    def action_choose(self, value: str) -> None:
+        self.chosen = value

@@ -2,26 +2,101 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.widgets import Button, ContentSwitcher, Select
+from textual.suggester import SuggestFromList
+from textual.widgets import Button, ContentSwitcher, Input, Select
 
 from bcapscope.client.handle_table import ObjectHandle
+from bcapscope.protocol.closing_calls import RELEASES
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.tables.enumerations import TASK_START_MODES, TASK_STOP_MODES
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.protocol.tables.variables import VARIABLES, find_variable
-from bcapscope.tui.controller_access.parameter_input import expected_input, type_number
+from bcapscope.render.escape import printable
 from bcapscope.tui.reader_language import label
-from bcapscope.tui.tester.choice_row import ChoiceRow
-from bcapscope.tui.tester.command_form import CommandForm
-from bcapscope.tui.tester.form_widgets import Caption, FormButton
-from bcapscope.tui.tester.function_form import FunctionForm, select_named_value
-from bcapscope.tui.tester.open_object_row import OpenObjectRow
+from bcapscope.tui.tester.call_forms import CommandForm, FunctionForm, select_named_value
+from bcapscope.tui.tester.form_widgets import Caption, ChoiceRow, FormButton
 from bcapscope.tui.tester.result_view import ResultView
-from bcapscope.tui.tester.typed_value import TypedValue
-from bcapscope.tui.tester.wanted_messages import CallWanted, RobSlaveWanted, WatchWanted
+from bcapscope.tui.tester.typed_value import TypedValue, expected_input, type_number
+from bcapscope.tui.tester.wanted_messages import (
+    CallWanted,
+    OpenWanted,
+    ResultDisplay,
+    RobSlaveWanted,
+    WatchWanted,
+)
+
+
+class OpenObjectRow(Horizontal):
+    def __init__(
+        self,
+        parent: ObjectClass,
+        kind: ObjectClass,
+        name: str,
+        known: Sequence[str],
+        result_display: ResultDisplay,
+        *,
+        id: str | None = None,
+    ) -> None:
+        """Set the class of objects to open; `parent` is the class of the objects that own them."""
+        super().__init__(id=id, classes="row")
+        self._parent_kind = parent
+        self._kind = kind
+        self._initial_name = name
+        self._known = list(known)
+        self._result_display = result_display
+        self._open_objects: tuple[ObjectHandle, ...] = ()
+
+    def compose(self) -> ComposeResult:
+        yield Caption("tester.name")
+        yield Input(
+            self._initial_name, suggester=SuggestFromList(self._known, case_sensitive=False), classes="name"
+        )
+        yield Caption("tester.option")
+        yield Input(classes="option")
+        yield FormButton("tester.add", "primary", classes="add")
+        yield FormButton("tester.release", classes="release")
+
+    @property
+    def object_name(self) -> str:
+        return self.query_one(".name", Input).value.strip()
+
+    def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
+        self._open_objects = tuple(each for each in open_objects if each.kind is self._kind)
+
+    def find_open(self, owner: ObjectClass | None = None) -> ObjectHandle | None:
+        """Return the latest open object with the name in the field; `owner` limits the class of its owner."""
+        name = self.object_name.casefold()
+        for each in reversed(self._open_objects):
+            is_owned = owner is None or (each.parent is not None and each.parent.kind is owner)
+            if is_owned and each.label.casefold() == name:
+                return each
+        return None
+
+    @on(Button.Pressed, ".add")
+    @on(Input.Submitted)
+    def _add(self) -> None:
+        if not self.object_name:
+            self._result_display.show_error(label("tester.name.missing"))
+            return
+        option = self.query_one(".option", Input).value
+        self.post_message(
+            OpenWanted(self._result_display, self._parent_kind, self._kind, self.object_name, option)
+        )
+
+    @on(Button.Pressed, ".release")
+    def _release(self) -> None:
+        found = self.find_open()
+        if found is None:
+            text = label("tester.release.missing", name=printable(self.object_name))
+            self._result_display.show_error(text)
+        else:
+            self.post_message(CallWanted(self._result_display, RELEASES[self._kind], (), found))
+
 
 _ROBOT_EXECUTE, _ROBOT_CHANGE, _ROBOT_MOVE = 64, 66, 72
 _TASK_EXECUTE, _TASK_START, _TASK_STOP = 87, 88, 89

@@ -22,11 +22,8 @@ from bcapscope.tui.controller_access.saved_requests import SavedRequestError, sa
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label, reader_words
 from bcapscope.tui.screens.prompt import Prompt
-from bcapscope.tui.tester.choice_row import ChoiceRow
-from bcapscope.tui.tester.form_widgets import FormButton, TickBox
-from bcapscope.tui.tester.history_panel import HistoryLines, HistoryPanel
-from bcapscope.tui.tester.saved_list import SavedList
-from bcapscope.tui.tester.watch_list import WatchList
+from bcapscope.tui.tester.call_lists import HistoryLines, HistoryPanel, SavedList, WatchList
+from bcapscope.tui.tester.form_widgets import ChoiceRow, FormButton, TickBox
 from bcapscope.tui.widgets.inked_text import InkedText
 from bcapscope.tui.widgets.packet_view import PacketView
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from textual import on
 from textual.app import ComposeResult
@@ -11,14 +12,89 @@ from textual.containers import Horizontal
 from textual.message import Message
 from textual.widgets import Input, Select
 
-from bcapscope.protocol.codec.variant import VT
-from bcapscope.tui.controller_access.parameter_input import (
-    PARAMETER_TYPES,
-    CheckedText,
-    check_text,
-    expected_input,
-    type_label,
+from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, vt_name
+from bcapscope.protocol.codec.variant_notation import parse_variant
+from bcapscope.protocol.tables.command_catalogue import CommandSpec, find_command
+from bcapscope.render.notation_text import type_word
+from bcapscope.tui.reader_language import full_error_text, label, table_text
+
+PARAMETER_TYPES: tuple[int, ...] = (
+    *(int(vt) for vt in VT if vt is not VT.VARIANT),
+    *(ARRAY | vt for vt in VT if vt not in (VT.EMPTY, VT.NULL)),
 )
+"""Every type that b-CAP can carry, scalar types first."""
+
+
+def type_label(vt: int) -> str:
+    """Return the name of a type as in b-CAP Tester: ``I4``, ``ARRAY | R4``."""
+    name = vt_name(vt & ~ARRAY).removeprefix("VT_")
+    return f"ARRAY | {name}" if vt & ARRAY else name
+
+
+_BY_NAME = {vt_name(vt): vt for vt in PARAMETER_TYPES}
+
+
+def type_number(name: str) -> int | None:
+    """Return the number of a type such as ``VT_R4|VT_ARRAY``; None for ``VARIANT``, which allows any type."""
+    return _BY_NAME.get(name)
+
+
+class CheckedText(NamedTuple):
+    """The result of parsing the text of a parameter.
+
+    Attributes:
+        value: Parsed value; None if the text does not fit the type.
+        problem: Text that says what is expected; empty if the input is valid.
+    """
+
+    value: Variant | None
+    problem: str
+
+
+def check_text(vt: int, text: str) -> CheckedText:
+    typed = text if vt == VT.BSTR else text.strip()
+    try:
+        return CheckedText(parse_variant(f"{type_word(vt)}:{typed}"), "")
+    except ValueError as error:
+        return CheckedText(None, f"{full_error_text(error)}; {expected_input(vt)}")
+
+
+def expected_input(vt: int) -> str:
+    """Return a hint on what text to type for a value of a type."""
+    if vt in (VT.EMPTY, VT.NULL):
+        return label("controller.expected.nothing")
+    what = label(f"controller.expected.{VT(vt & ~ARRAY).name}")
+    several = vt & ARRAY and vt != ARRAY | VT.VARIANT
+    return label("controller.expected.several" if several else "controller.expected", what=what)
+
+
+class CommandHint(NamedTuple):
+    """Entry of the command table for a command; the most usual type of its parameter comes first."""
+
+    types: tuple[int, ...]
+    text: str
+
+
+def command_hint(function_id: int, name: str) -> CommandHint | None:
+    """Look up a command by its name; return None if it is unknown."""
+    known = find_command(function_id, name.strip())
+    if known is None:
+        return None
+    types = tuple(vt for each in known.parameter_types if (vt := type_number(each)) is not None)
+    return CommandHint(types, _hint_text(known))
+
+
+def _hint_text(known: CommandSpec) -> str:
+    parts = [table_text(known.text)]
+    if known.elements:
+        parts.append(label("controller.command.parameter", elements=table_text(known.elements)))
+    if known.returns:
+        parts.append(label("controller.command.returns", returns=table_text(known.returns)))
+    if known.in_slave_mode is False:
+        parts.append(label("controller.command.refused"))
+    if known.controllers:
+        parts.append(table_text(known.controllers))
+    return "; ".join(parts)
 
 
 class TypedValue(Horizontal):

@@ -26,8 +26,7 @@ from bcapscope.protocol.retry.requester import RetryPolicy
 from bcapscope.proxy.control_messages import ClientStatus, FaultStatus, HeldStatus, RelayDelays
 from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.tui.app import BcapApp, ScreenEntry
-from bcapscope.tui.proxy_panel.shared_control_client import ProxyState
-from bcapscope.tui.screens.proxy_screen import ProxyScreen
+from bcapscope.tui.screens.proxy_screen import ProxyScreen, ProxyState
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
 from bcapscope.tui.traffic_processes.traffic_feed import PublishedTraffic, TrafficFeed, watcher_job
 from bcapscope.tui.widgets.bars import ViewBar
