@@ -23,13 +23,12 @@ from textual.filter import LineFilter
 from textual.reactive import reactive
 
 from bcapscope.live.standard_streams import discard_unwritable_output
-from bcapscope.messages import Language
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.tui.control_char_filter import ControlCharFilter
 from bcapscope.tui.drivers import HALT_KEYS, make_halt_driver, make_server_safe_driver
 from bcapscope.tui.ink import Styles
 from bcapscope.tui.key_order import KeyOrderApp
-from bcapscope.tui.reader_language import apply_saved_language, label, set_language
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.settings import default_settings_path, read_settings, write_settings
 from bcapscope.tui.themes import THEMES, theme_styles
 
@@ -87,13 +86,11 @@ class BcapApp(KeyOrderApp):
         self,
         screen_entries: Sequence[ScreenEntry],
         settings_path: Path | None = None,
-        language: Language | None = None,
     ) -> None:
         """Register the screens; the application starts with the first screen.
 
         Args:
             settings_path: Settings file; None selects the platform's default.
-            language: Language of the labels; None uses the settings, then the environment.
         """
         # Without this, Textual first shows a blank default screen, and reads all styles for it, too.
         self.DEFAULT_MODE = screen_entries[0].mode  # type: ignore[misc]  # a class attribute in Textual
@@ -104,10 +101,6 @@ class BcapApp(KeyOrderApp):
         self.screen_entries = tuple(screen_entries)
         self._settings_path = settings_path or default_settings_path()
         self.settings, self._settings_problem = read_settings(self._settings_path)
-        if language is None:
-            apply_saved_language(self.settings.language)
-        else:
-            set_language(language)
         self._closers = AsyncExitStack()
         self._is_ending = False
         self._gc_thresholds = gc.get_threshold()

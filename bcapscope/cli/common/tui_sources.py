@@ -47,13 +47,13 @@ class ProxyScreenOptions:
 
 def choose_language(context: click.Context, words: MessageFormatter) -> None:
     """Set the language of the screen and its processes, from --lang if given, else from the settings."""
-    from bcapscope.tui.reader_language import apply_saved_language, fix_language
+    from bcapscope.tui.reader_language import set_language
     from bcapscope.tui.settings import default_settings_path, read_settings
 
     if context.get_parameter_source("words") is ParameterSource.COMMANDLINE:
-        fix_language(words.language)
+        set_language(words.language)
     else:
-        apply_saved_language(read_settings(default_settings_path())[0].language)
+        set_language(read_settings(default_settings_path())[0].language)
 
 
 def show_proxy(options: ProxyScreenOptions) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Coroutine, Iterator, Mapping
+from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, ClassVar, NamedTuple, cast
 
@@ -30,16 +30,14 @@ from bcapscope.tui.widgets.bars import KeyBar, TopBar, ViewBar
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.plain_containers import PlainContainer, Switcher
 
-HelpKeys = list[tuple[str, str, str]]
-"""For each key: its name as in the documentation, what the key does, and an explanation or ""."""
-
 
 class HelpScreen(ModalScreen[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,q,f1", "dismiss", "shell.close", key_display="esc"),
     ]
 
-    def __init__(self, name: str, text: str, keys: HelpKeys) -> None:
+    def __init__(self, name: str, text: str, keys: Sequence[ScreenCommand]) -> None:
+        """Store the name and the description of a screen, and the commands of the screen that have keys."""
         super().__init__()
         self._title, self._text, self._keys = name, text, keys
 
@@ -61,8 +59,8 @@ class HelpScreen(ModalScreen[None]):
         table.add_column(no_wrap=True)
         table.add_column(no_wrap=True)
         table.add_column(overflow="fold")  # Japanese text has no spaces to break at
-        for key, what, tip in self._keys:
-            table.add_row(Text(key, style=inks["number"]), Text(what, style=inks["name"]), Text(tip))
+        for each in self._keys:
+            table.add_row(Text(each.key, inks["number"]), Text(each.name, inks["name"]), Text(each.tip))
         yield table
 
 
@@ -82,16 +80,9 @@ def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
         for binding in vars(kind).get("BINDINGS", ()):
             if isinstance(binding, Binding) and has_message(binding.description):
                 tip = binding.tooltip or f"{binding.description}.tip"
-                key = app.get_key_display(
-                    Binding(binding.key.partition(",")[0], "", "", key_display=binding.key_display)
-                )
-                yield ScreenCommand(
-                    label(binding.description),
-                    label(tip) if has_message(tip) else "",
-                    binding.action,
-                    node,
-                    key,
-                )
+                key = Binding(binding.key.partition(",")[0], "", "", key_display=binding.key_display)
+                name, tip = label(binding.description), label(tip) if has_message(tip) else ""
+                yield ScreenCommand(name, tip, binding.action, node, app.get_key_display(key))
 
 
 def all_commands(screen: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
@@ -108,11 +99,10 @@ def all_commands(screen: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
 
 
 def _app_commands(app: BcapApp) -> Iterator[ScreenCommand]:
-    for spot in app.screen_entries:
-        name = label("shell.screen", name=label(spot.name))
-        yield ScreenCommand(
-            name, label("shell.screen.tip"), f"switch_mode('{spot.mode}')", app, spot.key.upper()
-        )
+    for entry in app.screen_entries:
+        name = label("shell.screen", name=label(entry.name))
+        tip = label("shell.screen.tip")
+        yield ScreenCommand(name, tip, f"switch_mode('{entry.mode}')", app, entry.key.upper())
     for theme in THEMES:
         name = label("shell.theme", name=label(f"shell.theme.{theme.name}"))
         yield ScreenCommand(name, label("shell.theme.tip"), f"theme('{theme.name}')", app)
@@ -188,11 +178,7 @@ class BaseScreen(Screen[None], PlainContainer):
         await self.app.push_screen(palette)
 
     async def action_help(self) -> None:
-        keys = [
-            (command.key, command.name, command.tip)
-            for command in all_commands(self, app_of(self))
-            if command.key
-        ]
+        keys = [command for command in all_commands(self, app_of(self)) if command.key]
         await self.app.push_screen(HelpScreen(label(self.NAME), label(self.ABOUT), keys))
 
 

@@ -25,18 +25,10 @@ class TesterNavigation(BaseScreen):
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
         """Yield palette commands for the tabs and views, which take several keys to reach otherwise."""
-        for tab in TABS:
-            yield (
-                label("tester.tab", name=label(f"tester.tab.{tab}")),
-                label("tester.tab.tip"),
-                f"tab('{tab}')",
-            )
-        for view in VIEWS:
-            yield (
-                label("tester.view", name=label(f"tester.view.{view}")),
-                label("tester.view.tip"),
-                f"view('{view}')",
-            )
+        for kind, names in (("tab", TABS), ("view", VIEWS)):
+            for name in names:
+                title = label(f"tester.{kind}", name=label(f"tester.{kind}.{name}"))
+                yield title, label(f"tester.{kind}.tip"), f"{kind}('{name}')"
 
     def action_next_part(self) -> None:
         self._focus_other_part(1)

@@ -53,10 +53,9 @@ class CommandForm(Vertical):
 
     @on(Input.Changed, ".command")
     def _show_suggestion(self, message: Input.Changed) -> None:
-        """Select the type of the typed command's parameter, and show what the command does.
+        """Show what the typed command does, and prepare its parameter.
 
-        A parameter that belongs to another command is cleared; the parameter last sent with this command is
-        restored.
+        The parameter last sent with this command is restored. A parameter of another command is cleared.
         """
         found = command_hint(self.function.id, message.value)
         if found is None:
@@ -80,20 +79,14 @@ class CommandForm(Vertical):
 
     @on(Input.Submitted, ".command")
     def _submit_command(self, message: Input.Submitted) -> None:
-        """Complete a partly typed name.
-
-        A command is executed if its name is known, or if no known name begins with the text.
-
-        If the command's parameter is missing, the parameter gets the focus instead.
-        """
-        begun = message.value.strip().casefold()
-        names = [
-            each.name for each in commands_of(self.function.id) if each.name.casefold().startswith(begun)
-        ]
-        if begun and names and begun not in map(str.casefold, names):
+        """Complete the start of a command's name, or ask for a missing parameter, or execute the command."""
+        typed = message.value.strip().casefold()
+        names = [each.name for each in commands_of(self.function.id)]
+        names = [name for name in names if name.casefold().startswith(typed)]
+        if typed and names and typed not in map(str.casefold, names):
             message.input.value = names[0]
             message.input.cursor_position = len(names[0])
-        elif begun and self.query_one(TypedValue).is_missing:
+        elif typed and self.query_one(TypedValue).is_missing:
             self.query_one(TypedValue).query_one(Input).focus()
         else:
             self._execute()
@@ -102,16 +95,15 @@ class CommandForm(Vertical):
     @on(TypedValue.Submitted)
     def _execute(self) -> None:
         result, name = self.query_one(ResultView), self.query_one(".command", Input).value.strip()
-        checked = self.query_one(TypedValue).checked_text
+        parameter = self.query_one(TypedValue)
+        checked = parameter.checked_text
         if not name:
             result.show_problem(label("tester.command.missing"))
         elif checked.value is None:
             result.show_problem(checked.problem)
         else:
             if command_hint(self.function.id, name) is not None:  # an unknown name may be a typing error
-                self._last_parameter = self._sent_parameters[name.casefold()] = self.query_one(
-                    TypedValue
-                ).typed
+                self._last_parameter = self._sent_parameters[name.casefold()] = parameter.typed
             self.post_message(CallWanted(result, self.function, (Variant(VT.BSTR, name), checked.value)))
 
     def action_pick(self) -> None:

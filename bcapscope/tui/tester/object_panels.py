@@ -21,7 +21,7 @@ from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.call_forms import CommandForm, FunctionForm, select_named_value
 from bcapscope.tui.tester.form_widgets import Caption, ChoiceRow, FormButton
 from bcapscope.tui.tester.result_view import ResultView
-from bcapscope.tui.tester.typed_value import TypedValue, expected_input, type_number
+from bcapscope.tui.tester.typed_value import TypedValue, expected_input, type_numbers
 from bcapscope.tui.tester.wanted_messages import (
     CallWanted,
     OpenWanted,
@@ -158,7 +158,7 @@ class VariablePanel(Vertical):
         if owner is not self._owner:
             return
         known = find_variable(self._owner, name)
-        types = [vt for each in known.types if (vt := type_number(each)) is not None] if known else []
+        types = type_numbers(known.types) if known else ()
         if types:
             with self.prevent(TypedValue.Changed):
                 self.query_one(TypedValue).select_type(types[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -34,9 +34,9 @@ def type_label(vt: int) -> str:
 _BY_NAME = {vt_name(vt): vt for vt in PARAMETER_TYPES}
 
 
-def type_number(name: str) -> int | None:
-    """Return the number of a type such as ``VT_R4|VT_ARRAY``; None for ``VARIANT``, which allows any type."""
-    return _BY_NAME.get(name)
+def type_numbers(names: Iterable[str]) -> tuple[int, ...]:
+    """Return the numbers of types such as ``VT_R4|VT_ARRAY``, without ``VARIANT``, which allows any type."""
+    return tuple(_BY_NAME[name] for name in names if name in _BY_NAME)
 
 
 class CheckedText(NamedTuple):
@@ -80,8 +80,7 @@ def command_hint(function_id: int, name: str) -> CommandHint | None:
     known = find_command(function_id, name.strip())
     if known is None:
         return None
-    types = tuple(vt for each in known.parameter_types if (vt := type_number(each)) is not None)
-    return CommandHint(types, _hint_text(known))
+    return CommandHint(type_numbers(known.parameter_types), _hint_text(known))
 
 
 def _hint_text(known: CommandSpec) -> str:

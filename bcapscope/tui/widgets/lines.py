@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from math import ceil
 from typing import ClassVar
 
 from rich.segment import Segment
@@ -28,15 +27,6 @@ _MAX_STRIPS = 500
 """Maximum number of cached strips, which are enough for several screens."""
 
 _SIDEWAYS_COLUMNS = 8
-
-_SCROLLBAR_SLACK = 8
-"""Divisor: a list may grow by 1/8 before the scroll bar learns the new length, if the thumb looks the same.
-
-The growth is limited because dragging the thumb scrolls by the length that the scroll bar knows.
-"""
-
-_EIGHTHS = 8
-"""Textual draws the ends of a scroll bar thumb to an eighth of a line."""
 
 
 class Lines(ScrollView, can_focus=True):
@@ -125,31 +115,24 @@ class Lines(ScrollView, can_focus=True):
             self._post_moved()
 
     def _update_extent(self) -> None:
-        """Update the total size on which the scroll bar is based.
+        """Update the total size and the scroll bar.
 
-        The method does not assign `virtual_size`, because Textual would then lay out the whole screen for
-        every frame shown.
+        Assigning `virtual_size` would lay out the whole screen each time.
         """
         size = Size(max(self._width, self.size.width), max(self._known_count, self.size.height))
         if size != self.virtual_size:
             self.set_reactive(Lines.virtual_size, size)
-            self._update_scrollbar_thumb()
+            self._update_scrollbar()
 
-    def _update_scrollbar_thumb(self) -> None:
-        """Update the thumb of the scroll bar only if its look changes, because drawing the thumb is slow."""
-        bar, height = self.vertical_scrollbar, self.size.height
-        there, shown = self.virtual_size.height, bar.window_virtual_size
-        before = _scroll_thumb(shown, bar.window_size, bar.position)
-        if (
-            before != _scroll_thumb(there, height, self.scroll_y)
-            or not shown <= there <= shown + shown // _SCROLLBAR_SLACK
-        ):
-            bar.window_virtual_size, bar.window_size, bar.position = there, height, self.scroll_y
+    def _update_scrollbar(self) -> None:
+        bar = self.vertical_scrollbar
+        bar.window_virtual_size, bar.window_size = self.virtual_size.height, self.size.height
+        bar.position = self.scroll_y
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
         if round(old_value) != round(new_value):
             self.refresh(self.size.region)
-            self._update_scrollbar_thumb()
+            self._update_scrollbar()
 
     def repaint(self) -> None:
         """Redraw all lines, for example because their format changed."""
@@ -300,11 +283,3 @@ class Lines(ScrollView, can_focus=True):
         if index == self.cursor and event.chain > 1:
             self.action_choose()
         self.move_cursor_to(index)
-
-
-def _scroll_thumb(there: int, in_sight: int, top: float) -> tuple[int, int] | None:
-    """Return position and length of a scroll bar's thumb in eighths of a line; None if all is in sight."""
-    if in_sight >= there:
-        return None
-    length = max(1.0, in_sight * in_sight / there)
-    return int((in_sight - length) * top / (there - in_sight) * _EIGHTHS), ceil(length * _EIGHTHS)
