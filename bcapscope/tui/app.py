@@ -82,11 +82,7 @@ class BcapApp(KeyOrderApp):
     ]
     status: reactive[tuple[tuple[str, str], ...]] = reactive((), init=False)
 
-    def __init__(
-        self,
-        screen_entries: Sequence[ScreenEntry],
-        settings_path: Path | None = None,
-    ) -> None:
+    def __init__(self, screen_entries: Sequence[ScreenEntry], settings_path: Path | None = None) -> None:
         """Register the screens; the application starts with the first screen.
 
         Args:
@@ -153,9 +149,7 @@ class BcapApp(KeyOrderApp):
         gc.set_threshold(*_GC_THRESHOLDS)
         if self._settings_problem is not None:
             text = label(
-                "shell.settings.broken",
-                path=str(self._settings_path),
-                reason=self._settings_problem,
+                "shell.settings.broken", path=str(self._settings_path), reason=self._settings_problem
             )
             self.show_message(text, "warning")
 

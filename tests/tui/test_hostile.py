@@ -26,6 +26,7 @@ from bcapscope.tui.screens.proxy_screen import ProxyScreen, ProxyState
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
 from bcapscope.tui.tester.call_lists import HistoryLines
 from bcapscope.tui.tester.form_widgets import ChoiceRow
+from bcapscope.tui.traffic_processes.process_messages import ReadJob
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from tests.client.server import udp_server
 from tests.tui.pilot import drive, make, shown, until
@@ -86,7 +87,7 @@ def capture(path: Path, text: str) -> None:
 def test_traffic(text: str, tmp_path: Path) -> None:
     path = tmp_path / "hostile.pcapng"
     capture(path, text)
-    feed = TrafficFeed(path=str(path))
+    feed = TrafficFeed(ReadJob(path=str(path)))
     app = make(ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(feed, text)))
 
     async def act(pilot: Pilot[None]) -> None:

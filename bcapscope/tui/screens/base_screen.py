@@ -33,7 +33,7 @@ from bcapscope.tui.widgets.plain_containers import PlainContainer, Switcher
 
 class HelpScreen(ModalScreen[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,q,f1", "dismiss", "shell.close", key_display="esc"),
+        Binding("escape,q,f1", "dismiss", "shell.close", key_display="esc")
     ]
 
     def __init__(self, name: str, text: str, keys: Sequence[ScreenCommand]) -> None:

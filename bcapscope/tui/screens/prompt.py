@@ -17,9 +17,7 @@ from bcapscope.tui.reader_language import label
 class Prompt(ModalScreen[str | None]):
     """Asks for a text. The dialog returns the text that the user typed, or None if the user cancels."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "cancel", "prompt.cancel", key_display="esc"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "cancel", "prompt.cancel", key_display="esc")]
 
     def __init__(self, title: str, hint: str, value: str = "") -> None:
         super().__init__()

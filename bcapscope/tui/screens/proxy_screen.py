@@ -57,35 +57,6 @@ class ProxyState(msgspec.Struct, frozen=True):
     figures: control.ProxyStats
 
 
-class SharedControlClient:
-    """Sends one request at a time to the proxy, from any thread.
-
-    Methods raise `ControlError` if the proxy does not respond or has another version, and `ControlRefused` if
-    the proxy refuses.
-    """
-
-    def __init__(self, address: str) -> None:
-        self._client = ControlClient(address)
-        self._lock = threading.Lock()
-
-    def read_state(self) -> ProxyState:
-        with self._lock:
-            request = self._client.request
-            return ProxyState(
-                request(control.ListClients(), control.ClientsResponse).clients,
-                request(control.ListFaults(), control.FaultsResponse).rules,
-                request(control.ListHeld(), control.HeldResponse).held,
-                request(control.GetStats(), control.ProxyStats),
-            )
-
-    def send_order(self, order: control.ControlRequest) -> None:
-        with self._lock:
-            self._client.request(order, control.DoneResponse)
-
-    def close(self) -> None:
-        self._client.close()
-
-
 POLL_INTERVAL = 0.5
 """Time in seconds between two queries of the proxy's state."""
 
@@ -136,7 +107,8 @@ class ProxyScreen(ViewsScreen):
             note: Warning that the screen shows at the start; "" for none.
         """
         super().__init__()
-        self._control_client = SharedControlClient(address)
+        self._control_client = ControlClient(address)
+        self._control_lock = threading.Lock()  # the control client serves one thread at a time
         self.route = route
         self._feed = feed
         self._child = child
@@ -200,13 +172,22 @@ class ProxyScreen(ViewsScreen):
             self.call_in_screen(self._show_lost_proxy, full_error_text(error))
 
     def read_state(self) -> ProxyState:
-        return self._control_client.read_state()
+        """Return the proxy's state; raises `ControlError` if the proxy does not respond."""
+        with self._control_lock:
+            request = self._control_client.request
+            return ProxyState(
+                request(control.ListClients(), control.ClientsResponse).clients,
+                request(control.ListFaults(), control.FaultsResponse).rules,
+                request(control.ListHeld(), control.HeldResponse).held,
+                request(control.GetStats(), control.ProxyStats),
+            )
 
     @work(thread=True, group="order")
     def _send_order(self, order: control.ControlRequest, done: Callable[[], None] = lambda: None) -> None:
         """Send an order to the proxy, and call `done` after the proxy has carried out the order."""
         try:
-            self._control_client.send_order(order)
+            with self._control_lock:
+                self._control_client.request(order, control.DoneResponse)
             self.call_in_screen(done)
         except ControlRefused as error:
             text = label("proxy.refusal", reason=printable(full_error_text(error)))

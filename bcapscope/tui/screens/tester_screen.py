@@ -109,9 +109,7 @@ class TesterScreen(TesterNavigation):
         super().__init__()
         self._options = tester_options
         self.session = ControllerSession(
-            partial(self.call_in_screen, self._show_update),
-            tester_options.log_folder,
-            tester_options.tap,
+            partial(self.call_in_screen, self._show_update), tester_options.log_folder, tester_options.tap
         )
         self.variable_watcher = VariableWatcher(self.session)
         self.call_runner = CallRunner(self.session, self._ask_to_arm)

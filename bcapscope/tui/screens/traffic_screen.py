@@ -18,7 +18,7 @@ from bcapscope.tui.screens import frame_relations
 from bcapscope.tui.screens.base_screen import view_keys
 from bcapscope.tui.screens.prompt import Prompt
 from bcapscope.tui.screens.traffic_views import RECORD_KINDS, TrafficViews
-from bcapscope.tui.traffic_processes.process_messages import SaveJob
+from bcapscope.tui.traffic_processes.process_messages import ReadJob, SaveJob
 from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from bcapscope.tui.widgets.checked_input import CheckedInput
@@ -274,7 +274,7 @@ class TrafficScreen(TrafficViews):
             app_of(self).show_message(label("traffic.open.none", path=printable(path)), "warning")
             return
         try:
-            feed = TrafficFeed(path=path, ports=self.feed.job.ports)
+            feed = TrafficFeed(ReadJob(path=path, ports=self.feed.job.ports))
         except TemporaryFolderError as error:
             app_of(self).show_message(printable(full_error_text(error)), "error")
         else:

@@ -30,9 +30,7 @@ from bcapscope.tui.tester.wanted_messages import CallWanted, RawWanted
 class CommandForm(Vertical):
     """A form for calls of one ..._Execute function, with completion of command names."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("f4", "pick", "tester.pick"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("f4", "pick", "tester.pick")]
 
     def __init__(self, function_id: int, *, id: str | None = None) -> None:
         super().__init__(id=id)

@@ -8,10 +8,7 @@ from typing import Any
 
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import BcapError
-from bcapscope.live.controller.controller_session import (
-    ControllerSession,
-    NotArmedError,
-)
+from bcapscope.live.controller.controller_session import ControllerSession, NotArmedError
 from bcapscope.live.controller.guided_connect import add_robot, start_robslave
 from bcapscope.live.controller.history_record import HistoryRecord, RecordOutcome
 from bcapscope.messages import Message

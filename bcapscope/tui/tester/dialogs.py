@@ -14,11 +14,7 @@ from textual.widgets import Button, Input, Static
 
 from bcapscope.errors import BcapError
 from bcapscope.live.controller.controller_session import ControllerSession, NotArmedError
-from bcapscope.live.controller.error_recovery import (
-    RecoveryStep,
-    read_current_errors,
-    run_recovery_step,
-)
+from bcapscope.live.controller.error_recovery import RecoveryStep, read_current_errors, run_recovery_step
 from bcapscope.live.controller.history_record import RecordOutcome
 from bcapscope.protocol.number_parsing import parse_integer
 from bcapscope.protocol.tables.hresult import hresult_name
@@ -83,9 +79,7 @@ _STEP_MARKS = {None: "○", True: "●", False: "✗"}
 class RecoveryDialog(ModalScreen[None]):
     """Shows the steps. The dialog reads the errors at once; the user starts every other step."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "dismiss", "shell.close", key_display="esc"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss", "shell.close", key_display="esc")]
 
     def __init__(
         self,

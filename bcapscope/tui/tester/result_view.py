@@ -27,9 +27,7 @@ class ResultView(InkedText, can_focus=True):
         record: Call that is shown; None if the view shows no call.
     """
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("d", "digits", "tester.digits"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("d", "digits", "tester.digits")]
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id, classes="-empty")

@@ -24,21 +24,20 @@ STOP_READING = b"."
 """Sent after a job when the source has ended: the reader then finishes with the data that exists."""
 
 
-class ReadJob(msgspec.Struct, frozen=True):
+class ReadJob(msgspec.Struct, frozen=True, kw_only=True):
     """A job: which traffic the reader process, or the watcher of a proxy, reads for the screen.
 
     Attributes:
-        folder: Folder for the journal, which exists and is empty.
         path: Capture file, or the recording that the watcher writes; "" for none.
         interface: Network interface for a live capture; "" for none.
         follow: Whether another program is still writing the capture.
         ports: Ports of controllers; an empty tuple selects 5007.
         leg: Prefix of the names of capture interfaces to read; packets of other interfaces are skipped.
         language: Language of rendered lines, ``en`` or ``ja``.
-        own_clients: Whether the clients are bcapscope's own, which stay present while the capture is written.
+        own_clients: Whether the clients are bcapscope's own, and so remain connected while they are silent.
+        folder: Empty folder for the journal.
     """
 
-    folder: str
     path: str = ""
     interface: str = ""
     follow: bool = False
@@ -46,6 +45,7 @@ class ReadJob(msgspec.Struct, frozen=True):
     leg: str = ""
     language: str = "en"
     own_clients: bool = False
+    folder: str = ""
 
 
 class ReadProgress(msgspec.Struct, tag=True, frozen=True):

@@ -26,9 +26,7 @@ _MAX_FRAMES = 12
 class FindingPage(ItemList[tuple[str, int]]):
     """Shows findings as paragraphs; the keys up and down move by lines, and Enter chooses the finding."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("enter", "choose", "findings.choose"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "choose", "findings.choose")]
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)

@@ -28,7 +28,7 @@ from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.tui.app import BcapApp, ScreenEntry
 from bcapscope.tui.screens.proxy_screen import ProxyScreen, ProxyState
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
-from bcapscope.tui.traffic_processes.traffic_feed import PublishedTraffic, TrafficFeed, watcher_job
+from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed, watcher_job
 from bcapscope.tui.widgets.bars import ViewBar
 from tests.tui.pilot import drive, make, picture, shown, until
 from tests.tui.proxy_panel.proxy_figures import figures
@@ -61,7 +61,7 @@ def proxied(folder: Path, to: int, *words: str) -> Iterator[tuple[BcapApp, Proxy
     child = ChildProcess("proxy", *spec, *control, *publish, *words)
     try:
         port = int(child.listen_addresses[0].partition(" > ")[0].rpartition(":")[2])
-        feed = TrafficFeed(published=PublishedTraffic(job, child.hand_over_stdout()))
+        feed = TrafficFeed(job, child.hand_over_stdout())
         place = ProxyScreen(child.control_address, child.listen_addresses[0], feed, child)
         try:
             spots = [
