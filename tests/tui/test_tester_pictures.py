@@ -68,7 +68,7 @@ class Album:
     async def take(self, pilot: Pilot[None], name: str) -> None:
         """Take a picture in each theme, once HALT is at hand and no button is lit by its push."""
         here = screen(pilot)
-        await until(pilot, lambda: here.halt_state is HaltState.READY)
+        await until(pilot, lambda: here.halt_update.state is HaltState.READY)
         await until(pilot, lambda: not pilot.app.screen.query("Button.-active"))
         await until(pilot, lambda: not here.query("Button.-active"))
         app = self._app

@@ -87,7 +87,7 @@ async def ready(pilot: Pilot[None]) -> None:
     """Wait until it is connected, a command can be typed and HALT is at hand."""
     here = screen(pilot)
     await until(pilot, lambda: here.session.status.robot is not None)
-    await until(pilot, lambda: here.halt_state is HaltState.READY)
+    await until(pilot, lambda: here.halt_update.state is HaltState.READY)
     await until(pilot, lambda: pilot.app.focused is here.query_one(COMMAND))
 
 

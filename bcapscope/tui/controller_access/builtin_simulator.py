@@ -1,7 +1,4 @@
-"""The built-in simulator: a process on a free loopback port, for the Tester without a controller.
-
-If the parent process is killed, the pipe between the processes closes, and the simulator ends.
-"""
+"""The built-in simulator: a process on a free loopback port, for the Tester without a controller."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from bcapscope.player.realtime import realtime_priority
 from bcapscope.simulator.kinematics import Joints
@@ -44,18 +41,12 @@ _STEP = 0.2
 _HOST = "127.0.0.1"
 
 
-@dataclass(frozen=True, slots=True)
-class BuiltInSimulator:
+class BuiltInSimulator(NamedTuple):
     """A running built-in simulator, with its address for UDP and TCP."""
 
     host: str
     port: int
     process: subprocess.Popen[bytes]
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether the simulator's process has ended."""
-        return self.process.poll() is not None
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Saved requests: one small YAML file per request, which a team can keep in git.
+"""Saved requests: one small YAML file per request, such as:
 
     function: Robot_Execute
     arguments:
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -62,24 +63,19 @@ class SavedRequest(NamedTuple):
 
 
 def default_requests_folder() -> Path:
-    """Return the platform's default folder for saved requests."""
     return platformdirs.user_data_path("bcapscope", appauthor=False) / "requests"
 
 
 def list_requests(folder: Path) -> list[tuple[str, SavedRequest | str]]:
-    """Return the saved requests in a folder by name; a file that cannot be read gives the reason instead."""
-    try:
-        paths = sorted(folder.glob(f"*{_SUFFIX}"))
-    except OSError:
-        return []
-    return [(path.stem, _load_or_reason(path)) for path in paths]
-
-
-def _load_or_reason(path: Path) -> SavedRequest | str:
-    try:
-        return load_request(path)
-    except SavedRequestError as error:
-        return full_error_text(error)
+    """Return the names and requests of the files in a folder; for an unreadable file, return the reason."""
+    found: list[tuple[str, SavedRequest | str]] = []
+    with suppress(OSError):
+        for path in sorted(folder.glob(f"*{_SUFFIX}")):
+            try:
+                found.append((path.stem, load_request(path)))
+            except SavedRequestError as error:
+                found.append((path.stem, full_error_text(error)))
+    return found
 
 
 def load_request(path: Path) -> SavedRequest:

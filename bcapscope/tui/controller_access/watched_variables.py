@@ -13,7 +13,6 @@ from bcapscope.live.controller.controller_session import ControllerSession
 from bcapscope.live.controller.history_record import Initiator, RecordOutcome
 from bcapscope.live.controller.session_updates import WatchUpdate
 from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant
-from bcapscope.render.sparkline import sparkline
 from bcapscope.tui.controller_access.call_history import error_text, failure_text
 from bcapscope.tui.reader_language import label
 
@@ -49,9 +48,6 @@ class WatchSeries:
             return None
         (before, was), (now, value) = self.readings[-2], self.readings[-1]
         return (value - was) * _SECOND / (now - before) if now > before else None
-
-    def sparkline_text(self, width: int) -> str:
-        return sparkline([value for _, value in self.readings][-width:])
 
 
 @dataclass(slots=True)
@@ -89,7 +85,7 @@ class WatchedVariable:
 
 
 def _numbers(variant: Variant) -> list[float]:
-    """Return the numbers in a value, for an array one per element; () if any element is not a number."""
+    """Return the number in a value, or the numbers of an array; [] if one of the elements is no number."""
     values = variant.value if isinstance(variant.value, tuple) else (variant.value,)
     numbers = [float(each) for each in values if isinstance(each, bool | int | float)]
     return numbers if len(numbers) == len(values) else []

@@ -30,18 +30,14 @@ def edited_message(data: bytes, flow: Flow, text: str) -> bytes:
     if not text.strip():
         raise ValueError(label("proxy.edit.empty"))
     if _HEX.fullmatch(text):
-        return _from_hex(text)
-    made = rewrite_message(data, flow, text)
-    if made == data:
+        try:
+            return bytes.fromhex(text)
+        except ValueError:
+            raise ValueError(label("proxy.edit.hex")) from None
+    edited = rewrite_message(data, flow, text)
+    if edited == data:
         raise ValueError(label("proxy.edit.same"))
-    return made
-
-
-def _from_hex(text: str) -> bytes:
-    try:
-        return bytes.fromhex(text)
-    except ValueError:
-        raise ValueError(label("proxy.edit.hex")) from None
+    return edited
 
 
 def proposed_edit(data: bytes, offset: int) -> str:
@@ -50,13 +46,9 @@ def proposed_edit(data: bytes, offset: int) -> str:
     If no argument is at the offset, the edit sets the last argument. The result is "" if no argument has a
     text form.
     """
-    for item in parse_datagram(data)[:1]:
-        if isinstance(item, Frame) and not item.problems:
-            return _argument_edit(item, offset)
-    return ""
-
-
-def _argument_edit(frame: Frame, offset: int) -> str:
+    frame = next(iter(parse_datagram(data)), None)
+    if not isinstance(frame, Frame) or frame.problems:
+        return ""
     numbered = list(enumerate(frame.arguments))
     here = [(index, each) for index, each in numbered if each.start <= offset < each.stop]
     for index, argument in (*here, *reversed(numbered)):

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.containers import Horizontal, VerticalScroll
 from textual.widgets import Button
 
 from bcapscope.live.controller.controller_session import ControllerSession
@@ -51,6 +51,7 @@ from bcapscope.tui.tester.call_runner import CallNotice, CallRunner
 from bcapscope.tui.tester.connection_panel import ConnectionPanel
 from bcapscope.tui.tester.dialogs import ArmDialog, RecoveryDialog
 from bcapscope.tui.tester.form_tabs import FormTabs
+from bcapscope.tui.tester.form_widgets import Box
 from bcapscope.tui.tester.object_panels import OpenObjectRow
 from bcapscope.tui.tester.packet_pane import PacketPane
 from bcapscope.tui.tester.result_view import ResultView
@@ -114,40 +115,26 @@ class TesterScreen(TesterNavigation):
         self.variable_watcher = VariableWatcher(self.session)
         self.call_runner = CallRunner(self.session, self._ask_to_arm)
         self.player_slot = PlayerSlot()
-        self._halt_update = HaltUpdate(HaltState.CLOSED)
+        self.halt_update = HaltUpdate(HaltState.CLOSED)
         self._simulator_stack = ExitStack()
         self._simulator: BuiltInSimulator | None = None
         self._is_connected = False
         self._is_connecting = False
         self._last_slave_session = LastSlaveSession()
 
-    @property
-    def halt_state(self) -> HaltState:
-        """State of the HALT connection, with the result of the latest HALT."""
-        return self._halt_update.state
-
     def content(self) -> ComposeResult:
         start = self._options
         with Horizontal(id="desk"):
             with VerticalScroll(id="left", can_focus=False):
-                with Vertical(classes="box", id="controller-box"):
+                with Box("tester.box.controller", id="controller-box"):
                     yield ConnectionPanel(start.host, start.port, start.tcp, start.option)
-                with Vertical(classes="box", id="execute-box"):
+                with Box("tester.box.execute", id="execute-box"):
                     yield CommandForm(_EXECUTE_CONTROLLER, id="controller-execute")
                 yield FormTabs(FUNCTIONS[_EXECUTE_CONTROLLER])
             yield PacketPane(start.requests_folder, id="right")
 
     def on_mount(self) -> None:
         """Register the HALT callback; without a host, start the built-in simulator."""
-        for name, title in (
-            ("controller-box", "tester.box.controller"),
-            ("execute-box", "tester.box.execute"),
-            ("add-robot", "tester.box.robot"),
-            ("robot-variable", "tester.box.variable"),
-            ("variable", "tester.box.variable"),
-            ("task-box", "tester.box.task"),
-        ):
-            self.query_one(f"#{name}").border_title = label(title)
         app = app_of(self)
         app.add_halt_callback(self.player_slot.halt)
         app.add_halt_callback(self.session.halt)
@@ -214,7 +201,7 @@ class TesterScreen(TesterNavigation):
         self._show_status()
 
     def _apply_halt_update(self, news: HaltUpdate) -> None:
-        before, self._halt_update = self._halt_update, news
+        before, self.halt_update = self.halt_update, news
         reason = printable(reason_text(news.reason))
         if news.state in (HaltState.HALTED, HaltState.FAILED):
             key = "tester.halted" if news.state is HaltState.HALTED else "tester.unhalted"
@@ -227,7 +214,7 @@ class TesterScreen(TesterNavigation):
     def _show_status(self) -> None:
         session = self.session
         now, monitor = session.now(), session.reply_monitor
-        line = status_pieces(session.status, session.arming, now, self._halt_update, monitor)
+        line = status_pieces(session.status, session.arming, now, self.halt_update, monitor)
         app_of(self).status = tuple(line)
 
     # Requests of the widgets.
@@ -237,8 +224,8 @@ class TesterScreen(TesterNavigation):
 
     @on(ConnectWanted)
     def _connect_wanted(self, message: ConnectWanted) -> None:
-        gone = self._simulator
-        if gone is not None and gone.has_ended and (message.host, message.port) == (gone.host, gone.port):
+        own, wanted = self._simulator, (message.host, message.port)
+        if own is not None and wanted == (own.host, own.port) and own.process.poll() is not None:
             self._run_in_group(self._reconnect_simulator(), "connect")
         else:
             self._run_in_group(self._connect_controller(message), "connect")

@@ -350,7 +350,8 @@ def progress_texts(
         short.append(f"○ {label('traffic.ended')}")
     elif not progress.ended and progress.size:
         percent = 100 * progress.position // progress.size
-        long.append(f"{label('traffic.reading')} {_progress_bar(percent)} {percent:>3} %")
+        full = _BAR * percent // 100
+        long.append(f"{label('traffic.reading')} {'━' * full}{'╌' * (_BAR - full)} {percent:>3} %")
         short.append(f"{percent}%")
     elif not progress.ended:
         long.append(f"● {label('traffic.live')}")
@@ -363,8 +364,3 @@ def count_text(number: int, brief: bool) -> str:
     if not brief or number < 10_000:
         return f"{number:,}"
     return f"{number // 1000}k" if number < 1_000_000 else f"{number // 100_000 / 10}M"
-
-
-def _progress_bar(percent: int) -> str:
-    full = _BAR * percent // 100
-    return f"{'━' * full}{'╌' * (_BAR - full)}"

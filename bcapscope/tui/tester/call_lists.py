@@ -17,6 +17,7 @@ from textual.message import Message
 from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.render.escape import printable
 from bcapscope.render.result_values import variant_values_text
+from bcapscope.render.sparkline import sparkline
 from bcapscope.tui.controller_access.call_history import history_filter, history_line
 from bcapscope.tui.controller_access.saved_requests import SavedRequest, list_requests
 from bcapscope.tui.controller_access.watched_variables import WatchedVariable, WatchSeries
@@ -229,7 +230,8 @@ def _number_columns(series: WatchSeries, widths: ColumnWidths, decimals: int) ->
     texts = "".join(
         f"{'' if value is None else f'{value:.{places}f}':>{widths.number}} " for value, places in values
     )
-    return f"{INK.number}{texts}{INK.reset} {INK.good}{series.sparkline_text(widths.sparkline)}{INK.reset}"
+    trend = sparkline([value for _, value in series.readings][-widths.sparkline :])
+    return f"{INK.number}{texts}{INK.reset} {INK.good}{trend}{INK.reset}"
 
 
 _NAME_WIDTH = 28

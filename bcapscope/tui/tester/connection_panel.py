@@ -72,7 +72,8 @@ class ConnectionPanel(Vertical):
 
     def wanted_connection(self) -> ConnectWanted | str:
         """Return the connection that the fields describe, or a text that says what is wrong with them."""
-        host, port = self._host_and_port()
+        host, port = split_host_port(self.query_one("#host", Input).value.strip())
+        port = port or self.query_one("#port", Input).value.strip()  # "host:5007" takes precedence
         tcp = not self.query_one("#udp", TickBox).value
         option = self.query_one("#option", Input).value
         if not host:
@@ -85,11 +86,6 @@ class ConnectionPanel(Vertical):
         except ValueError as error:
             return full_error_text(error)
         return ConnectWanted(host, number, tcp, option)
-
-    def _host_and_port(self) -> tuple[str, str]:
-        """Return host and port; a port in the host field, as in `host:5007`, takes precedence."""
-        host, port = split_host_port(self.query_one("#host", Input).value.strip())
-        return host, port or self.query_one("#port", Input).value.strip()
 
     def clear_steps(self) -> None:
         self._steps = {}
@@ -119,10 +115,8 @@ class ConnectionPanel(Vertical):
         self.query_one("#connect", Button).disabled = connecting
 
     def _update_texts(self) -> None:
-        parts = [self._step_text(step) for step in ConnectStep]
-        last = next(
-            (each for each in reversed(self._steps.values()) if each.result or each.done is False), None
-        )
+        news = reversed(self._steps.values())
+        last = next((each for each in news if each.result or each.done is False), None)
         text = f"{INK.bad}{printable(self._problem)}{INK.reset}" if self._problem else ""
         if not text and last is not None:
             color = INK.bad if last.done is False else INK.dim
@@ -130,7 +124,7 @@ class ConnectionPanel(Vertical):
         if not text:
             hint = "tester.simulator.starting" if self._is_address_pending else "tester.connect.hint"
             text = f"{INK.dim}{label(hint)}{INK.reset}"
-        self.query_one("#steps", InkedText).show_text(" ".join(parts))
+        self.query_one("#steps", InkedText).show_text(" ".join(map(self._step_text, ConnectStep)))
         self.query_one("#found", InkedText).show_text(text)
 
     def _step_text(self, step: ConnectStep) -> str:

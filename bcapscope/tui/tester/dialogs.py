@@ -152,14 +152,9 @@ class RecoveryDialog(ModalScreen[None]):
         else:
             done = record.outcome is RecordOutcome.ANSWERED
             self._show_step(step_wanted, done, "" if done else failure_text(record))
-            if done:
-                self._focus_next_step(step_wanted)
-
-    def _focus_next_step(self, which: RecoveryStep) -> None:
-        steps = list(RecoveryStep)
-        at = steps.index(which) + 1
-        if at < len(steps):
-            self.query_one(f"#do-{steps[at]}").focus()
+            following = list(RecoveryStep)[list(RecoveryStep).index(step_wanted) + 1 :]
+            if done and following:
+                self.query_one(f"#do-{following[0]}").focus()
 
     def _show_step(self, which: RecoveryStep, done: bool | None, text: str) -> None:
         color = {None: INK.number, True: INK.good, False: INK.bad}[done]

@@ -9,6 +9,7 @@ from typing import ClassVar, Literal
 from rich.text import Text
 from textual.app import RenderResult
 from textual.binding import Binding, BindingType
+from textual.containers import Vertical
 from textual.message import Message
 from textual.reactive import reactive
 from textual.widgets import Button, Checkbox, Label
@@ -22,6 +23,14 @@ class Caption(Label):
 
     def __init__(self, key: str) -> None:
         super().__init__(label(key), markup=False)
+
+
+class Box(Vertical):
+    """A frame around a part of the forms; `title` is a label key."""
+
+    def __init__(self, title: str, *, id: str) -> None:
+        super().__init__(id=id, classes="box")
+        self.border_title = label(title)
 
 
 class FormButton(Button):

@@ -19,7 +19,7 @@ from bcapscope.protocol.tables.variables import VARIABLES, find_variable
 from bcapscope.render.escape import printable
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.call_forms import CommandForm, FunctionForm, select_named_value
-from bcapscope.tui.tester.form_widgets import Caption, ChoiceRow, FormButton
+from bcapscope.tui.tester.form_widgets import Box, Caption, ChoiceRow, FormButton
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.typed_value import TypedValue, expected_input, type_numbers
 from bcapscope.tui.tester.wanted_messages import (
@@ -104,11 +104,11 @@ _VARIABLE_GET, _VARIABLE_PUT = 101, 102
 _NO_OPTION = Variant(VT.BSTR, "")
 
 
-class VariablePanel(Vertical):
+class VariablePanel(Box):
     """A form for variables of a controller, robot or task; it acts on the variable in the name field."""
 
-    def __init__(self, owner: ObjectClass, name: str, *, id: str | None = None) -> None:
-        super().__init__(id=id, classes="box")
+    def __init__(self, owner: ObjectClass, name: str, *, id: str) -> None:
+        super().__init__("tester.box.variable", id=id)
         self._owner = owner
         self._initial_name = name
 
@@ -175,7 +175,7 @@ class RobotPanel(VerticalScroll, can_focus=False):
 
     def compose(self) -> ComposeResult:
         added = ResultView(id="added")
-        with Vertical(classes="box", id="add-robot"):
+        with Box("tester.box.robot", id="add-robot"):
             yield OpenObjectRow(ObjectClass.CONTROLLER, ObjectClass.ROBOT, "Arm", ["Arm", "Robot0"], added)
             yield added
         with Vertical(classes="box", id="robot-forms"):
@@ -201,7 +201,7 @@ class TaskPanel(VerticalScroll, can_focus=False):
 
     def compose(self) -> ComposeResult:
         result = ResultView(id="task-result")
-        with Vertical(classes="box", id="task-box"):
+        with Box("tester.box.task", id="task-box"):
             yield OpenObjectRow(ObjectClass.CONTROLLER, ObjectClass.TASK, "RobSlave", ["RobSlave"], result)
             with Horizontal(classes="row"):
                 yield Caption("tester.mode")

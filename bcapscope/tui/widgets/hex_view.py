@@ -104,12 +104,6 @@ class HexView(Lines):
             self._cursor_byte = at
             self._show_cursor()
 
-    def on_focus(self) -> None:
-        self.repaint()
-
-    def on_blur(self) -> None:
-        self.repaint()
-
     # the cursor
 
     def _show_cursor(self) -> None:

@@ -236,10 +236,10 @@ class Lines(ScrollView, can_focus=True):
         self._post_moved()
 
     def on_focus(self) -> None:
-        self.refresh()
+        self.repaint()
 
     def on_blur(self) -> None:
-        self.refresh()
+        self.repaint()
 
     def _post_moved(self) -> None:
         self.post_message(self.Moved(self, self.cursor))

@@ -268,7 +268,9 @@ class CallList(RecordList):
         call = row.settled
         if not part:
             if self.clock is TimeFormat.DELTA:
-                self._renderer.set_time_origin(_start_of(self.call_row(max(0, position - 1))))
+                above = self.call_row(max(0, position - 1)).settled
+                first = above.request if isinstance(above, Call) else above.observation
+                self._renderer.set_time_origin(first.time)
             many = isinstance(call, Call) and bool(call.other_frames)
             fold = " " if not isinstance(call, Call) else "▾" if self._is_unfolded(position) else "▸"
             color = INK.problem if many else INK.dim
@@ -316,8 +318,3 @@ class CallList(RecordList):
             right_aligned(label("traffic.head.time"), 12),
         )
         return f" {call} {time} {client} {label('traffic.head.what')}"
-
-
-def _start_of(row: StoredCall) -> int:
-    call = row.settled
-    return call.request.time if isinstance(call, Call) else call.observation.time
