@@ -124,7 +124,7 @@ def show_simulator(port: int, words: Sequence[str]) -> None:
     `words` are further options of ``bcapscope sim``.
     """
     from bcapscope.tui.app import BcapApp, ScreenEntry
-    from bcapscope.tui.screens.simulator_screen import SimulatorScreen
+    from bcapscope.tui.screens.traffic_screen import SimulatorScreen
     from bcapscope.tui.traffic_processes.process_messages import ReadJob
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed

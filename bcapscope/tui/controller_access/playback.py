@@ -81,23 +81,23 @@ class PreparedTrajectory:
         yield from PreflightRenderer(palette, width, reader_words()).lines(self.preflight)
 
     def make_plan(self, target: ControllerTarget, robot: str, armed: bool, record: Path) -> PlayPlan:
-        """Return the plan to pass to the player process.
+        """Return the plan for the player process.
 
         Args:
             armed: Whether the user confirmed that the robot may move.
-            record: Name of a new file for recording the whole conversation.
+            record: Name of a new file for a recording of the whole conversation.
         """
-        wish, trajectory = self.settings, self.trajectory
+        settings, trajectory = self.settings, self.trajectory
         return PlayPlan(
             target=target,
             robot=robot,
             kind=trajectory.kind,
-            mode=wish.mode,
-            period=round(wish.interval * 1e6),
+            mode=settings.mode,
+            period=round(settings.interval * 1e6),
             points=list(map(tuple, trajectory.points.tolist())),
-            rounds=wish.rounds,
+            rounds=settings.rounds,
             armed=armed,
-            limits=wish.limits,
+            limits=settings.limits,
             record=str(record),
         )
 
@@ -187,12 +187,12 @@ MAX_SAMPLES = 600
 
 @dataclass(slots=True)
 class PlaybackRun:
-    """Everything known about one run.
+    """What the player has reported about one run.
 
     Attributes:
         samples: Latest readings, each as elapsed seconds, set point and returned pose.
         preflight: Pre-flight check against the connected controller; None before the connection.
-        readiness: Text on the real-time settings that the system allows; None until the player reports them.
+        readiness: Text on the real-time settings that the system allows; None until the player reports it.
     """
 
     plan: PlayPlan
@@ -239,12 +239,10 @@ class PlaybackRun:
 
     @property
     def buffer_margin(self) -> tuple[int, float, float] | None:
-        """Margin of the controller's buffer by a model: the controller takes one set point each 8 ms.
+        """Slots of the controller's buffer, ms that a full buffer lasts, ms left at the longest pause.
 
-        Returns:
-            Number of buffer slots, ms that a full buffer lasts, and ms that remained at the longest pause.
-            None
-            if underflow is no error in this mode, or before the first set point.
+        By the model, the controller takes one set point each 8 ms. The margin is None before the first set
+        point, or in a mode in which underflow is no error.
         """
         mode, progress = self.mode, self.progress
         if mode is None or progress is None or not progress.cycle or mode.underflow_is_error is False:

@@ -1,4 +1,4 @@
-"""What every screen has: bars, help, command palette and name; and screens with several views."""
+"""What every screen has: bars, help, command palette and name; screens with several views; a prompt."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.command import CommandPalette, DiscoveryHit, Hit, Hits, Provider
-from textual.containers import VerticalScroll
+from textual.containers import Vertical, VerticalScroll
 from textual.content import Content
 from textual.dom import DOMNode
 from textual.events import ScreenResume
 from textual.screen import ModalScreen, Screen
 from textual.widget import Widget
-from textual.widgets import Static
+from textual.widgets import Input, Static
 
 from bcapscope.messages import Language
 from bcapscope.messages.message import has_message
@@ -231,3 +231,28 @@ class ViewsScreen(BaseScreen):
 
     def action_back(self) -> None:
         self.set_focus(self.shown_list)
+
+
+class Prompt(ModalScreen[str | None]):
+    """Asks for a text. The dialog returns the text that the user typed, or None if the user cancels."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "cancel", "prompt.cancel", key_display="esc")]
+
+    def __init__(self, title: str, hint: str, value: str = "") -> None:
+        super().__init__()
+        self._question, self._hint, self._value = title, hint, value
+
+    def compose(self) -> ComposeResult:
+        with Vertical(id="prompt"):
+            yield Static(Text(self._question), id="prompt-title")
+            yield Input(self._value, id="prompt-input")
+            yield Static(
+                Text(f"{self._hint}   ⏎ {label('prompt.accept')}   esc {label('prompt.cancel')}".strip()),
+                id="prompt-hint",
+            )
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        self.dismiss(event.value)
+
+    def action_cancel(self) -> None:
+        self.dismiss(None)

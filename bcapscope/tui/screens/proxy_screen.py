@@ -25,26 +25,25 @@ from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation
 from bcapscope.tui.app import app_of
 from bcapscope.tui.ink import INK
-from bcapscope.tui.proxy_panel.message_editing import edited_message, proposed_edit
-from bcapscope.tui.proxy_panel.proxy_status import (
+from bcapscope.tui.proxy_display import (
     ClientList,
     HeldList,
     ProxyLog,
     RuleList,
+    edited_message,
     intercept_line,
+    proposed_edit,
     summary_lines,
 )
 from bcapscope.tui.reader_language import full_error_text, label
-from bcapscope.tui.screens.base_screen import ViewsScreen, view_keys
-from bcapscope.tui.screens.prompt import Prompt
+from bcapscope.tui.screens.base_screen import Prompt, ViewsScreen, view_keys
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from bcapscope.tui.widgets.bars import ViewBar
 from bcapscope.tui.widgets.checked_input import CheckedInput
-from bcapscope.tui.widgets.field_tree import FieldTree
 from bcapscope.tui.widgets.inked_text import InkedText
 from bcapscope.tui.widgets.item_list import ItemList
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.widgets.packet_view import PacketView
+from bcapscope.tui.widgets.packet_view import FieldTree, PacketView
 from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
 
 

@@ -30,13 +30,8 @@ class TesterNavigation(BaseScreen):
                 title = label(f"tester.{kind}", name=label(f"tester.{kind}.{name}"))
                 yield title, label(f"tester.{kind}.tip"), f"{kind}('{name}')"
 
-    def action_next_part(self) -> None:
-        self._focus_other_part(1)
-
-    def action_part_before(self) -> None:
-        self._focus_other_part(-1)
-
-    def _focus_other_part(self, by: int) -> None:
+    def action_part(self, by: int) -> None:
+        """Focus the next part of the screen if `by` is 1, the previous part if it is -1."""
         parts = list(self.query(_PART_SELECTOR))
         here = next((at for at, part in enumerate(parts) if part.has_focus_within), -1 if by > 0 else 0)
         for step in range(1, len(parts) + 1):

@@ -47,16 +47,9 @@ from bcapscope.tui.screens.tester_navigation import TesterNavigation
 from bcapscope.tui.settings import with_recent
 from bcapscope.tui.tester.call_forms import CommandForm
 from bcapscope.tui.tester.call_lists import HistoryLines, SavedList, WatchList
-from bcapscope.tui.tester.call_runner import CallNotice, CallRunner
-from bcapscope.tui.tester.connection_panel import ConnectionPanel
-from bcapscope.tui.tester.dialogs import ArmDialog, RecoveryDialog
-from bcapscope.tui.tester.form_tabs import FormTabs
-from bcapscope.tui.tester.form_widgets import Box
-from bcapscope.tui.tester.object_panels import OpenObjectRow
-from bcapscope.tui.tester.packet_pane import PacketPane
-from bcapscope.tui.tester.result_view import ResultView
-from bcapscope.tui.tester.status_line import arming_facts, status_pieces
-from bcapscope.tui.tester.wanted_messages import (
+from bcapscope.tui.tester.call_runner import (
+    CallNotice,
+    CallRunner,
     CallWanted,
     ConnectWanted,
     DisconnectWanted,
@@ -65,6 +58,14 @@ from bcapscope.tui.tester.wanted_messages import (
     RobSlaveWanted,
     WatchWanted,
 )
+from bcapscope.tui.tester.connection_panel import ConnectionPanel
+from bcapscope.tui.tester.dialogs import ArmDialog, RecoveryDialog
+from bcapscope.tui.tester.form_tabs import FormTabs
+from bcapscope.tui.tester.form_widgets import Box
+from bcapscope.tui.tester.object_panels import OpenObjectRow
+from bcapscope.tui.tester.packet_pane import PacketPane
+from bcapscope.tui.tester.result_view import ResultView
+from bcapscope.tui.tester.status_line import arming_facts, status_pieces
 
 _EXECUTE_CONTROLLER = 17
 
@@ -94,8 +95,8 @@ class TesterScreen(TesterNavigation):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f5", "connect", "tester.connect"),
         Binding("f5", "disconnect", "tester.disconnect"),
-        Binding("f6", "next_part", "tester.part"),
-        Binding("shift+f6", "part_before", "", show=False),
+        Binding("f6", "part(1)", "tester.part"),
+        Binding("shift+f6", "part(-1)", "", show=False),
         Binding("f7", "recover", "tester.recovery"),
         Binding("f8", "arm", "tester.arm"),
         Binding("f9", "slave", "tester.slave"),
@@ -151,11 +152,9 @@ class TesterScreen(TesterNavigation):
         panel = self.query_one(ConnectionPanel)
         panel.wait_for_address()
         await asyncio.to_thread(self._simulator_stack.close)
-        entered = asyncio.to_thread(
-            self._simulator_stack.enter_context, run_builtin_simulator(self._options.profile)
-        )
+        simulator = run_builtin_simulator(self._options.profile)
         try:
-            self._simulator = await entered
+            self._simulator = await asyncio.to_thread(self._simulator_stack.enter_context, simulator)
         except OSError as error:
             panel.show_problem(label("tester.simulator.failed", reason=printable(error_text(error))))
             return
@@ -203,10 +202,11 @@ class TesterScreen(TesterNavigation):
     def _apply_halt_update(self, news: HaltUpdate) -> None:
         before, self.halt_update = self.halt_update, news
         reason = printable(reason_text(news.reason))
-        if news.state in (HaltState.HALTED, HaltState.FAILED):
-            key = "tester.halted" if news.state is HaltState.HALTED else "tester.unhalted"
-            text = label(key, ms=f"{news.round_trip / 1e6:.1f}", reason=reason)
-            app_of(self).show_message(text, "warning" if news.state is HaltState.HALTED else "error")
+        if news.state is HaltState.HALTED:
+            text = label("tester.halted", ms=f"{news.round_trip / 1e6:.1f}")
+            app_of(self).show_message(text, "warning")
+        elif news.state is HaltState.FAILED:
+            app_of(self).show_message(label("tester.unhalted", reason=reason), "error")
         elif news.state is HaltState.LOST and before.state is HaltState.READY:
             app_of(self).show_message(label("tester.halt.gone", reason=reason), "error")
         self._show_status()
@@ -244,9 +244,8 @@ class TesterScreen(TesterNavigation):
         panel.clear_steps()
         self._set_connecting(panel, True)
         try:
-            if await self.session.run_in_loop(
-                connect(self.session, target, providers, opener.object_name, "")
-            ):
+            step = connect(self.session, target, providers, opener.object_name, "")
+            if await self.session.run_in_loop(step):
                 self._focus_next_form(panel)
             if self.session.status.is_connected and self._simulator is None:
                 settings = app_of(self).settings
@@ -260,9 +259,9 @@ class TesterScreen(TesterNavigation):
     def _focus_next_form(self, panel: ConnectionPanel) -> None:
         """Focus the next form to use, unless the user has moved the focus to another part."""
         if self.focused is None or panel in self.focused.ancestors:
-            self._focus_first_in(self.query_one("#robot-forms")) or self._focus_first_in(
-                self.query_one("#panels")
-            )
+            for name in ("#robot-forms", "#panels"):
+                if self._focus_first_in(self.query_one(name)):
+                    return
 
     def _set_connecting(self, panel: ConnectionPanel, connecting: bool) -> None:
         self._is_connecting = connecting
@@ -331,11 +330,8 @@ class TesterScreen(TesterNavigation):
             self._copy_record(record, message.what)
 
     def _copy_record(self, record: HistoryRecord, what: str) -> None:
-        target = (
-            self.session.status.target
-            or read_option_field("", self._options.host or "127.0.0.1", 5007, False)[0]
-        )
-        text = copy_text(record, what, target)
+        default = read_option_field("", self._options.host or "127.0.0.1", 5007, False)[0]
+        text = copy_text(record, what, self.session.status.target or default)
         if text is None:
             app_of(self).show_message(label("tester.copy.none"), "warning")
             return
@@ -361,14 +357,12 @@ class TesterScreen(TesterNavigation):
 
     @on(Button.Pressed, "#slave-mode")
     def action_slave(self) -> None:
-        path = next(iter(app_of(self).settings.trajectories), "")
-        self.app.push_screen(
-            SlaveScreen(self.session, self.player_slot, self._ask_to_arm, self._options.log_folder, path)
-        )
+        path, folder = next(iter(app_of(self).settings.trajectories), ""), self._options.log_folder
+        self.app.push_screen(SlaveScreen(self.session, self.player_slot, self._ask_to_arm, folder, path))
 
     def action_recover(self) -> None:
-        stay = self._last_slave_session
-        self.app.push_screen(RecoveryDialog(self.session, self._ask_to_arm, stay.move_position, stay.mode))
+        last = self._last_slave_session
+        self.app.push_screen(RecoveryDialog(self.session, self._ask_to_arm, last.move_position, last.mode))
 
     def action_digits(self) -> None:
         """Show all digits of all results; if any result shows all digits, show five decimals."""

@@ -1,22 +1,23 @@
-"""The traffic screen, for a file or an interface: frames, calls, findings, slave mode, statistics."""
+"""The traffic screen, for a capture, an interface or a simulator: keys to navigate, mark, save and open."""
 
 from __future__ import annotations
 
 import os.path
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
 from textual import on, work
 from textual.binding import Binding, BindingType
 
+from bcapscope.live.child_process import ChildProcess
 from bcapscope.render.escape import printable
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import full_error_text, label
 from bcapscope.tui.screens import frame_relations
-from bcapscope.tui.screens.base_screen import view_keys
-from bcapscope.tui.screens.prompt import Prompt
+from bcapscope.tui.screens.base_screen import Prompt, view_keys
 from bcapscope.tui.screens.traffic_views import RECORD_KINDS, TrafficViews
 from bcapscope.tui.traffic_processes.process_messages import ReadJob, SaveJob
 from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
@@ -282,3 +283,28 @@ class TrafficScreen(TrafficViews):
 
     def action_stop(self) -> None:
         self.feed.stop_reading()
+
+
+class SimulatorScreen(TrafficScreen):
+    """Shows the traffic and the address of a simulator, whose process is `child`."""
+
+    def __init__(self, feed: TrafficFeed, address: str, child: ChildProcess) -> None:
+        super().__init__(feed, address)
+        self._address = address
+        self._child = child
+
+    def on_mount(self) -> None:
+        self._show_address("good", "●")
+        app_of(self).show_message(label("simulator.listens", address=printable(self._address)))
+        self._child.subscribe_end(partial(self.call_in_screen, self._show_end))
+
+    def _show_address(self, ink: str, sign: str) -> None:
+        app_of(self).status = ((f"{sign} {printable(self._address)} ", ink),)
+
+    def _show_end(self, last_line: str) -> None:
+        """Report that the simulator has ended; its traffic remains on the screen."""
+        reason = label("simulator.ended", reason=printable(last_line) or label("proxy.killed"))
+        self.feed.stop_reading()
+        self.feed.report_source_problem(reason)
+        self._show_address("bad", "○")
+        app_of(self).show_message(reason, "error")

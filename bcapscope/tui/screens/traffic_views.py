@@ -161,9 +161,8 @@ class TrafficViews(ViewsScreen):
 
     def _show_growth(self) -> None:
         """Show new rows in the visible list; the other list shows them when it becomes visible."""
-        target = self.shown_list
-        if isinstance(target, RecordList):
-            target.lines_added()
+        if isinstance(self.shown_list, RecordList):
+            self.shown_list.lines_added()
 
     def _show_analysis(self, analysis: TrafficAnalysis) -> None:
         self.analysis = analysis
@@ -197,8 +196,8 @@ class TrafficViews(ViewsScreen):
         several = self.feed.progress.clients > 1
         self.frames.set_line_format(self.clock, several, first)
         self.calls.set_line_format(self.clock, several, first)
-        head = {"frames": self.frames.header, "calls": self.calls.header}.get(self.view)
-        text = "" if head is None else head()
+        shown = self.shown_list
+        text = shown.header() if isinstance(shown, RecordList) else ""
         if text != self._header_text:
             self._header_text = text
             self.query_one("#head", Static).update(Text(text), layout=False)
@@ -223,7 +222,7 @@ class TrafficViews(ViewsScreen):
 
     @on(Lines.Moved)
     def _list_moved(self, message: Lines.Moved) -> None:
-        """Show the frame under the cursor, if the visible list reports a new cursor position."""
+        """Show the frame under the cursor if the visible list reports a new cursor position."""
         if message.lines is self.shown_list:
             self._cursor_moved()
 
@@ -270,8 +269,7 @@ class TrafficViews(ViewsScreen):
         self.query_one("#about", Static).update(Text(about, no_wrap=True, overflow="ellipsis"), layout=False)
 
     def on_resize(self, event: Resize) -> None:
-        height = event.size.height
-        self.query_one("#detail").styles.height = max(8, min(26, height * 2 // 5))
+        self.query_one("#detail").styles.height = max(8, min(26, event.size.height * 2 // 5))
 
     # views and filter
 

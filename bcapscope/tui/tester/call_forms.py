@@ -20,11 +20,11 @@ from bcapscope.protocol.tables.enumerations import INTERPOLATIONS, TASK_START_MO
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, Param, function_name
 from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import label, reader_words, table_text
+from bcapscope.tui.tester.call_runner import CallWanted, RawWanted
 from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
 from bcapscope.tui.tester.pickers import command_picker
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.typed_value import PARAMETER_TYPES, TypedValue, command_hint
-from bcapscope.tui.tester.wanted_messages import CallWanted, RawWanted
 
 
 class CommandForm(Vertical):

@@ -17,8 +17,8 @@ from bcapscope.tui.controller_access.call_history import reason_text
 from bcapscope.tui.controller_access.option_field import read_option_field
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label
+from bcapscope.tui.tester.call_runner import ConnectWanted, DisconnectWanted
 from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
-from bcapscope.tui.tester.wanted_messages import ConnectWanted, DisconnectWanted
 from bcapscope.tui.widgets.inked_text import InkedText
 
 DEFAULT_PORT = 5007

@@ -19,16 +19,16 @@ from bcapscope.protocol.tables.variables import VARIABLES, find_variable
 from bcapscope.render.escape import printable
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.call_forms import CommandForm, FunctionForm, select_named_value
-from bcapscope.tui.tester.form_widgets import Box, Caption, ChoiceRow, FormButton
-from bcapscope.tui.tester.result_view import ResultView
-from bcapscope.tui.tester.typed_value import TypedValue, expected_input, type_numbers
-from bcapscope.tui.tester.wanted_messages import (
+from bcapscope.tui.tester.call_runner import (
     CallWanted,
     OpenWanted,
     ResultDisplay,
     RobSlaveWanted,
     WatchWanted,
 )
+from bcapscope.tui.tester.form_widgets import Box, Caption, ChoiceRow, FormButton
+from bcapscope.tui.tester.result_view import ResultView
+from bcapscope.tui.tester.typed_value import TypedValue, expected_input, type_numbers
 
 
 class OpenObjectRow(Horizontal):

@@ -21,7 +21,7 @@ from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.saved_requests import SavedRequestError, save_request
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label, reader_words
-from bcapscope.tui.screens.prompt import Prompt
+from bcapscope.tui.screens.base_screen import Prompt
 from bcapscope.tui.tester.call_lists import HistoryLines, HistoryPanel, SavedList, WatchList
 from bcapscope.tui.tester.form_widgets import ChoiceRow, FormButton, TickBox
 from bcapscope.tui.widgets.inked_text import InkedText
@@ -63,12 +63,12 @@ class PacketBox(Vertical):
         self._show_packet()
 
     def add_packets(
-        self, packets: tuple[Observation, ...], question: CallKind | None, overwrite: bool, show_first: bool
+        self, packets: tuple[Observation, ...], call_kind: CallKind | None, overwrite: bool, show_first: bool
     ) -> None:
         """Add packets; show the first new packet if `show_first` is set, else the last."""
         if overwrite:
             self._packets = []
-        self._packets += [(seen, question) for seen in packets]
+        self._packets += [(seen, call_kind) for seen in packets]
         del self._packets[:-MAX_PACKETS]
         while sum(len(seen.item.raw) for seen, _ in self._packets) > MAX_BYTES and len(self._packets) > 1:
             del self._packets[: len(self._packets) // 10 or 1]
@@ -81,14 +81,11 @@ class PacketBox(Vertical):
             self._show_packet()
 
     def _show_packet(self) -> None:
-        seen, question = self._packets[self._index] if self._packets else (None, None)
-        self.query_one(PacketView).show_packet(seen, question)
-        self._show_title()
-
-    def _show_title(self) -> None:
         text = f"{INK.name}{label(self._title)}{INK.reset}"
-        if self._packets:
-            item = self._packets[self._index][0].item
+        seen, call_kind = self._packets[self._index] if self._packets else (None, None)
+        self.query_one(PacketView).show_packet(seen, call_kind)
+        if seen is not None:
+            item = seen.item
             text += f"  {INK.dim}{label('tester.size', count=len(item.raw))}"
             if isinstance(item, Frame):
                 text += f"  serial {item.serial}  reserved {item.reserved}"
@@ -137,11 +134,10 @@ class PacketPane(Vertical):
 
     def show_record(self, record: HistoryRecord, overwrite: bool = True) -> None:
         text = next((each.value for each in record.arguments if isinstance(each.value, str)), None)
-        question = CallKind(record.function_id, text)
-        self.query_one("#sent", PacketBox).add_packets(record.sent_packets, None, overwrite, show_first=True)
-        self.query_one("#received", PacketBox).add_packets(
-            record.received_packets, question, overwrite, show_first=False
-        )
+        sent, received = (self.query_one(name, PacketBox) for name in ("#sent", "#received"))
+        sent.add_packets(record.sent_packets, None, overwrite, show_first=True)
+        call_kind = CallKind(record.function_id, text)
+        received.add_packets(record.received_packets, call_kind, overwrite, show_first=False)
         self._show_attempts(record)
 
     @property

@@ -113,7 +113,7 @@ class WebServer:
         application.router.add_get("/", self._entry_page)
         application.add_subapp(self.gate.base_path, below)
         application.on_response_prepare.append(self._add_headers)
-        application.on_shutdown.append(self._close_all)
+        application.on_shutdown.append(self._close_viewers)
         return application
 
     @web.middleware
@@ -173,9 +173,9 @@ class WebServer:
         return response
 
     async def _busy_page(self, request: web.Request) -> web.Response:
-        most = "Another viewer is" if self._viewers == 1 else f"{self._viewers} viewers are"
+        others = "Another viewer is" if self._viewers == 1 else f"{self._viewers} viewers are"
         return _page(
-            f"<h1>{most} connected</h1>"
+            f"<h1>{others} connected</h1>"
             "<p>Each viewer has a screen of their own, and only one client can hold the robot. "
             "Close the other page, then try again. <code>--viewers</code> allows more viewers.</p>"
             f'<p><a style="color: #9cf" href="{self.gate.base_path}/">Try again</a></p>',
@@ -188,11 +188,15 @@ class WebServer:
         self._websockets.add(websocket)
         try:
             async with self._seats.taken():
-                await self._run_screen(websocket, _size(request))
+                size = (
+                    _number(request.query.get("width", ""), 80),
+                    _number(request.query.get("height", ""), 24),
+                )
+                await self._run_screen(websocket, size)
         except NoSeat:
-            away = {"url": f"{self.gate.base_path}{_BUSY_PATH}", "new_tab": False}
+            busy_page = {"url": f"{self.gate.base_path}{_BUSY_PATH}", "new_tab": False}
             with suppress(ConnectionError):
-                await websocket.send_json(["open_url", away])
+                await websocket.send_json(["open_url", busy_page])
             await websocket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"another viewer is connected")
         finally:
             self._websockets.discard(websocket)
@@ -211,26 +215,27 @@ class WebServer:
             return
         screen = ScreenProcess(self._argv, write_bytes, write_str, websocket.close)
         await screen.start(*size)
-        over = asyncio.create_task(_close_after(screen, websocket), name="end of a screen")
+
+        async def close_after_end() -> None:
+            await screen.wait_until_ended()
+            await websocket.close()
+
+        over = asyncio.create_task(close_after_end(), name="end of a screen")
         try:
             async for message in websocket:
                 await _handle_page_event(message, screen, websocket)
         finally:
             over.cancel()
-            async with self._seats.ending():
+            self._seats.ending += 1
+            try:
                 await screen.stop()
+            finally:
+                self._seats.ending -= 1
 
-    async def _close_all(self, application: web.Application) -> None:
+    async def _close_viewers(self, application: web.Application) -> None:
         """Close every viewer's connection, which ends the screen processes."""
-        going = b"the server is ending"
-        await asyncio.gather(
-            *(each.close(code=WSCloseCode.GOING_AWAY, message=going) for each in self._websockets)
-        )
-
-
-async def _close_after(screen: ScreenProcess, websocket: web.WebSocketResponse) -> None:
-    await screen.wait_until_ended()
-    await websocket.close()
+        closing = (each.close(code=WSCloseCode.GOING_AWAY) for each in self._websockets)
+        await asyncio.gather(*closing)
 
 
 async def _handle_page_event(
@@ -257,11 +262,6 @@ async def _handle_page_event(
             await screen.focus()
 
 
-def _size(request: web.Request) -> tuple[int, int]:
-    """Return the numbers of columns and lines in the query of a websocket request."""
-    return _number(request.query.get("width", ""), 80), _number(request.query.get("height", ""), 24)
-
-
 def _number(text: str, otherwise: int) -> int:
     is_number = text.isascii() and text.isdecimal() and len(text) <= 4
     return _bounded(int(text)) if is_number else otherwise
@@ -277,11 +277,11 @@ def _page(body: str, head: str = "", status: int = 200) -> web.Response:
 
 async def _wait_for_end_signal() -> None:
     """Wait for SIGINT or SIGTERM. If the event loop cannot handle signals, Ctrl-C cancels the wait."""
-    asked = asyncio.Event()
+    arrived = asyncio.Event()
     with suppress(NotImplementedError):
         for number in (signal.SIGINT, signal.SIGTERM):
-            asyncio.get_running_loop().add_signal_handler(number, asked.set)
-    await asked.wait()
+            asyncio.get_running_loop().add_signal_handler(number, arrived.set)
+    await arrived.wait()
 
 
 class _OneLineHandler(logging.Handler):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from array import array
 from bisect import bisect_left, insort
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from typing import ClassVar, TypeAlias
 
 from textual.binding import Binding, BindingType
@@ -30,7 +30,6 @@ _MAX_CLIENT_LENGTH = 45
 
 
 def direction_arrow(flow: Flow) -> str:
-    """Return an arrow for the direction of a frame, without the client, for traffic of a single client."""
     return "→" if flow.direction is Direction.REQUEST else "←"
 
 
@@ -54,10 +53,10 @@ class RecordList(Lines):
 
     @abstractmethod
     def use_format(self, clock: TimeFormat, write_endpoints: EndpointWriter, origin: int) -> None:
-        """From now on, render lines in the given format; `origin` is the zero of relative times."""
+        """Render later lines in a format; `origin` is the zero of relative times."""
 
     def set_line_format(self, clock: TimeFormat, with_client: bool, origin: int) -> None:
-        """Set the format of times, the zero of relative times, and whether lines show the client."""
+        """Set the format of times, whether lines show the client, and the zero of relative times."""
         if (clock, with_client, origin) != (self.clock, self._shows_client, self._origin):
             self.clock, self._shows_client, self._origin = clock, with_client, origin
             self.use_format(clock, client_and_arrow if with_client else direction_arrow, origin)
@@ -67,6 +66,10 @@ class RecordList(Lines):
     def client_header(self) -> str:
         """Header of the columns for client and arrow; "" if lines do not show the client."""
         return f"{left_aligned(label('traffic.head.client'), 21)}   " if self._shows_client else ""
+
+    @abstractmethod
+    def header(self) -> str:
+        """Return the titles of the columns."""
 
     def row_count(self, total: int) -> int:
         """Return the number of rows: the number of matches, or `total` without a filter."""
@@ -173,13 +176,10 @@ class FrameList(RecordList):
     def header(self) -> str:
         time = {TimeFormat.UTC: 30, TimeFormat.EPOCH: 20}.get(self.clock, 12)
         client = self.client_header or "  "
-        words: Mapping[str, str] = {
-            name: label(f"traffic.head.{name}") for name in ("number", "time", "serial", "reserved", "what")
-        }
-        return (
-            f"  {right_aligned(words['number'], 6)} {right_aligned(words['time'], time)} {client}"
-            f"{right_aligned(words['serial'], 5)} {right_aligned(words['reserved'], 5)}  {words['what']}"
-        )
+        widths = {"number": 6, "time": time, "serial": 5, "reserved": 5}
+        titles = {name: right_aligned(label(f"traffic.head.{name}"), width) for name, width in widths.items()}
+        head = f"  {titles['number']} {titles['time']} {client}{titles['serial']} {titles['reserved']}"
+        return f"{head}  {label('traffic.head.what')}"
 
 
 class CallList(RecordList):
@@ -313,8 +313,6 @@ class CallList(RecordList):
 
     def header(self) -> str:
         client = self.client_header or "   "
-        call, time = (
-            right_aligned(label("traffic.head.call"), 6),
-            right_aligned(label("traffic.head.time"), 12),
-        )
+        call = right_aligned(label("traffic.head.call"), 6)
+        time = right_aligned(label("traffic.head.time"), 12)
         return f" {call} {time} {client} {label('traffic.head.what')}"

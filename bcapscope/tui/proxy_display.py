@@ -1,14 +1,20 @@
-"""The status of a proxy as text: the summary of its traffic, and lists of clients, rules and messages."""
+"""What the proxy screen shows: summary, lists of clients, rules and messages, and edits of held messages."""
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterator, Sequence
 
 from msgspec.structs import astuple
 
+from bcapscope.faults.rewriter import rewrite_message
+from bcapscope.protocol.codec.frame import Frame, parse_datagram
 from bcapscope.proxy.control_messages import ClientStatus, FaultStatus, HeldStatus, ProxyStats, RelayDelays
 from bcapscope.proxy.ring_buffer import SET_POINT_DEADLINE_NS
 from bcapscope.render.escape import printable
+from bcapscope.render.notation_text import untyped_text
+from bcapscope.traffic.observation import Flow
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.item_list import ItemList, TextList
@@ -157,3 +163,56 @@ def intercept_line(figures: ProxyStats) -> str:
     if figures.intercept is None:
         return f"{INK.dim} {label('proxy.intercept.none')}{INK.reset}"
     return f" {label('proxy.intercept.is')} {INK.name}{printable(figures.intercept)}{INK.reset}"
+
+
+_HEX = re.compile(r"[0-9A-Fa-f\s]+")
+_BARE = re.compile(r'[^\s"]+')
+
+
+def edited_message(data: bytes, flow: Flow, text: str) -> bytes:
+    """Return a held message after an edit.
+
+    Args:
+        data: Bytes of the held message.
+        flow: Sender and receiver of the held message.
+        text: New bytes in hex, or changes in the notation of the fault ``rewrite``: ``set arg[2]=0 serial
+            7``.
+
+    Raises:
+        ValueError: The edit is invalid or changes nothing; the error text says why.
+    """
+    if not text.strip():
+        raise ValueError(label("proxy.edit.empty"))
+    if _HEX.fullmatch(text):
+        try:
+            return bytes.fromhex(text)
+        except ValueError:
+            raise ValueError(label("proxy.edit.hex")) from None
+    edited = rewrite_message(data, flow, text)
+    if edited == data:
+        raise ValueError(label("proxy.edit.same"))
+    return edited
+
+
+def proposed_edit(data: bytes, offset: int) -> str:
+    """Return the text of an edit that sets the argument at a byte offset to its present value.
+
+    If no argument is at the offset, the edit sets the last argument. The result is "" if no argument has a
+    text form.
+    """
+    frame = next(iter(parse_datagram(data)), None)
+    if not isinstance(frame, Frame) or frame.problems:
+        return ""
+    numbered = list(enumerate(frame.arguments))
+    here = [(index, each) for index, each in numbered if each.start <= offset < each.stop]
+    for index, argument in (*here, *reversed(numbered)):
+        text = untyped_text(argument.variant)
+        if text is not None:
+            return f"set arg[{index}]={_typeable_text(text)}"
+    return ""
+
+
+def _typeable_text(text: str) -> str:
+    """Return a string argument as the user would type it, with invisible characters escaped."""
+    is_plain = text.isprintable()
+    return text if is_plain and _BARE.fullmatch(text) else json.dumps(text, ensure_ascii=not is_plain)
