@@ -128,7 +128,7 @@ def _restore(id: str, places: dict[str, PlaceValue], english: str | None) -> Mes
 
 
 def foreign_text(text: str) -> Message:
-    """Return a text that another program or library made, which stays as it is in every language."""
+    """Return a message with a text of another program or library, which has no translation."""
     return Message.from_table("text", text)
 
 

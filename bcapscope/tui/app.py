@@ -103,9 +103,9 @@ class BcapApp(KeyOrderApp):
             self.register_theme(theme)
         self.text_styles: Styles = {}
         self._select_theme(self.settings.theme)
-        for spot in self.screen_entries:
-            self.add_mode(spot.mode, spot.create)
-            self.bind(spot.key, f"switch_mode('{spot.mode}')", description=spot.name, show=False)
+        for entry in self.screen_entries:
+            self.add_mode(entry.mode, entry.create)
+            self.bind(entry.key, f"switch_mode('{entry.mode}')", description=entry.name, show=False)
 
     def _select_theme(self, name: str) -> None:
         names = [theme.name for theme in THEMES]

@@ -26,7 +26,7 @@ from bcapscope.messages.message import has_message
 from bcapscope.tui.app import BcapApp, app_of
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.themes import THEMES
-from bcapscope.tui.widgets.bars import KeyBar, TopBar, ViewBar
+from bcapscope.tui.widgets.bars import KeyBar, TopBar
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.plain_containers import PlainContainer, Switcher
 
@@ -191,8 +191,8 @@ def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
 class ViewsScreen(BaseScreen):
     """A screen that shows one of its lists; number keys and the view bar switch between them.
 
-    A subclass yields the bar from `make_view_bar` and a `Switcher` as part of its content. The switcher holds
-    a `Lines` widget for each of `VIEWS`, with the name of the view as the widget's id.
+    The content of a subclass has a `ViewBar`, and a `Switcher` with a list for each of `VIEWS`. The id of a
+    list is the name of its view.
 
     Attributes:
         VIEWS: Label key of each view, by the view's name. The screen starts with the first view.
@@ -203,9 +203,6 @@ class ViewsScreen(BaseScreen):
     def __init__(self) -> None:
         super().__init__()
         self.view = next(iter(self.VIEWS))
-
-    def make_view_bar(self) -> ViewBar:
-        return ViewBar(tuple(self.VIEWS.items()), id="views")
 
     @property
     def shown_list(self) -> Lines:

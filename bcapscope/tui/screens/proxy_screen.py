@@ -120,7 +120,7 @@ class ProxyScreen(ViewsScreen):
 
     def content(self) -> ComposeResult:
         yield InkedText(id="summary")
-        yield self.make_view_bar()
+        yield ViewBar(self.VIEWS, id="views")
         yield Static(id="head")
         with Switcher(initial="clients", id="lists"):
             yield ClientList("proxy.empty.clients", id="clients")

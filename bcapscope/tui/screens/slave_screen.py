@@ -211,9 +211,10 @@ class SlaveScreen(BaseScreen):
             if path:
                 self.query_one("#file", Input).value = path
 
-        here = Path(self._field_text("file")).expanduser().parent
-        recent, folder = app_of(self).settings.trajectories, here if here.is_dir() else Path.cwd()
-        self.app.push_screen(FilePicker(label("tester.browse"), recent, folder), take)
+        folder = Path(self._field_text("file")).expanduser().parent
+        folder = folder if folder.is_dir() else Path.cwd()
+        picker = FilePicker(label("tester.browse"), app_of(self).settings.trajectories, folder)
+        self.app.push_screen(picker, take)
 
     # While it plays.
 

@@ -233,9 +233,9 @@ class TesterScreen(TesterNavigation):
     async def _reconnect_simulator(self) -> None:
         """Restart the built-in simulator, which has ended, and connect to the new simulator."""
         await self._start_simulator()
-        wish = self.query_one(ConnectionPanel).wanted_connection()
-        if isinstance(wish, ConnectWanted):
-            await self._connect_controller(wish)
+        wanted = self.query_one(ConnectionPanel).wanted_connection()
+        if isinstance(wanted, ConnectWanted):
+            await self._connect_controller(wanted)
 
     async def _connect_controller(self, wanted: ConnectWanted) -> None:
         panel = self.query_one(ConnectionPanel)

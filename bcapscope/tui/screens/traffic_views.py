@@ -79,7 +79,7 @@ class TrafficViews(ViewsScreen):
         self._shown_frame: int | None = None
 
     def content(self) -> ComposeResult:
-        yield self.make_view_bar()
+        yield ViewBar(self.VIEWS, id="views")
         yield CheckedInput(
             "filter", self._check_filter, label("traffic.filter.hint"), label("traffic.filter")
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
 from textual import on
@@ -18,13 +18,14 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.command_catalogue import commands_of
 from bcapscope.protocol.tables.enumerations import INTERPOLATIONS, TASK_START_MODES, TASK_STOP_MODES
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, Param, function_name
+from bcapscope.render.notation_text import untyped_text
 from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import label, reader_words, table_text
 from bcapscope.tui.tester.call_runner import CallWanted, RawWanted
 from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
 from bcapscope.tui.tester.pickers import command_picker
 from bcapscope.tui.tester.result_view import ResultView
-from bcapscope.tui.tester.typed_value import PARAMETER_TYPES, TypedValue, command_hint
+from bcapscope.tui.tester.typed_value import TypedValue, command_hint
 
 
 class CommandForm(Vertical):
@@ -130,41 +131,34 @@ class FunctionForm(Vertical):
         self.params = function.params[1:] if function.takes_handle else function.params
 
     def compose(self) -> ComposeResult:
+        execute = FormButton("tester.execute", "primary", classes="execute")
         for index, param in enumerate(self.params):
-            last = index == len(self.params) - 1
             with Horizontal(classes="row"):
                 yield Label(param.name, markup=False, classes="param")
-                yield from self._make_field(index, param)
-                if last:
-                    yield self._execute_button()
+                yield self._make_field(param, f"field{index}")
+                if param is self.params[-1]:
+                    yield execute
         if not self.params:
-            with Horizontal(classes="row"):
-                yield self._execute_button()
+            yield Horizontal(execute, classes="row")
         yield ResultView()
 
-    def _execute_button(self) -> Button:
-        return FormButton("tester.execute", "primary", classes="execute")
-
-    def _make_field(self, index: int, param: Param) -> Iterator[Select[int] | TypedValue]:
+    def _make_field(self, param: Param, id: str) -> Select[int] | TypedValue:
         known = _NAMED_VALUES.get((self.function.name, param.name))
         if known is not None:
-            yield select_named_value(known, f"field{index}")
-        elif param.type == "VARIANT":
-            yield TypedValue(VT.BSTR, PARAMETER_TYPES, id=f"field{index}")
-        else:
-            vt = _PARAMETER_TYPES[param.type]
-            yield TypedValue(vt, (vt,), id=f"field{index}")
+            return select_named_value(known, id)
+        vt = _PARAMETER_TYPES.get(param.type)  # None for a parameter of any type
+        return TypedValue(VT.BSTR, id=id) if vt is None else TypedValue(vt, (vt,), id=id)
 
     def focus_first(self) -> None:
         found = [each for each in self.query("Input, Select, Button") if each.focusable]
         if found:
             found[0].focus()
 
-    def fill_values(self, values: tuple[Variant, ...], texts: tuple[str, ...]) -> None:
-        for index, (value, text) in enumerate(zip(values, texts, strict=True)):
+    def fill_values(self, values: tuple[Variant, ...]) -> None:
+        for index, value in enumerate(values):
             field = self.query_one(f"#field{index}")
             if isinstance(field, TypedValue):
-                field.fill_value(value.vt, text)
+                field.fill_value(value.vt, untyped_text(value) or "")
             elif isinstance(field, Select) and isinstance(value.value, int):
                 field.value = value.value
 
@@ -197,10 +191,10 @@ class FunctionForm(Vertical):
             self.post_message(CallWanted(result, self.function, values))
 
 
-def select_named_value(texts: Mapping[int, str], name: str) -> Select[int]:
+def select_named_value(texts: Mapping[int, str], id: str) -> Select[int]:
     """Return a widget that offers several numbers, each with its meaning."""
     options = [(f"{value} {table_text(text)}", value) for value, text in texts.items()]
-    return Select(options, allow_blank=False, compact=True, id=name, classes="named")
+    return Select(options, allow_blank=False, compact=True, id=id, classes="named")
 
 
 class FunctionPanel(Vertical):

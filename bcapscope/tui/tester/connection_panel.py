@@ -136,8 +136,8 @@ class ConnectionPanel(Vertical):
 
     @on(Input.Changed)
     def _check_fields(self) -> None:
-        wish = "" if self._is_address_pending else self.wanted_connection()
-        self._problem = wish if isinstance(wish, str) else ""
+        wanted = "" if self._is_address_pending else self.wanted_connection()
+        self._problem = wanted if isinstance(wanted, str) else ""
         self._update_texts()
 
     @on(Button.Pressed, "#connect")
@@ -147,14 +147,14 @@ class ConnectionPanel(Vertical):
         if self._is_address_pending:
             self._is_connect_pending = True
             return
-        wish = self.wanted_connection()
-        if isinstance(wish, str):
-            self._problem = wish
+        wanted = self.wanted_connection()
+        if isinstance(wanted, str):
+            self._problem = wanted
             self._update_texts()
         else:
-            self.query_one("#host", Input).value = wish.host
-            self.query_one("#port", Input).value = str(wish.port)
-            self.post_message(wish)
+            self.query_one("#host", Input).value = wanted.host
+            self.query_one("#port", Input).value = str(wanted.port)
+            self.post_message(wanted)
 
     @on(Button.Pressed, "#disconnect")
     def _disconnect(self) -> None:

@@ -13,7 +13,6 @@ from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, function_by_name
-from bcapscope.render.notation_text import untyped_text
 from bcapscope.tui.app import app_of
 from bcapscope.tui.tester.call_forms import FunctionForm, FunctionPanel, RawForm
 from bcapscope.tui.tester.form_widgets import ChoiceRow
@@ -60,7 +59,7 @@ class FormTabs(Vertical):
         """Fill the form of a function with arguments (without the handle), and return the form."""
         self.show_tab("function")
         form = await self.query_one(FunctionPanel).show_function(function)
-        form.fill_values(values, tuple(untyped_text(value) or "" for value in values))
+        form.fill_values(values)
         return form
 
     async def edit_call(self, record: HistoryRecord) -> None:

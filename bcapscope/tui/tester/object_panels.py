@@ -42,7 +42,7 @@ class OpenObjectRow(Horizontal):
         *,
         id: str | None = None,
     ) -> None:
-        """Set the class of objects to open; `parent` is the class of the objects that own them."""
+        """Set the classes: `kind` of the objects to open, and `parent` of their owners."""
         super().__init__(id=id, classes="row")
         self._parent_kind = parent
         self._kind = kind

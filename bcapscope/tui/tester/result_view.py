@@ -112,8 +112,8 @@ def _may_lack_robslave(record: HistoryRecord) -> bool:
     the reply of an RC7 without that program.
     """
     code = record.reply.code if record.reply is not None else S_OK
-    asked = command_name(record.function_id, record.arguments).casefold() == "slvchangemode"
-    return asked and (code == E_FAIL or not describe_hresult(code).is_listed)
+    is_mode_change = command_name(record.function_id, record.arguments).casefold() == "slvchangemode"
+    return is_mode_change and (code == E_FAIL or not describe_hresult(code).is_listed)
 
 
 def _value_meaning(record: HistoryRecord) -> str:

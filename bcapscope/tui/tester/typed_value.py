@@ -69,7 +69,7 @@ def expected_input(vt: int) -> str:
 
 
 class CommandHint(NamedTuple):
-    """Entry of the command table for a command; the most usual type of its parameter comes first."""
+    """Types of a command's parameter, the usual type first, and a text on the command."""
 
     types: tuple[int, ...]
     text: str

@@ -32,7 +32,7 @@ class ReadJob(msgspec.Struct, frozen=True, kw_only=True):
         interface: Network interface for a live capture; "" for none.
         follow: Whether another program is still writing the capture.
         ports: Ports of controllers; an empty tuple selects 5007.
-        leg: Prefix of the names of capture interfaces to read; packets of other interfaces are skipped.
+        leg: Read only capture interfaces whose names begin with this text.
         language: Language of rendered lines, ``en`` or ``ja``.
         own_clients: Whether the clients are bcapscope's own, and so remain connected while they are silent.
         folder: Empty folder for the journal.

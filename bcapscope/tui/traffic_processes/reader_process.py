@@ -186,23 +186,23 @@ class _LiveCapture:
 def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the screen uses Ctrl-C as a key
     lower_priority()
-    asked = io.FileIO(0, closefd=False)  # bypasses sys.stdin, whose lock a thread would still hold at the end
-    job = next(receive_messages(asked, ReadJob), None)
+    stdin = io.FileIO(0, closefd=False)  # bypasses sys.stdin, whose lock a thread would still hold at the end
+    job = next(receive_messages(stdin, ReadJob), None)
     if job is None:
         return
-    ended, unwanted = threading.Event(), threading.Event()
+    ended, cancelled = threading.Event(), threading.Event()
 
     def wait_for_the_end() -> None:
-        while asked.read(1):
+        while stdin.read(1):
             ended.set()
-        unwanted.set()
+        cancelled.set()
         ended.set()
 
     threading.Thread(target=wait_for_the_end, daemon=True, name="end").start()
     gc.freeze()
     gc.set_threshold(20_000, 20, 100)  # frames and calls contain no reference cycles to collect
     try:
-        TrafficReader(job, cast(BinaryIO, sys.stdout.buffer), ended, unwanted).run()
+        TrafficReader(job, cast(BinaryIO, sys.stdout.buffer), ended, cancelled).run()
     except BrokenPipeError:  # the screen has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

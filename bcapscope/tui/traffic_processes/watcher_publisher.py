@@ -1,8 +1,8 @@
 """Publishes traffic from the watcher of a proxy to the screen that started the proxy.
 
 The screen reads the proxy's frames and calls from files, like those of the reader process. The watcher's
-reports go to standard output, which the relay shares. The relay first writes its addresses to standard
-output, and accepts clients only afterwards; so no report precedes the first client.
+reports go to the standard output of the relay. The relay writes its addresses there before it accepts
+clients, so the addresses come before all reports.
 """
 
 from __future__ import annotations

@@ -58,15 +58,11 @@ class TopBar(ClickBar):
 
 
 _ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")
-"""Actions whose keys the bar always shows: HALT, help, the command palette."""
+"""Keys that the bar always shows: HALT, help, the command palette."""
 
 
 class KeyBar(ClickBar):
-    """Shows keys and their actions, as many as fit; a click on a key runs its action.
-
-    Keys of the focused widget come first, and keys of the application last. The bar always has room for the
-    keys in `_ALWAYS_SHOWN`.
-    """
+    """Shows as many keys and actions as fit, those of the focused widget first; a click runs the action."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"keybar--key", "keybar--text"}
 
@@ -99,22 +95,15 @@ class KeyBar(ClickBar):
 
 
 class ViewBar(ClickBar):
-    """Shows the names of views with keys and counts, and the progress at the right.
+    """Shows the views with keys and counts, and the progress at the right; a click shows a view."""
 
-    A click shows the view.
-    """
+    COMPONENT_CLASSES: ClassVar[set[str]] = {f"viewbar--{part}" for part in ("here", "there", "key", "state")}
 
-    COMPONENT_CLASSES: ClassVar[set[str]] = {
-        "viewbar--here",
-        "viewbar--there",
-        "viewbar--key",
-        "viewbar--state",
-    }
-
-    def __init__(self, views: Sequence[tuple[str, str]], *, id: str | None = None) -> None:
+    def __init__(self, views: Mapping[str, str], *, id: str | None = None) -> None:
+        """Set the views, each with the label key of its name."""
         super().__init__(id=id)
-        self._views = tuple(views)
-        self._current_view = self._views[0][0]
+        self._views = views
+        self._current_view = ""
         self._counts: Mapping[str, str] = {}
         self._states: Sequence[str] = ()
 
@@ -128,7 +117,7 @@ class ViewBar(ClickBar):
         """Render the bar, and omit texts that do not fit."""
         width = self.size.width
         bar: list[Segment] = []
-        for number, (view, name) in enumerate(self._views, 1):
+        for number, (view, name) in enumerate(self._views.items(), 1):
             count = self._counts.get(view, "")
             key_style, text_style = ("here", "here") if view == self._current_view else ("key", "there")
             for style, text in (

@@ -158,10 +158,9 @@ class Lines(ScrollView, can_focus=True):
         self._scroll_to_cursor()
 
     def render_lines(self, crop: Region) -> list[Strip]:
-        """Return the visible lines.
+        """Return the visible lines, most of them from the cache.
 
-        The cache holds strips that need no further change. Textual's own method makes every strip again for a
-        border, which lists lack, even after scrolling by one line.
+        Textual's own method would draw every line again after scrolling by one line.
         """
         look = self.background_colors[1], tuple(self.get_line_filters())
         if look != (self._background, self._filters):
@@ -204,8 +203,6 @@ class Lines(ScrollView, can_focus=True):
 
     def _line_styles(self, cursor_state: str) -> Styles:
         """Return the styles for pieces of a line by style name, "" for the line itself.
-
-        The styles are computed once per theme.
 
         Args:
             cursor_state: "cursor" or "blurred" for the line under the cursor, "" for others.

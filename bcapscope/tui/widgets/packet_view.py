@@ -375,9 +375,9 @@ class PacketView(Horizontal, PlainContainer):
         yield Container(classes="edge")
         yield HexView(id="bytes")
 
-    def show_packet(self, observation: Observation | None, question: CallKind | None = None) -> None:
-        """Show an observation, or nothing; `question` is the kind of the call if the frame is a reply."""
-        found = () if observation is None else frame_sections(observation, question)
+    def show_packet(self, observation: Observation | None, call_kind: CallKind | None = None) -> None:
+        """Show an observation, or nothing; `call_kind` is what a reply answers."""
+        found = () if observation is None else frame_sections(observation, call_kind)
         self.query_one(HexView).show_sections(found)
         with self.prevent(Lines.Moved):
             self.query_one(FieldTree).show_sections(found)

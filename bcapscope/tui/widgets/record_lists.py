@@ -150,11 +150,11 @@ class FrameList(RecordList):
         number = self.record_at(index)
         if self.clock is TimeFormat.DELTA and self._journal is not None:
             self._renderer.set_time_origin(self._journal.time_of(self.record_at(max(0, index - 1))))
-        seen, question, comments = self.read_frame(number)
+        frame, call_kind, comments = self.read_frame(number)
         note = self.marks.get(number)
         if note:
             comments = (*comments, note)
-        return f"{self._gutter(number)}{self._renderer.line(seen, question, comments)}"
+        return f"{self._gutter(number)}{self._renderer.line(frame, call_kind, comments)}"
 
     def line_state(self, index: int) -> str:
         """Return the marks before a line, because they change the look of the line."""

@@ -236,8 +236,7 @@ class _Search:
         self.thread.start()
 
     def ask(self, generation: int, kind: str, expression: str) -> None:
-        self.searching._latest_request = SearchRequest(generation, kind, expression)
-        self.searching._request_arrived.set()
+        self.searching.requests.put(SearchRequest(generation, kind, expression))
 
     def found(self, generation: int, there: int) -> list[int]:
         rows = array("I")
@@ -281,7 +280,6 @@ def test_the_search_finds_what_the_command_line_finds(
 def test_what_is_asked_again_is_not_told_twice(search: _Search) -> None:
     search.ask(1, RecordKind.CALL, "latency > 30ms")
     found = search.found(1, 257)
-    search.searching._request_arrived.set()  # as if it came after the ask had been seen
     search.ask(2, RecordKind.FRAME, "serial > 250")
     generations = []
     for message in receive_messages(search.answers, SearchMatches):
