@@ -25,12 +25,11 @@ from textual.reactive import reactive
 
 from bcapscope.live.standard_streams import discard_unwritable_output
 from bcapscope.messages.os_errors import os_reason
-from bcapscope.tui.control_char_filter import ControlCharFilter
-from bcapscope.tui.drivers import HALT_KEYS, make_halt_driver, make_server_safe_driver
 from bcapscope.tui.ink import Styles
 from bcapscope.tui.key_order import KeyOrderApp
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.settings import default_settings_path, read_settings, write_settings
+from bcapscope.tui.terminal import HALT_KEYS, ControlCharFilter, make_halt_driver, make_server_safe_driver
 from bcapscope.tui.themes import THEMES, theme_styles
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from bcapscope.render.notation_text import untyped_text
 from bcapscope.traffic.observation import Flow
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label
-from bcapscope.tui.widgets.item_list import ItemList, TextList
+from bcapscope.tui.widgets.lines import ItemList, TextList
 from bcapscope.tui.widgets.record_lists import left_aligned, right_aligned
 
 _SILENT_AFTER = 1.0

@@ -17,10 +17,10 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 from textual.widgets import Select
 
-from bcapscope.tui.drivers import HALT_KEYS, make_halt_driver
 from bcapscope.tui.screens.base_screen import HelpScreen, Prompt
 from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.screens.tester_screen import TesterScreen as Window
+from bcapscope.tui.terminal import HALT_KEYS, make_halt_driver
 from bcapscope.tui.tester.dialogs import ArmDialog, ChoiceDialog, RecoveryDialog
 from bcapscope.tui.tester.pickers import FilePicker, ListPicker
 from tests.tui.pilot import drive, until

@@ -20,10 +20,10 @@ from bcapscope.proxy.control_messages import ClientStatus, FaultStatus, HeldStat
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.tui.app import BcapApp, ScreenEntry
-from bcapscope.tui.control_char_filter import ControlCharFilter
 from bcapscope.tui.proxy_display import edited_message, proposed_edit
 from bcapscope.tui.screens.proxy_screen import ProxyScreen, ProxyState
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
+from bcapscope.tui.terminal import ControlCharFilter
 from bcapscope.tui.tester.call_lists import HistoryLines
 from bcapscope.tui.tester.form_widgets import ChoiceRow
 from bcapscope.tui.traffic_processes.process_messages import ReadJob

@@ -18,7 +18,7 @@ from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.screens.tester_screen import TesterOptions, TesterScreen
 from bcapscope.tui.tester.dialogs import ChoiceDialog
 from bcapscope.tui.tester.result_view import ResultView
-from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.widgets.text_widgets import InkedText
 from tests.tui.marks import strip_styles
 from tests.tui.pilot import make, shown, until
 

@@ -39,12 +39,10 @@ from bcapscope.tui.reader_language import full_error_text, label
 from bcapscope.tui.screens.base_screen import Prompt, ViewsScreen, view_keys
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from bcapscope.tui.widgets.bars import ViewBar
-from bcapscope.tui.widgets.checked_input import CheckedInput
-from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.widgets.item_list import ItemList
-from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.lines import ItemList, Lines
 from bcapscope.tui.widgets.packet_view import FieldTree, PacketView
 from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
+from bcapscope.tui.widgets.text_widgets import CheckedInput, InkedText
 
 
 class ProxyState(msgspec.Struct, frozen=True):

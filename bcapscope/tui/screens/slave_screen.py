@@ -49,7 +49,7 @@ from bcapscope.tui.tester.dialogs import ChoiceDialog
 from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
 from bcapscope.tui.tester.pickers import FilePicker
 from bcapscope.tui.tester.playback_view import PlaybackView
-from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.widgets.text_widgets import InkedText
 
 _MODE_NUMBERS = (0x001, 0x002, 0x003, 0x101, 0x102, 0x103, 0x201, 0x202, 0x203)
 _MODES: tuple[tuple[str, SlaveModePacing | int], ...] = (

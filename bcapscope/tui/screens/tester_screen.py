@@ -58,14 +58,13 @@ from bcapscope.tui.tester.call_runner import (
     RobSlaveWanted,
     WatchWanted,
 )
-from bcapscope.tui.tester.connection_panel import ConnectionPanel
+from bcapscope.tui.tester.connection_panel import ConnectionPanel, arming_facts, status_pieces
 from bcapscope.tui.tester.dialogs import ArmDialog, RecoveryDialog
 from bcapscope.tui.tester.form_tabs import FormTabs
 from bcapscope.tui.tester.form_widgets import Box
 from bcapscope.tui.tester.object_panels import OpenObjectRow
 from bcapscope.tui.tester.packet_pane import PacketPane
 from bcapscope.tui.tester.result_view import ResultView
-from bcapscope.tui.tester.status_line import arming_facts, status_pieces
 
 _EXECUTE_CONTROLLER = 17
 

@@ -22,9 +22,9 @@ from bcapscope.tui.screens.traffic_views import RECORD_KINDS, TrafficViews
 from bcapscope.tui.traffic_processes.process_messages import ReadJob, SaveJob
 from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
-from bcapscope.tui.widgets.checked_input import CheckedInput
 from bcapscope.tui.widgets.finding_page import FindingPage
 from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.text_widgets import CheckedInput
 
 _FRAME_ACTIONS = frozenset({"filter", "partner", "call", "mark", "note", "clock", "goto", "follow"})
 _CLOCKS = (TimeFormat.RELATIVE, TimeFormat.DELTA, TimeFormat.UTC)

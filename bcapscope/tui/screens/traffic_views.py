@@ -33,13 +33,12 @@ from bcapscope.tui.traffic_processes.process_messages import (
 )
 from bcapscope.tui.traffic_processes.traffic_feed import FeedUpdate, SourceProblem, TrafficFeed
 from bcapscope.tui.widgets.bars import ViewBar
-from bcapscope.tui.widgets.checked_input import CheckedInput
 from bcapscope.tui.widgets.finding_page import FindingPage
-from bcapscope.tui.widgets.item_list import TextList
-from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.lines import Lines, TextList
 from bcapscope.tui.widgets.packet_view import PacketView
 from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
 from bcapscope.tui.widgets.record_lists import CallList, FrameList, RecordList
+from bcapscope.tui.widgets.text_widgets import CheckedInput
 
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
 """Views that list frames or calls, each with the kind of record that the view's filter tests."""

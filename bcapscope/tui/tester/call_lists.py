@@ -23,9 +23,8 @@ from bcapscope.tui.controller_access.saved_requests import SavedRequest, list_re
 from bcapscope.tui.controller_access.watched_variables import WatchedVariable, WatchSeries
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label
-from bcapscope.tui.widgets.checked_input import CheckedInput
-from bcapscope.tui.widgets.item_list import ItemList
-from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.lines import ItemList, Lines
+from bcapscope.tui.widgets.text_widgets import CheckedInput
 
 MAX_CALLS = 20_000
 """Maximum number of calls in the history; the oldest calls are dropped first."""
@@ -47,12 +46,8 @@ class HistoryLines(ItemList[HistoryRecord]):
         Binding("p", "want('python')", "tester.copy.python"),
         Binding("c", "want('line')", "tester.copy.line"),
         Binding("s", "want('save')", "tester.save"),
-        Binding("slash", "filter", "traffic.filter", key_display="/"),
     ]
     follows_end = True
-
-    class FilterWanted(Message):
-        """The user wants to type a filter for the history."""
 
     @dataclass
     class ActionWanted(Message):
@@ -64,15 +59,14 @@ class HistoryLines(ItemList[HistoryRecord]):
     def item_line(self, item: HistoryRecord) -> str:
         return history_line(item, INK)
 
-    def action_filter(self) -> None:
-        self.post_message(self.FilterWanted())
-
     def action_want(self, what: str) -> None:
         if self.current_item is not None:
             self.post_message(self.ActionWanted(self.current_item, what))
 
 
 class HistoryPanel(Vertical):
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("slash", "filter", "traffic.filter", key_display="/")]
+
     @dataclass
     class RecordSelected(Message):
         """The cursor moved to a call, whose packets the screen then shows."""
@@ -111,8 +105,7 @@ class HistoryPanel(Vertical):
         self._matches_filter = history_filter(message.text)
         self._show_matching()
 
-    @on(HistoryLines.FilterWanted)
-    def _focus_filter(self) -> None:
+    def action_filter(self) -> None:
         self.query_one(CheckedInput).field.focus()
 
     @on(CheckedInput.Entered)

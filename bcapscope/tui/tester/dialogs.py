@@ -25,7 +25,7 @@ from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, reader_words
 from bcapscope.tui.tester.call_runner import run_armed
 from bcapscope.tui.tester.form_widgets import Caption, FormButton
-from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.widgets.text_widgets import InkedText
 
 
 class ChoiceDialog(ModalScreen[str | None]):

@@ -24,8 +24,8 @@ from bcapscope.tui.reader_language import full_error_text, label, reader_words
 from bcapscope.tui.screens.base_screen import Prompt
 from bcapscope.tui.tester.call_lists import HistoryLines, HistoryPanel, SavedList, WatchList
 from bcapscope.tui.tester.form_widgets import ChoiceRow, FormButton, TickBox
-from bcapscope.tui.widgets.inked_text import InkedText
 from bcapscope.tui.widgets.packet_view import PacketView
+from bcapscope.tui.widgets.text_widgets import InkedText
 
 MAX_PACKETS = 2000
 MAX_BYTES = 16 << 20

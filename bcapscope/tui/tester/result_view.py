@@ -17,7 +17,7 @@ from bcapscope.render.result_values import reply_values_text
 from bcapscope.tui.controller_access.call_history import failure_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, reader_words, table_text
-from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.widgets.text_widgets import InkedText
 
 
 class ResultView(InkedText, can_focus=True):

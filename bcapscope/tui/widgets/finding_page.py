@@ -16,7 +16,7 @@ from bcapscope.render.diagnosis_summary import diagnosis_summary as summed_up
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import current_language, label, reader_words
 from bcapscope.tui.traffic_processes.process_messages import NO_ANALYSIS, ShownFinding, TrafficAnalysis
-from bcapscope.tui.widgets.item_list import ItemList
+from bcapscope.tui.widgets.lines import ItemList
 
 _INDENT_STEP, _MAX_DEPTH = 3, 4
 _MAX_WIDTH, _MIN_WIDTH = 120, 30

@@ -1,10 +1,11 @@
-"""A list of any length that renders a line only when it is shown."""
+"""Lists of any length that render a line only when it is shown."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Generic, TypeVar
 
 from rich.segment import Segment
 from rich.style import Style
@@ -20,7 +21,8 @@ from textual.scroll_view import ScrollView
 from textual.strip import Strip
 
 from bcapscope.tui.app import app_of
-from bcapscope.tui.ink import Styles, styled_segments
+from bcapscope.tui.ink import INK, Styles, styled_segments
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.themes import readable_style
 
 _MAX_STRIPS = 500
@@ -280,3 +282,64 @@ class Lines(ScrollView, can_focus=True):
         if index == self.cursor and event.chain > 1:
             self.action_choose()
         self.move_cursor_to(index)
+
+
+T = TypeVar("T")
+
+
+class ItemList(Lines, Generic[T]):
+    """A list of items; when the items change, the cursor remains on the same item."""
+
+    def __init__(self, empty: str = "", *, id: str | None = None) -> None:
+        """Create an empty list; `empty` is the label key of the line that an empty list shows."""
+        super().__init__(id=id)
+        self.items: list[T] = []
+        self._empty = empty
+
+    @abstractmethod
+    def item_line(self, item: T) -> str:
+        """Return the line of an item, rendered with `ink.INK`."""
+
+    def key_of(self, item: T) -> object:
+        """Return what identifies an item; None if only its position does."""
+        return None
+
+    def show_items(self, items: Sequence[T]) -> None:
+        items = list(items)
+        if items == self.items:
+            return
+        before, keys = list(map(self.key_of, self.items)), list(map(self.key_of, items))
+        here = before[self.cursor] if self.cursor < len(before) else None
+        self.items = items
+        if None not in keys and keys == before:
+            self.repaint()
+        else:
+            self.reset_lines(keys.index(here) if here is not None and here in keys else self.cursor)
+
+    def add_item(self, item: T) -> None:
+        self.items.append(item)
+        if self._empty and len(self.items) == 1:
+            self.reset_lines()
+        else:
+            self.lines_added()
+
+    @property
+    def current_item(self) -> T | None:
+        """The item under the cursor; None in an empty list."""
+        return self.items[self.cursor] if self.cursor < len(self.items) else None
+
+    @property
+    def count(self) -> int:
+        return max(len(self.items), bool(self._empty))
+
+    def line(self, index: int) -> str:
+        if index < len(self.items):
+            return self.item_line(self.items[index])
+        return f"{INK.dim} {label(self._empty)}{INK.reset}"
+
+
+class TextList(ItemList[str]):
+    """A list of rendered lines."""
+
+    def item_line(self, item: str) -> str:
+        return item

@@ -1,21 +1,21 @@
-"""Textual's drivers, extended by the HALT keys and by survival of a lost terminal, viewer or server.
-
-This module uses private names of Textual, for which Textual has no public interface: review it when Textual
-is upgraded.
-"""
+"""What lies between Textual and the terminal: the drivers, and the filter of control characters."""
 
 from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import IO, Any
 
+from rich.cells import cell_len
+from rich.segment import Segment
+from textual.color import Color
 from textual.driver import Driver
 from textual.drivers.web_driver import WebDriver
 from textual.events import Key
+from textual.filter import LineFilter
 from textual.message import Message
 
 HALT_KEYS = ("f12", "ctrl+backslash")
@@ -118,3 +118,41 @@ def _write_all(fileno: int, data: bytes) -> int:
         while data:
             data = data[os.write(fileno, data) :]
     return size
+
+
+_REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
+_IDEOGRAPHIC_SPACE = "\u3000"
+"""Python counts the ideographic space as not printable, but Japanese texts use it everywhere."""
+
+
+class ControlCharFilter(LineFilter):
+    """Replaces each character that is not visibly printable, after running all other line filters.
+
+    `ControlCharFilter` runs the other filters itself. Textual splits and joins each line once per filter, so
+    a single filter is faster.
+    """
+
+    def __init__(self, earlier_filters: Sequence[LineFilter] = ()) -> None:
+        super().__init__()
+        self.earlier_filters = tuple(earlier_filters)
+
+    def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
+        """Return the segments of a line without control characters; printable segments stay unchanged."""
+        for each in self.earlier_filters:
+            segments = each.apply(segments, background)
+        if all(segment.text.isprintable() for segment in segments):
+            return segments
+        return [
+            segment
+            if segment.text.isprintable()
+            else Segment(_replace_control_chars(segment.text), segment.style)
+            for segment in segments
+        ]
+
+
+def _replace_control_chars(text: str) -> str:
+    """Replace each control character by as many columns as Textual counted for the character."""
+    return "".join(
+        char if char.isprintable() or char == _IDEOGRAPHIC_SPACE else _REPLACEMENT * cell_len(char)
+        for char in text
+    )
