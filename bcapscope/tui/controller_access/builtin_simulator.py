@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -85,21 +86,17 @@ def serve(profile: str) -> None:
     now = time.monotonic_ns()
     start = InitialState(joints=START_JOINTS, motor=True, epoch=time.time_ns() - now)
     server = SimulatorServer(Simulator(PROFILES[profile], start, now), _HOST, 0)
-    ended = threading.Event()
 
-    def watch() -> None:
+    def end_with_stdin() -> None:
         sys.stdin.read()
-        ended.set()
+        os._exit(0)
 
-    threading.Thread(target=watch, daemon=True).start()
-    try:
-        sys.stdout.write(f"{server.address[1]}\n")
-        sys.stdout.flush()
-        with realtime_priority():  # a controller must keep its cycle of 8 ms under any load
-            while not ended.is_set():
-                server.step(_STEP)
-    finally:
-        server.close()
+    threading.Thread(target=end_with_stdin, daemon=True).start()
+    sys.stdout.write(f"{server.address[1]}\n")
+    sys.stdout.flush()
+    with realtime_priority():  # a controller must keep its cycle of 8 ms under any load
+        while True:
+            server.step(_STEP)
 
 
 if __name__ == "__main__":

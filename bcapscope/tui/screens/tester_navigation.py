@@ -9,6 +9,7 @@ from textual.widget import Widget
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens.base_screen import BaseScreen
 from bcapscope.tui.tester.form_tabs import TABS, FormTabs
+from bcapscope.tui.tester.form_widgets import ChoiceRow
 from bcapscope.tui.tester.packet_pane import VIEWS, PacketPane
 
 _PART_SELECTOR = "#left .box, #function, #raw, #right"
@@ -39,11 +40,11 @@ class TesterNavigation(BaseScreen):
                 return
 
     def action_next_tab(self) -> None:
-        here = self.query_one(FormTabs).current_tab
+        here = self.query_one("#tabs", ChoiceRow).chosen
         self.action_tab(TABS[(TABS.index(here) + 1) % len(TABS)])
 
     def action_next_view(self) -> None:
-        here = self.query_one(PacketPane).current_view
+        here = self.query_one("#view", ChoiceRow).chosen
         self.action_view(VIEWS[(VIEWS.index(here) + 1) % len(VIEWS)])
 
     def action_tab(self, name: str) -> None:

@@ -179,36 +179,26 @@ def status_pieces(
 ) -> list[StatusPiece]:
     if status.target is None:
         return [(f" {label('tester.status.none')} ", "dim")]
-    age = reply_monitor.silence(now)
-    if reply_monitor.is_reply_overdue(now):
-        pieces = [
-            _peer_piece(status, "◌", "bad"),
-            (f"{label('tester.status.silent', seconds=age // _SECOND)} ", "bad"),
-        ]
-    elif age >= _LONG_SILENCE:  # no reply is due, as in slave mode, so the controller may be reachable or not
-        pieces = [
-            _peer_piece(status, "●", ""),
-            (f"{label('tester.status.age', seconds=age // _SECOND)} ", "dim"),
-        ]
-    else:
-        took = f"{status.round_trip / 1e6:.1f} ms " if status.round_trip else ""
-        pieces = [_peer_piece(status, "●", "good"), (took, "dim")]
-    if status.slave_mode:
-        kind = pose_type_of_mode(status.slave_mode) or ""
-        pieces.append(
-            (f" {label('tester.status.slave', mode=f'{status.slave_mode:03X}', kind=kind)} ", "problem")
-        )
-    pieces.append(_arming_piece(arming, now))
-    pieces.append((f" F12 {label(f'tester.halt.{halt.state}')} ", _HALT_STYLES.get(halt.state, "bad")))
-    return pieces
-
-
-def _peer_piece(status: SessionStatus, mark: str, ink: str) -> StatusPiece:
-    assert status.target is not None
     name = label("tester.status.simulator")
     if not status.identity.is_simulator:
         name = printable(status.target.host)[:_MAX_HOST_LENGTH]
-    return f" {mark} {name} ", ink
+    age = reply_monitor.silence(now)
+    if reply_monitor.is_reply_overdue(now):
+        text = label("tester.status.silent", seconds=age // _SECOND)
+        pieces = [(f" ◌ {name} ", "bad"), (f"{text} ", "bad")]
+    elif age >= _LONG_SILENCE:  # no reply is due, as in slave mode, so the controller may be reachable or not
+        text = label("tester.status.age", seconds=age // _SECOND)
+        pieces = [(f" ● {name} ", ""), (f"{text} ", "dim")]
+    else:
+        text = f"{status.round_trip / 1e6:.1f} ms " if status.round_trip else ""
+        pieces = [(f" ● {name} ", "good"), (text, "dim")]
+    if status.slave_mode:
+        kind = pose_type_of_mode(status.slave_mode) or ""
+        text = label("tester.status.slave", mode=f"{status.slave_mode:03X}", kind=kind)
+        pieces.append((f" {text} ", "problem"))
+    pieces.append(_arming_piece(arming, now))
+    pieces.append((f" F12 {label(f'tester.halt.{halt.state}')} ", _HALT_STYLES.get(halt.state, "bad")))
+    return pieces
 
 
 def _arming_piece(arming: ArmingState, now: int) -> StatusPiece:

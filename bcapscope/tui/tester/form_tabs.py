@@ -47,10 +47,6 @@ class FormTabs(Vertical):
         for panel in self.query(VariablePanel):
             panel.variable_opened(owner, name)
 
-    @property
-    def current_tab(self) -> str:
-        return self.query_one("#tabs", ChoiceRow).chosen
-
     def show_tab(self, tab: str) -> None:
         self.query_one("#tabs", ChoiceRow).chosen = tab
         self.query_one("#panels", ContentSwitcher).current = tab

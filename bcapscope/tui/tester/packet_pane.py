@@ -140,10 +140,6 @@ class PacketPane(Vertical):
         received.add_packets(record.received_packets, call_kind, overwrite, show_first=False)
         self._show_attempts(record)
 
-    @property
-    def current_view(self) -> str:
-        return self.query_one("#view", ChoiceRow).chosen
-
     def show_view(self, view: str) -> None:
         self.query_one("#view", ChoiceRow).chosen = view
         self._switch_view(view)

@@ -25,6 +25,7 @@ class ResultView(InkedText, can_focus=True):
 
     Attributes:
         record: Call that is shown; None if the view shows no call.
+        text: Result, problem or hint that is shown, with marks of `INK`.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("d", "digits", "tester.digits")]
@@ -33,11 +34,7 @@ class ResultView(InkedText, can_focus=True):
         super().__init__(id=id, classes="-empty")
         self.record: HistoryRecord | None = None
         self.shows_all_digits = False
-        self._line = ""
-
-    @property
-    def text(self) -> str:
-        return self._line
+        self.text = ""
 
     def show_pending(self) -> None:
         self.record = None
@@ -81,9 +78,9 @@ class ResultView(InkedText, can_focus=True):
         self.call_after_refresh(self.scroll_visible, animate=False)
 
     def _show_line(self, line: str) -> None:
-        if line == self._line:
+        if line == self.text:
             return
-        self._line = line
+        self.text = line
         self.set_class(not line, "-empty")
         head = f"{INK.name}{label('tester.result')}{INK.reset}  " if self.record is not None else ""
         self.show_text(head + line)
