@@ -7,11 +7,11 @@ returns the results to the widgets.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from contextlib import AsyncExitStack, ExitStack
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 from textual import on
 from textual.app import ComposeResult
@@ -218,16 +218,13 @@ class TesterScreen(TesterNavigation):
 
     # Requests of the widgets.
 
-    def _run_in_group(self, step: Coroutine[Any, Any, object], group: str = "call") -> None:
-        self.run_worker(step, group=group)
-
     @on(ConnectWanted)
     def _connect_wanted(self, message: ConnectWanted) -> None:
         own, wanted = self._simulator, (message.host, message.port)
         if own is not None and wanted == (own.host, own.port) and own.process.poll() is not None:
-            self._run_in_group(self._reconnect_simulator(), "connect")
+            self.run_worker(self._reconnect_simulator(), group="connect")
         else:
-            self._run_in_group(self._connect_controller(message), "connect")
+            self.run_worker(self._connect_controller(message), group="connect")
 
     async def _reconnect_simulator(self) -> None:
         """Restart the built-in simulator, which has ended, and connect to the new simulator."""
@@ -271,7 +268,7 @@ class TesterScreen(TesterNavigation):
     def _disconnect_wanted(self) -> None:
         for group in ("call", "connect"):
             self.workers.cancel_group(self, group)
-        self._run_in_group(self._disconnect_controller(), "disconnect")
+        self.run_worker(self._disconnect_controller(), group="disconnect")
 
     async def _disconnect_controller(self) -> None:
         await self.session.run_in_loop(self.session.disconnect())
@@ -279,19 +276,19 @@ class TesterScreen(TesterNavigation):
 
     @on(CallWanted)
     def _make_call(self, message: CallWanted) -> None:
-        self._run_in_group(self.call_runner.make_call(message))
+        self.run_worker(self.call_runner.make_call(message), group="call")
 
     @on(RawWanted)
     def _send_raw(self, message: RawWanted) -> None:
-        self._run_in_group(self.call_runner.send_raw(message))
+        self.run_worker(self.call_runner.send_raw(message), group="call")
 
     @on(RobSlaveWanted)
     def _start_robslave(self, message: RobSlaveWanted) -> None:
-        self._run_in_group(self.call_runner.run_robslave(message.result_display))
+        self.run_worker(self.call_runner.run_robslave(message.result_display), group="call")
 
     @on(OpenWanted)
     def _open_wanted(self, message: OpenWanted) -> None:
-        self._run_in_group(self._open_object(message))
+        self.run_worker(self._open_object(message), group="call")
 
     async def _open_object(self, wanted: OpenWanted) -> None:
         if await self.call_runner.open_object(wanted) and wanted.kind is ObjectClass.VARIABLE:
@@ -300,15 +297,15 @@ class TesterScreen(TesterNavigation):
     @on(WatchWanted)
     def _add_watched(self, message: WatchWanted) -> None:
         self.query_one(PacketPane).show_view("watch")
-        self._run_in_group(self.session.run_in_loop(self.variable_watcher.add(message.variable)), "watch")
+        self.run_worker(self.session.run_in_loop(self.variable_watcher.add(message.variable)), group="watch")
 
     @on(WatchList.RemoveWanted)
     def _remove_watched(self, message: WatchList.RemoveWanted) -> None:
-        self._run_in_group(self.session.run_in_loop(self.variable_watcher.remove(message.handle)), "watch")
+        self.run_worker(self.session.run_in_loop(self.variable_watcher.remove(message.handle)), group="watch")
 
     @on(WatchList.ResetWanted)
     def _reset_watched(self) -> None:
-        self._run_in_group(self.session.run_in_loop(self.variable_watcher.reset()), "watch")
+        self.run_worker(self.session.run_in_loop(self.variable_watcher.reset()), group="watch")
 
     @on(SavedList.RequestWanted)
     async def _use_saved_request(self, message: SavedList.RequestWanted) -> None:
@@ -316,13 +313,13 @@ class TesterScreen(TesterNavigation):
         form = await self.query_one(FormTabs).fill_function(saved.function, saved.values)
         if not message.edit:
             wanted = CallWanted(form.query_one(ResultView), saved.function, saved.values)
-            self._run_in_group(self.call_runner.make_call(wanted))
+            self.run_worker(self.call_runner.make_call(wanted), group="call")
 
     @on(HistoryLines.ActionWanted)
     async def _use_record(self, message: HistoryLines.ActionWanted) -> None:
         record = message.record
         if message.what == "again":
-            self._run_in_group(self.call_runner.repeat_call(CallNotice(app_of(self)), record))
+            self.run_worker(self.call_runner.repeat_call(CallNotice(app_of(self)), record), group="call")
         elif message.what == "edit":
             await self.query_one(FormTabs).edit_call(record)
         else:
@@ -352,7 +349,7 @@ class TesterScreen(TesterNavigation):
         self._disconnect_wanted()
 
     def action_robslave(self) -> None:
-        self._run_in_group(self.call_runner.run_robslave(CallNotice(app_of(self))))
+        self.run_worker(self.call_runner.run_robslave(CallNotice(app_of(self))), group="call")
 
     @on(Button.Pressed, "#slave-mode")
     def action_slave(self) -> None:

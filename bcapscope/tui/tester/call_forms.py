@@ -207,20 +207,18 @@ class FunctionPanel(Vertical):
     def compose(self) -> ComposeResult:
         with Horizontal(classes="row"):
             yield Caption("tester.function")
-            yield Button(self._button_label(self._initial_function), compact=True, id="choose-function")
+            function = self._initial_function
+            yield Button(f"{function.id} {function.name} ▾", compact=True, id="choose-function")
         yield FunctionForm(self._initial_function)
 
     async def show_function(self, function: Function) -> FunctionForm:
         button = self.query_one("#choose-function", Button)
-        button.label = self._button_label(function)
+        button.label = f"{function.id} {function.name} ▾"
         button.refresh(layout=True)  # its width follows its label
         await self.query_one(FunctionForm).remove()
         form = FunctionForm(function)
         await self.mount(form)
         return form
-
-    def _button_label(self, function: Function) -> str:
-        return f"{function.id} {function.name} ▾"
 
 
 MAX_DATAGRAM = 65_507
