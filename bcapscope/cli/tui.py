@@ -187,6 +187,7 @@ def _show_tester(wanted: TesterTarget, requests: Path | None) -> None:
     from bcapscope.tui.controller_access import saved_requests
     from bcapscope.tui.screens.tester_screen import TesterOptions, TesterScreen
     from bcapscope.tui.screens.traffic_screen import TrafficScreen
+    from bcapscope.tui.traffic_processes.process_messages import ReadJob
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
@@ -204,7 +205,9 @@ def _show_tester(wanted: TesterTarget, requests: Path | None) -> None:
             "traffic",
             "f3",
             "traffic",
-            lambda: TrafficScreen(TrafficFeed(path=str(own), follow=True, own_clients=True), wanted.host),
+            lambda: TrafficScreen(
+                TrafficFeed(ReadJob(path=str(own), follow=True, own_clients=True)), wanted.host
+            ),
         )
         try:
             require_terminal()
@@ -218,9 +221,10 @@ def _show_tester(wanted: TesterTarget, requests: Path | None) -> None:
 
 def _show_traffic(path: str, interface: str, ports: tuple[int, ...]) -> None:
     # TrafficFeed starts a separate process that reads, while this process loads the screen.
+    from bcapscope.tui.traffic_processes.process_messages import ReadJob
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
-    feed = TrafficFeed(path=path, interface=interface, ports=ports)
+    feed = TrafficFeed(ReadJob(path=path, interface=interface, ports=ports))
     try:
         from bcapscope.tui.app import BcapApp, ScreenEntry
         from bcapscope.tui.screens.traffic_screen import TrafficScreen

@@ -4,7 +4,6 @@ Every package may create a `Message`. All words are in ``locale/*/LC_MESSAGES/bc
 English texts of the protocol's tables.
 """
 
-from bcapscope.messages.language import Language, language_of
-from bcapscope.messages.message import ENGLISH_WORDS, Message, MessageFormatter
+from bcapscope.messages.message import ENGLISH_WORDS, Language, Message, MessageFormatter, language_of
 
 __all__ = ["ENGLISH_WORDS", "Language", "Message", "MessageFormatter", "language_of"]

@@ -5,15 +5,29 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
+from enum import StrEnum
 from functools import cache, lru_cache
 from string import Formatter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar, TypeAlias, Union
 
-from bcapscope.messages.language import Language
-
 if TYPE_CHECKING:
     from gettext import GNUTranslations
+
+
+class Language(StrEnum):
+    """A language of the message catalogue."""
+
+    ENGLISH = "en"
+    JAPANESE = "ja"
+
+
+def language_of(environment: Mapping[str, str]) -> Language:
+    """Choose the language by LC_ALL, LC_MESSAGES and LANG, in this order, as POSIX does; else English."""
+    names = (environment.get(name, "") for name in ("LC_ALL", "LC_MESSAGES", "LANG"))
+    name = next(filter(None, names), "")
+    return Language.JAPANESE if name.casefold().startswith("ja") else Language.ENGLISH
+
 
 DOMAIN = "bcapscope"
 
@@ -114,7 +128,7 @@ def _restore(id: str, places: dict[str, PlaceValue], english: str | None) -> Mes
 
 
 def foreign_text(text: str) -> Message:
-    """Return a text that another program or library made, which stays as it is in every language."""
+    """Return a message with a text of another program or library, which has no translation."""
     return Message.from_table("text", text)
 
 

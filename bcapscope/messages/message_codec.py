@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from functools import cache
 from typing import cast
 
 import orjson
 
 from bcapscope.messages import places
 from bcapscope.messages.message import Json, Message, Place, PlaceValue
+
+_PLACE_TYPES: dict[str, type[Place]] = {
+    each.type_name: each
+    for each in vars(places).values()
+    if isinstance(each, type) and issubclass(each, Place) and each is not Place
+}
 
 
 def message_to_data(message: Message) -> dict[str, Json]:
@@ -63,14 +68,5 @@ def _from_data(data: Json) -> object:
         return data
     if "id" in data:
         return message_from_data(data)
-    kind = _place_types()[cast("str", data["type"])]
+    kind = _PLACE_TYPES[cast("str", data["type"])]
     return kind(*map(_from_data, cast("list[Json]", data["fields"])))
-
-
-@cache
-def _place_types() -> dict[str, type[Place]]:
-    return {
-        each.type_name: each
-        for each in vars(places).values()
-        if isinstance(each, type) and issubclass(each, Place) and each is not Place
-    }

@@ -307,7 +307,7 @@ class Enumeration(_Several, Place):
 
 
 class Clauses(_Several, Place):
-    """Several in a row, separated by semicolons."""
+    """Several texts in one line, separated by semicolons."""
 
     type_name = "clauses"
 

@@ -20,18 +20,16 @@ from textual.binding import Binding, BindingType
 from textual.dom import DOMNode
 from textual.driver import Driver
 from textual.filter import LineFilter
+from textual.notifications import SeverityLevel
 from textual.reactive import reactive
 
 from bcapscope.live.standard_streams import discard_unwritable_output
-from bcapscope.messages import Language
 from bcapscope.messages.os_errors import os_reason
-from bcapscope.tui.browser_driver import make_server_safe_driver
-from bcapscope.tui.control_char_filter import ControlCharFilter
-from bcapscope.tui.halt_driver import HALT_KEYS, make_halt_driver
 from bcapscope.tui.ink import Styles
 from bcapscope.tui.key_order import KeyOrderApp
-from bcapscope.tui.reader_language import apply_saved_language, label, set_language
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.settings import default_settings_path, read_settings, write_settings
+from bcapscope.tui.terminal import HALT_KEYS, ControlCharFilter, make_halt_driver, make_server_safe_driver
 from bcapscope.tui.themes import THEMES, theme_styles
 
 if TYPE_CHECKING:
@@ -47,13 +45,11 @@ TERMINAL_CHECK_INTERVAL = 1.0
 """Seconds between two checks that the terminal still exists."""
 
 _GC_THRESHOLDS = (2_000, 20, 1000)
-"""Thresholds of the garbage collector. The screen answers no key while the garbage collector runs.
+"""Thresholds of the garbage collector, during which no key is handled.
 
-New objects are collected often, because Textual creates many strips: a collection takes 1 ms, or 30 ms with
-ten times as many strips. A full collection takes 50 ms, so the thresholds make it rare.
+Textual creates many objects. A frequent collection of new objects takes 1 ms, a rarer one 30 ms. A full
+collection takes 50 ms, so it is rare.
 """
-
-Closer = Callable[[], Awaitable[None]]
 
 
 class ScreenEntry(NamedTuple):
@@ -84,17 +80,11 @@ class BcapApp(KeyOrderApp):
     ]
     status: reactive[tuple[tuple[str, str], ...]] = reactive((), init=False)
 
-    def __init__(
-        self,
-        screen_entries: Sequence[ScreenEntry],
-        settings_path: Path | None = None,
-        language: Language | None = None,
-    ) -> None:
+    def __init__(self, screen_entries: Sequence[ScreenEntry], settings_path: Path | None = None) -> None:
         """Register the screens; the application starts with the first screen.
 
         Args:
             settings_path: Settings file; None selects the platform's default.
-            language: Language of the labels; None uses the settings, then the environment.
         """
         # Without this, Textual first shows a blank default screen, and reads all styles for it, too.
         self.DEFAULT_MODE = screen_entries[0].mode  # type: ignore[misc]  # a class attribute in Textual
@@ -105,10 +95,6 @@ class BcapApp(KeyOrderApp):
         self.screen_entries = tuple(screen_entries)
         self._settings_path = settings_path or default_settings_path()
         self.settings, self._settings_problem = read_settings(self._settings_path)
-        if language is None:
-            apply_saved_language(self.settings.language)
-        else:
-            set_language(language)
         self._closers = AsyncExitStack()
         self._is_ending = False
         self._gc_thresholds = gc.get_threshold()
@@ -116,9 +102,9 @@ class BcapApp(KeyOrderApp):
             self.register_theme(theme)
         self.text_styles: Styles = {}
         self._select_theme(self.settings.theme)
-        for spot in self.screen_entries:
-            self.add_mode(spot.mode, spot.create)
-            self.bind(spot.key, f"switch_mode('{spot.mode}')", description=spot.name, show=False)
+        for entry in self.screen_entries:
+            self.add_mode(entry.mode, entry.create)
+            self.bind(entry.key, f"switch_mode('{entry.mode}')", description=entry.name, show=False)
 
     def _select_theme(self, name: str) -> None:
         names = [theme.name for theme in THEMES]
@@ -146,11 +132,10 @@ class BcapApp(KeyOrderApp):
         self.text_styles = inks
 
     def on_load(self) -> None:
-        """Make asyncio start tasks lazily on every Python version.
+        """Undo the eager start of tasks, which Textual chooses from Python 3.12 on.
 
-        From Python 3.12 on, Textual's `App.run_async` runs each task eagerly. With eager tasks, the first
-        screen is mounted before it is on the stack, and its first `Input` ends the program with a
-        ScreenStackError.
+        With eager tasks, the first screen is mounted before it is on the stack of screens, and its first
+        `Input` raises a ScreenStackError.
         """
         asyncio.get_running_loop().set_task_factory(None)
 
@@ -161,9 +146,7 @@ class BcapApp(KeyOrderApp):
         gc.set_threshold(*_GC_THRESHOLDS)
         if self._settings_problem is not None:
             text = label(
-                "shell.settings.broken",
-                path=str(self._settings_path),
-                reason=self._settings_problem,
+                "shell.settings.broken", path=str(self._settings_path), reason=self._settings_problem
             )
             self.show_message(text, "warning")
 
@@ -185,8 +168,7 @@ class BcapApp(KeyOrderApp):
     def _quit_without_terminal(self) -> None:
         """Close the application in order if the terminal is gone.
 
-        SIGHUP reaches only the processes that the terminal controls. Without this check, Textual would read
-        the end of the terminal's input in a busy loop.
+        SIGHUP may not reach this process. Textual would then read the end of its input in a busy loop.
         """
         if not os.isatty(sys.stdin.fileno()):
             self._request_quit()
@@ -194,7 +176,7 @@ class BcapApp(KeyOrderApp):
     def _request_quit(self) -> None:
         self.run_worker(self.action_quit(), exclusive=False)
 
-    def add_closer(self, closer: Closer) -> None:
+    def add_closer(self, closer: Callable[[], Awaitable[None]]) -> None:
         """Register a coroutine function to run before the screen closes; the last registered runs first."""
         self._closers.push_async_callback(closer)
 
@@ -220,37 +202,27 @@ class BcapApp(KeyOrderApp):
         return bool(self._halts) if action == "halt" else True
 
     def add_halt_callback(self, halt: Callable[[], bool]) -> None:
-        """Register a callback for HALT.
+        """Register a callback for HALT, which any thread may call, and which must not raise.
 
         Args:
-            halt: Callback that stops motion without waiting, and returns whether there was something to stop.
-                The callback must not raise. Any thread may call the callback.
+            halt: Stops motion without waiting, and returns whether there was something to stop.
         """
         self._halts.append(halt)
 
     def halt(self) -> bool:
-        """Call all HALT callbacks; return whether one of them had something to stop.
-
-        Any thread may call this method.
-        """
+        """Call all HALT callbacks, from any thread; return whether one of them had something to stop."""
         return any([each() for each in tuple(self._halts)])
 
     def _halt_by_key(self) -> None:
-        """Halt as soon as the terminal driver reads a HALT key.
-
-        The application passes the same key press to `action_halt` later.
-        """
+        """Halt as soon as the terminal driver reads a HALT key; `action_halt` gets the key later."""
         self._last_halt = time.monotonic(), self.halt()
 
     def action_halt(self) -> None:
-        """Stop everything that moves, and show a message.
-
-        Do not stop a second time if the driver has just handled the same key press.
-        """
-        at, was_there = self._last_halt
-        if time.monotonic() - at > HALT_KEY_WINDOW:
-            was_there = self.halt()
-        self.show_message(label("shell.halted" if was_there else "shell.halt.nothing"), "warning")
+        """Stop everything that moves, unless the driver has just done so, and show a message."""
+        halted_at, was_moving = self._last_halt
+        if time.monotonic() - halted_at > HALT_KEY_WINDOW:
+            was_moving = self.halt()
+        self.show_message(label("shell.halted" if was_moving else "shell.halt.nothing"), "warning")
 
     async def action_quit(self) -> None:
         if self._is_ending:
@@ -294,10 +266,9 @@ class BcapApp(KeyOrderApp):
         """Copy to the clipboard. Lone surrogates are escaped first, because no clipboard accepts them."""
         super().copy_to_clipboard(text.encode(errors="backslashreplace").decode())
 
-    def show_message(self, text: str, severity: str = "information") -> None:
+    def show_message(self, text: str, severity: SeverityLevel = "information") -> None:
         """Show a temporary message; markup in `text` has no effect."""
-        kind = severity if severity in ("warning", "error") else "information"
-        self.notify(text, severity=kind, markup=False)  # type: ignore[arg-type]  # `kind` is one of the three
+        self.notify(text, severity=severity, markup=False)
 
     def action_help_quit(self) -> None:
         """Show which key quits, because Ctrl-C is an ordinary key in the application."""

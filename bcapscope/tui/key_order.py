@@ -28,11 +28,9 @@ _MOUNT_POLL_INTERVAL = 0.02
 
 @dataclass
 class KeyHandled(Message):
-    """A marker that follows a key on the key's path through the widgets.
+    """A marker that takes the path of a key through the widgets; it arrives when they have handled the key.
 
-    When the marker reaches the application, the widgets have handled the key.
-
-    A second marker covers events that the handling of the key caused, such as a button press.
+    A second marker waits for events that the key caused, such as the press of a button.
     """
 
     target: MessagePump
@@ -52,16 +50,14 @@ class KeyOrderApp(App[None]):
 
     async def on_event(self, event: Event) -> None:
         """Queue keys and pastes until the previous key is handled; pass on HALT and other events at once."""
-        if not isinstance(event, Key | Paste) or event.is_forwarded or self._is_urgent(event):
+        is_urgent = isinstance(event, Key) and event.key in self._urgent_keys
+        if not isinstance(event, Key | Paste) or event.is_forwarded or is_urgent:
             await super().on_event(event)
         elif self._pending is None:
             await self._deliver_event(event)
         else:
             self._queued_events.append(event)
             self._start_stuck_timer()
-
-    def _is_urgent(self, event: Event) -> bool:
-        return isinstance(event, Key) and event.key in self._urgent_keys
 
     async def _deliver_event(self, event: Event) -> None:
         """Deliver a key; deliver queued keys, too, while they are letters for the same input field."""
@@ -83,7 +79,6 @@ class KeyOrderApp(App[None]):
 
     @on(KeyHandled)
     def _marker_returned(self, message: KeyHandled) -> None:
-        message.stop()
         self.call_later(self._deliver_next, message)  # after callbacks of the key, such as focus
 
     async def _deliver_next(self, marker: KeyHandled) -> None:
@@ -100,7 +95,7 @@ class KeyOrderApp(App[None]):
             await self._deliver_event(self._queued_events.popleft())
 
     def _start_stuck_timer(self) -> None:
-        """Schedule a check that delivers keys which wait for a key that is never handled."""
+        """Schedule a check that delivers waiting keys even if the previous key is never handled."""
         if self._watched_key is None:
             self._watched_key = self._pending
             self.set_timer(STUCK_AFTER, self._deliver_if_stuck)

@@ -16,28 +16,15 @@ from bcapscope.protocol.tables.table_text import table_message
 
 class _Reader:
     words = MessageFormatter(language_of(os.environ))
-    is_fixed = False
 
 
-def set_language(language: Language) -> None:
-    """Choose the language of everything that this process shows from now on."""
-    _Reader.words = MessageFormatter(language)
-
-
-def fix_language(language: Language) -> None:
-    """Choose the language like `set_language`, and ignore the language in the settings."""
-    set_language(language)
-    _Reader.is_fixed = True
-
-
-def apply_saved_language(name: str) -> None:
-    """Choose the language in the settings, unless it is fixed; "" keeps the environment's language."""
-    if name in tuple(Language) and not _Reader.is_fixed:
-        set_language(Language(name))
+def set_language(name: str) -> None:
+    """Choose the language of everything that this process shows; "" keeps the present language."""
+    if name in tuple(Language):
+        _Reader.words = MessageFormatter(Language(name))
 
 
 def current_language() -> Language:
-    """Return the language in which this process shows texts."""
     return _Reader.words.language
 
 

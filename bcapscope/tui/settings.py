@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
 from pathlib import Path
 
 import msgspec
@@ -11,7 +13,24 @@ from bcapscope.errors import message_of
 from bcapscope.faults.document import read_document
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
-from bcapscope.tui.atomic_file import write_atomically
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Replace a file atomically, or create the file and its missing parent folders.
+
+    Raises:
+        OSError: The file cannot be written; an old file is unchanged.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
 
 MAX_RECENT = 20
 """Maximum number of remembered files, and of remembered hosts."""

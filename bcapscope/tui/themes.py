@@ -6,97 +6,62 @@ is orange. No theme conveys anything by colour alone.
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from typing import Any
+
 from rich.style import Style
 from textual.color import Color
 from textual.theme import Theme
 
 from bcapscope.tui.ink import Styles
 
-_STYLE_KEYS = ("number", "name", "hex", "problem", "good", "bad", "dim")
+_TABLE = """
+                                 dark                light               safe
+primary                          #5fafd7             #005f87             #56b4e9
+secondary                        #87afaf             #48696f             #00a478
+accent                           #ffaf5f             #955000             #f0e442
+success                          #87d787             #1a6e1a             #56b4e9
+warning                          #ffd75f             #7a5600             #f0e442
+error                            #ff6f6f             #b00020             #e69f00
+foreground                       #d7dce2             #1c2127             #e8e8e8
+background                       #14181d             #fbfbf9             #101010
+surface                          #1a1f26             #f3f3ef             #181818
+panel                            #242b34             #e6e7e2             #262626
+ink-number                       #87d7ff             #00507a             #a8d8f0
+ink-name                         #ffffff             #000000             #ffffff
+ink-hex                          #9fb4cc             #3d4f66             #b8b8b8
+ink-problem                      #ff8f6f             #a03800             #f0e442
+ink-good                         #87d787             #1a6e1a             #56b4e9
+ink-bad                          #ff6f6f             #b00020             #e69f00
+ink-dim                          #8794a3             #5f666d             #8e8e8e
+ink-lit                          #ffe9a8 on #5a4a12  #000000 on #ffe9a6  #f7f2a8 on #5c5714
+ink-cursor                       #14181d on #ffd75f  #000000 on #ffb000  #000000 on #f0e442
+border                           #3b4654             #b9bdb5             #484848
+block-cursor-background          #2f5d7e             #bfdcec             #005a8c
+block-cursor-foreground          #ffffff             #000000             #ffffff
+block-cursor-blurred-background  #2a323c             #e0e4e0             #303030
+block-cursor-blurred-foreground  #d7dce2             #1c2127             #e8e8e8
+"""
+"""Colours by theme.
+
+The rows whose names begin with "ink-" are the styles of rendered lines. The rows from "border" on, and these
+styles, are variables of the style sheet.
+"""
+
+_VARIABLE_PREFIXES = ("ink-", "border", "block-")
 
 
-def _style_variables(*colors: str) -> dict[str, str]:
-    """Return the theme variables for the colours of rendered lines, in the order of `_STYLE_KEYS`."""
-    return {f"ink-{key}": value for key, value in zip(_STYLE_KEYS, colors, strict=True)}
+def _read_themes() -> Iterator[Theme]:
+    (*names,), *rows = (re.split(" {2,}", line.strip()) for line in _TABLE.strip().splitlines())
+    for column, name in enumerate(names, 1):
+        colors: dict[str, Any] = {row[0]: row[column] for row in rows}
+        variables = {key: colors.pop(key) for key in tuple(colors) if key.startswith(_VARIABLE_PREFIXES)}
+        variables["block-cursor-text-style"] = "none"
+        yield Theme(name, dark=name != "light", variables=variables, **colors)
 
 
-THEMES = (
-    Theme(
-        name="dark",
-        primary="#5fafd7",
-        secondary="#87afaf",
-        accent="#ffaf5f",
-        success="#87d787",
-        warning="#ffd75f",
-        error="#ff6f6f",
-        foreground="#d7dce2",
-        background="#14181d",
-        surface="#1a1f26",
-        panel="#242b34",
-        dark=True,
-        variables={
-            **_style_variables("#87d7ff", "#ffffff", "#9fb4cc", "#ff8f6f", "#87d787", "#ff6f6f", "#8794a3"),
-            "ink-lit": "#ffe9a8 on #5a4a12",
-            "ink-cursor": "#14181d on #ffd75f",
-            "border": "#3b4654",
-            "block-cursor-background": "#2f5d7e",
-            "block-cursor-foreground": "#ffffff",
-            "block-cursor-text-style": "none",
-            "block-cursor-blurred-background": "#2a323c",
-            "block-cursor-blurred-foreground": "#d7dce2",
-        },
-    ),
-    Theme(
-        name="light",
-        primary="#005f87",
-        secondary="#48696f",
-        accent="#955000",
-        success="#1a6e1a",
-        warning="#7a5600",
-        error="#b00020",
-        foreground="#1c2127",
-        background="#fbfbf9",
-        surface="#f3f3ef",
-        panel="#e6e7e2",
-        dark=False,
-        variables={
-            **_style_variables("#00507a", "#000000", "#3d4f66", "#a03800", "#1a6e1a", "#b00020", "#5f666d"),
-            "ink-lit": "#000000 on #ffe9a6",
-            "ink-cursor": "#000000 on #ffb000",
-            "border": "#b9bdb5",
-            "block-cursor-background": "#bfdcec",
-            "block-cursor-foreground": "#000000",
-            "block-cursor-text-style": "none",
-            "block-cursor-blurred-background": "#e0e4e0",
-            "block-cursor-blurred-foreground": "#1c2127",
-        },
-    ),
-    Theme(
-        name="safe",
-        primary="#56b4e9",
-        secondary="#00a478",
-        accent="#f0e442",
-        success="#56b4e9",
-        warning="#f0e442",
-        error="#e69f00",
-        foreground="#e8e8e8",
-        background="#101010",
-        surface="#181818",
-        panel="#262626",
-        dark=True,
-        variables={
-            **_style_variables("#a8d8f0", "#ffffff", "#b8b8b8", "#f0e442", "#56b4e9", "#e69f00", "#8e8e8e"),
-            "ink-lit": "#f7f2a8 on #5c5714",
-            "ink-cursor": "#000000 on #f0e442",
-            "border": "#484848",
-            "block-cursor-background": "#005a8c",
-            "block-cursor-foreground": "#ffffff",
-            "block-cursor-text-style": "none",
-            "block-cursor-blurred-background": "#303030",
-            "block-cursor-blurred-foreground": "#e8e8e8",
-        },
-    ),
-)
+THEMES = tuple(_read_themes())
 
 _MIN_CONTRAST = 4.5
 """Minimum contrast ratio of text and background (WCAG 2.2)."""
@@ -108,13 +73,8 @@ _BOLD = frozenset({"name", "problem", "bad"})
 
 def theme_styles(theme: Theme) -> Styles:
     """Return the styles that a theme gives to rendered lines, by style name."""
-    prefix = "ink-"
-    found = {
-        key.removeprefix(prefix): Style.parse(value)
-        for key, value in theme.variables.items()
-        if key.startswith(prefix)
-    }
-    return {key: style + Style(bold=True) if key in _BOLD else style for key, style in found.items()}
+    found = {key.removeprefix("ink-"): value for key, value in theme.variables.items() if "ink-" in key}
+    return {key: Style.parse(f"bold {value}" if key in _BOLD else value) for key, value in found.items()}
 
 
 def readable_style(style: Style, background: Style) -> Style:
@@ -128,8 +88,8 @@ def readable_style(style: Style, background: Style) -> Style:
     ):
         return both
     color, own, behind = map(Color.from_rich_color, (style.color, background.color, background.bgcolor))
-    mixed = (color.blend(own, step / _BLEND_STEPS) for step in range(_BLEND_STEPS + 1))
-    found = next((each for each in mixed if contrast(each, behind) >= _MIN_CONTRAST), own)
+    blends = (color.blend(own, step / _BLEND_STEPS) for step in range(_BLEND_STEPS + 1))
+    found = next((each for each in blends if contrast(each, behind) >= _MIN_CONTRAST), own)
     return both + Style.from_color(found.rich_color)
 
 

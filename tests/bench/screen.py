@@ -21,6 +21,7 @@ from pathlib import Path
 
 from bcapscope.tui.app import BcapApp, ScreenEntry
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
+from bcapscope.tui.traffic_processes.process_messages import ReadJob
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from tests.bench.jobs import generate
 from tests.bench.terminal import ROOT, Terminal
@@ -190,7 +191,7 @@ def grow(path: Path) -> None:
 
 def follow(path: Path) -> None:
     """Show a capture that grows."""
-    feed = TrafficFeed(path=str(path), follow=True)
+    feed = TrafficFeed(ReadJob(path=str(path), follow=True))
     settings = path.with_name("screen.yaml")
     BcapApp([ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(feed, path.name))], settings).run()
     feed.close()

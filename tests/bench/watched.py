@@ -25,11 +25,11 @@ from bcapscope.player.player_messages import PlayPlan
 from bcapscope.player.trajectory import Trajectory, TrajectorySource
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.tui.app import BcapApp, ScreenEntry, app_of
-from bcapscope.tui.controller_access.playback_run import PlaybackRun
-from bcapscope.tui.controller_access.player_slot import PlayerSlot
+from bcapscope.tui.controller_access.playback import PlaybackRun, PlayerSlot
 from bcapscope.tui.screens.base_screen import BaseScreen
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
 from bcapscope.tui.tester.playback_view import PlaybackView
+from bcapscope.tui.traffic_processes.process_messages import ReadJob
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from tests.bench.play import HEAD, Round, has_priority, line, measured, options, play, simulator, wave
 from tests.bench.screen import LIVE_RATE, growing
@@ -85,7 +85,7 @@ class Watching(BaseScreen):
 def watch(plan: Path, capture: Path, result: Path) -> None:
     """Be the screen."""
     wanted = msgspec.json.decode(plan.read_bytes(), type=PlayPlan)
-    feed = TrafficFeed(path=str(capture), follow=True)
+    feed = TrafficFeed(ReadJob(path=str(capture), follow=True))
     spots = [
         ScreenEntry("watching", "f2", "tester.slave", lambda: Watching(wanted, result)),
         ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(feed, capture.name)),

@@ -17,6 +17,7 @@ from textual.widgets import Input
 
 from bcapscope.messages import Language
 from bcapscope.tui.app import BcapApp, ScreenEntry
+from bcapscope.tui.reader_language import set_language
 
 LIMIT = 60.0
 """Seconds after which a test of the screen has failed."""
@@ -113,7 +114,8 @@ def drive(app: BcapApp, act: Act, size: tuple[int, int] = (80, 24), limit: float
 
 def make(*spots: ScreenEntry, language: Language = Language.ENGLISH, settings: Path | None = None) -> BcapApp:
     """Make the application; its settings lie in the folder of the test."""
-    return BcapApp(spots, settings, language)
+    set_language(language)
+    return BcapApp(spots, settings)
 
 
 async def until(pilot: Pilot[None], true: Callable[[], object], limit: float = LIMIT) -> None:

@@ -12,8 +12,9 @@ from textual.widgets import Static
 from bcapscope.messages import Language
 from bcapscope.tui.app import BcapApp, ScreenEntry
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
+from bcapscope.tui.traffic_processes.process_messages import ReadJob
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
-from bcapscope.tui.widgets.view_bar import ViewBar
+from bcapscope.tui.widgets.bars import ViewBar
 from tests.tui.pilot import Act, drive, make, until
 
 
@@ -22,7 +23,7 @@ def shown(
     path: Path, follow: bool = False, settings: Path | None = None, language: Language = Language.ENGLISH
 ) -> Iterator[tuple[BcapApp, TrafficFeed]]:
     """Make the application with a capture; its processes are ended at the end."""
-    feed = TrafficFeed(path=str(path), follow=follow)
+    feed = TrafficFeed(ReadJob(path=str(path), follow=follow))
     try:
         spot = ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(feed, path.name))
         yield make(spot, language=language, settings=settings), feed

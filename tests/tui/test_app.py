@@ -21,11 +21,9 @@ from textual.widgets import Input, Static
 
 from bcapscope.messages import Language
 from bcapscope.tui.app import BcapApp, ScreenEntry
-from bcapscope.tui.screens.base_screen import BaseScreen
-from bcapscope.tui.screens.help_screen import HelpScreen
-from bcapscope.tui.screens.screen_commands import all_commands
+from bcapscope.tui.screens.base_screen import BaseScreen, HelpScreen, all_commands
 from bcapscope.tui.settings import read_settings
-from bcapscope.tui.widgets.top_bar import TopBar
+from bcapscope.tui.widgets.bars import TopBar
 from tests.cli.run import CAPTURES
 from tests.tui.pilot import drive, make, shown, until
 

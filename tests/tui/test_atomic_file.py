@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.tui.atomic_file import write_atomically
+from bcapscope.tui.settings import write_atomically
 
 
 def test_folders_are_created_and_the_content_is_replaced(tmp_path: Path) -> None:

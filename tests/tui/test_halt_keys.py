@@ -17,15 +17,12 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 from textual.widgets import Select
 
-from bcapscope.tui.halt_driver import HALT_KEYS, make_halt_driver
-from bcapscope.tui.screens.help_screen import HelpScreen
-from bcapscope.tui.screens.prompt import Prompt
+from bcapscope.tui.screens.base_screen import HelpScreen, Prompt
 from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.screens.tester_screen import TesterScreen as Window
-from bcapscope.tui.tester.dialogs import ArmDialog, ChoiceDialog
-from bcapscope.tui.tester.file_picker import FilePicker
-from bcapscope.tui.tester.list_pickers import CommandPicker, FunctionPicker
-from bcapscope.tui.tester.recovery_dialog import RecoveryDialog
+from bcapscope.tui.terminal import HALT_KEYS, make_halt_driver
+from bcapscope.tui.tester.dialogs import ArmDialog, ChoiceDialog, RecoveryDialog
+from bcapscope.tui.tester.pickers import FilePicker, ListPicker
 from tests.tui.pilot import drive, until
 from tests.tui.tester import focus, make_tester
 
@@ -73,8 +70,8 @@ PLACES: tuple[tuple[Open, type[object]], ...] = (
     (keys("f9"), SlaveScreen),
     (keys("f9", "ctrl+o"), FilePicker),
     (keys("f9", "ctrl+p"), CommandPalette),
-    (catalogue, CommandPicker),
-    (functions, FunctionPicker),
+    (catalogue, ListPicker),
+    (functions, ListPicker),
     (put(lambda: ArmDialog([])), ArmDialog),  # type: ignore[arg-type, return-value]  # it answers
     (put(lambda: ChoiceDialog([], ("no", "yes"))), ChoiceDialog),  # type: ignore[arg-type, return-value]
     (put(lambda: Prompt("", "")), Prompt),  # type: ignore[arg-type, return-value]

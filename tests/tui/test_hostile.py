@@ -20,14 +20,13 @@ from bcapscope.proxy.control_messages import ClientStatus, FaultStatus, HeldStat
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.tui.app import BcapApp, ScreenEntry
-from bcapscope.tui.control_char_filter import ControlCharFilter
-from bcapscope.tui.proxy_panel.message_editing import edited_message, proposed_edit
-from bcapscope.tui.proxy_panel.proxy_events import ProxyOutput, ProxyStateRead
-from bcapscope.tui.proxy_panel.shared_control_client import ProxyState
-from bcapscope.tui.screens.proxy_screen import ProxyScreen
+from bcapscope.tui.proxy_display import edited_message, proposed_edit
+from bcapscope.tui.screens.proxy_screen import ProxyScreen, ProxyState
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
-from bcapscope.tui.tester.choice_row import ChoiceRow
-from bcapscope.tui.tester.history_panel import HistoryLines
+from bcapscope.tui.terminal import ControlCharFilter
+from bcapscope.tui.tester.call_lists import HistoryLines
+from bcapscope.tui.tester.form_widgets import ChoiceRow
+from bcapscope.tui.traffic_processes.process_messages import ReadJob
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from tests.client.server import udp_server
 from tests.tui.pilot import drive, make, shown, until
@@ -88,7 +87,7 @@ def capture(path: Path, text: str) -> None:
 def test_traffic(text: str, tmp_path: Path) -> None:
     path = tmp_path / "hostile.pcapng"
     capture(path, text)
-    feed = TrafficFeed(path=str(path))
+    feed = TrafficFeed(ReadJob(path=str(path)))
     app = make(ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(feed, text)))
 
     async def act(pilot: Pilot[None]) -> None:
@@ -144,10 +143,10 @@ class _Told(ProxyScreen):
 
     def __init__(self, standing: ProxyState, way: str) -> None:
         super().__init__("nowhere", way)
-        self._stands = ProxyStateRead(standing)
+        self._state_to_show = standing
 
-    def _read_state(self) -> ProxyStateRead:
-        return self._stands
+    def read_state(self) -> ProxyState:
+        return self._state_to_show
 
 
 def standing(text: str) -> ProxyState:
@@ -175,7 +174,7 @@ def test_proxy(text: str) -> None:
 
     async def act(pilot: Pilot[None]) -> None:
         await until(pilot, lambda: place.held.items)
-        place.post_message(ProxyOutput(text, False))
+        place.add_output(text)
         for key in "1234":
             await pilot.press(key)
             await picture(pilot)
@@ -190,7 +189,7 @@ def test_proxy(text: str) -> None:
         await pilot.press("escape", "a")
         app.post_message(Paste(text))
         await look(pilot)
-        place.post_message(ProxyOutput(text, True))
+        place.show_end(text)
         await look(pilot)
 
     drive(app, act)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from textual.events import Paste
 from textual.pilot import Pilot
 
-from bcapscope.tui.tester.raw_form import BytesField
+from bcapscope.tui.tester.call_forms import BytesField
 from tests.tui.widgets.stage import on_stage
 
 

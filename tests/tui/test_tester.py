@@ -17,12 +17,11 @@ from bcapscope.player.player_messages import PlayOutcome
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.tui.controller_access.builtin_simulator import START_JOINTS
 from bcapscope.tui.screens.slave_screen import SlaveScreen
-from bcapscope.tui.tester.choice_row import ChoiceRow
+from bcapscope.tui.tester.call_lists import HistoryLines, WatchList
 from bcapscope.tui.tester.connection_panel import ConnectionPanel
 from bcapscope.tui.tester.dialogs import ArmDialog
 from bcapscope.tui.tester.form_tabs import TABS, FormTabs
-from bcapscope.tui.tester.history_panel import HistoryLines
-from bcapscope.tui.tester.watch_list import WatchList
+from bcapscope.tui.tester.form_widgets import ChoiceRow
 from tests.client.peer import Answer, Peer
 from tests.client.server import udp_server
 from tests.tui.marks import strip_styles
@@ -191,8 +190,8 @@ def test_history_again_edit_copy_save_and_filter(tmp_path: Path) -> None:
         count = lines.count
         await pilot.press("r")
         await until(pilot, lambda: lines.count == count + 1)
-        assert lines.current_record is not None
-        assert lines.current_record.outcome is RecordOutcome.ANSWERED
+        assert lines.current_item is not None
+        assert lines.current_item.outcome is RecordOutcome.ANSWERED
         for key, text in (("x", "01 "), ("p", "from bcapscope.client"), ("c", "bcapscope call 127.0.0.1")):
             await pilot.press(key)
             assert pilot.app.clipboard.startswith(text)

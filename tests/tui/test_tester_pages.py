@@ -25,8 +25,8 @@ from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.simulator.kinematics import pad_joints, pose_of
 from bcapscope.tui.controller_access.builtin_simulator import START_JOINTS
 from bcapscope.tui.screens.slave_screen import SlaveScreen
-from bcapscope.tui.tester.history_panel import HistoryLines
-from bcapscope.tui.tester.packet_box import PacketBox
+from bcapscope.tui.tester.call_lists import HistoryLines
+from bcapscope.tui.tester.packet_pane import PacketBox
 from tests.tui.pilot import drive, until
 from tests.tui.tester import (
     COMMAND,
@@ -218,4 +218,4 @@ def test_the_pages(tmp_path: Path, size: tuple[int, int], pacing: SlaveModePacin
 
 def _names(pilot: Pilot[None]) -> list[str]:
     lines = screen(pilot).query_one(HistoryLines)
-    return [function_name(record.function_id) for record in lines._records]
+    return [function_name(record.function_id) for record in lines.items]

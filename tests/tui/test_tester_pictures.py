@@ -15,8 +15,7 @@ from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.live.controller.reply_monitor import ReplyMonitor
 from bcapscope.tui.app import BcapApp
 from bcapscope.tui.screens.slave_screen import SlaveScreen
-from bcapscope.tui.tester.choice_row import ChoiceRow
-from bcapscope.tui.tester.tick_box import TickBox
+from bcapscope.tui.tester.form_widgets import ChoiceRow, TickBox
 from tests.cli.run import CAPTURES
 from tests.tui.pilot import drive, picture, until
 from tests.tui.test_pictures import PICTURES
@@ -69,7 +68,7 @@ class Album:
     async def take(self, pilot: Pilot[None], name: str) -> None:
         """Take a picture in each theme, once HALT is at hand and no button is lit by its push."""
         here = screen(pilot)
-        await until(pilot, lambda: here.halt_state is HaltState.READY)
+        await until(pilot, lambda: here.halt_update.state is HaltState.READY)
         await until(pilot, lambda: not pilot.app.screen.query("Button.-active"))
         await until(pilot, lambda: not here.query("Button.-active"))
         app = self._app

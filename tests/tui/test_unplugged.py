@@ -97,7 +97,7 @@ def test_killed_in_the_middle_of_a_call(tmp_path: Path, tcp: bool, told: str) ->
             await begin_to_move(pilot)
             simulator.process.kill()
             await until(pilot, lambda: told in result(pilot, MOVED))
-            await until(pilot, lambda: here.halt_state in (HaltState.LOST, HaltState.CLOSED))
+            await until(pilot, lambda: here.halt_update.state in (HaltState.LOST, HaltState.CLOSED))
             assert here.session.status.is_connected is not tcp  # over UDP, it may come back
             assert told in sight(pilot)
             if not tcp:
@@ -191,7 +191,7 @@ def test_the_built_in_simulator_is_killed_and_started_anew(tmp_path: Path) -> No
         assert here._simulator is not None
         here._simulator.process.kill()
         here._simulator.process.wait()
-        await until(pilot, lambda: here.halt_state is HaltState.LOST)
+        await until(pilot, lambda: here.halt_update.state is HaltState.LOST)
         assert "HALT lost" in sight(pilot)
         await pilot.press("f5")
         await until(pilot, lambda: not here.session.status.is_connected)

@@ -12,6 +12,7 @@ import pytest
 import bcapscope.tui
 from bcapscope.messages import Language
 from bcapscope.messages.message import has_message
+from bcapscope.player.play_session import AGAIN, CLEAR, NO, YES
 from bcapscope.tui.reader_language import label, set_language
 
 (_ROOT,) = map(Path, bcapscope.tui.__path__)
@@ -59,6 +60,11 @@ def _written_in_place(tree: ast.AST) -> Iterator[ast.expr]:
 def test_no_label_is_written_in_place(path: Path) -> None:
     tree = ast.parse(path.read_text())
     assert [ast.unparse(each) for each in _written_in_place(tree)] == []
+
+
+@pytest.mark.parametrize("choice", [YES, NO, CLEAR, AGAIN])
+def test_each_choice_of_the_player_has_a_label(choice: str) -> None:
+    assert has_message(f"tester.answer.{choice}")
 
 
 def test_what_is_spoken_changes() -> None:

@@ -18,7 +18,7 @@ from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.screens.tester_screen import TesterOptions, TesterScreen
 from bcapscope.tui.tester.dialogs import ChoiceDialog
 from bcapscope.tui.tester.result_view import ResultView
-from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.widgets.text_widgets import InkedText
 from tests.tui.marks import strip_styles
 from tests.tui.pilot import make, shown, until
 
@@ -87,7 +87,7 @@ async def ready(pilot: Pilot[None]) -> None:
     """Wait until it is connected, a command can be typed and HALT is at hand."""
     here = screen(pilot)
     await until(pilot, lambda: here.session.status.robot is not None)
-    await until(pilot, lambda: here.halt_state is HaltState.READY)
+    await until(pilot, lambda: here.halt_update.state is HaltState.READY)
     await until(pilot, lambda: pilot.app.focused is here.query_one(COMMAND))
 
 

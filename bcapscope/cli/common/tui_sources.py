@@ -47,13 +47,13 @@ class ProxyScreenOptions:
 
 def choose_language(context: click.Context, words: MessageFormatter) -> None:
     """Set the language of the screen and its processes, from --lang if given, else from the settings."""
-    from bcapscope.tui.reader_language import apply_saved_language, fix_language
+    from bcapscope.tui.reader_language import set_language
     from bcapscope.tui.settings import default_settings_path, read_settings
 
     if context.get_parameter_source("words") is ParameterSource.COMMANDLINE:
-        fix_language(words.language)
+        set_language(words.language)
     else:
-        apply_saved_language(read_settings(default_settings_path())[0].language)
+        set_language(read_settings(default_settings_path())[0].language)
 
 
 def show_proxy(options: ProxyScreenOptions) -> None:
@@ -73,13 +73,14 @@ def show_proxy(options: ProxyScreenOptions) -> None:
 
 def _show_running_proxy(address: str) -> None:
     from bcapscope.tui.reader_language import label
+    from bcapscope.tui.traffic_processes.process_messages import ReadJob
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
     figures = _read_figures(address)
     if figures.recording is None:
         _show_screens(None, _proxy_screen(address, figures, None, note=label("proxy.unrecorded")))
         return
-    feed = TrafficFeed(path=figures.recording, follow=True, ports=figures.ports, leg=_CLIENT_SIDE)
+    feed = TrafficFeed(ReadJob(path=figures.recording, follow=True, ports=figures.ports, leg=_CLIENT_SIDE))
     try:
         _show_screens(feed, _proxy_screen(address, figures, feed))
     finally:
@@ -98,7 +99,7 @@ def _show_own_proxy(options: ProxyScreenOptions) -> None:
     if options.record is not None:
         check_output_path(options.record)
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
-    from bcapscope.tui.traffic_processes.traffic_feed import PublishedTraffic, TrafficFeed, watcher_job
+    from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed, watcher_job
 
     with TemporaryFolder() as folder:
         record = options.record or folder.path / "proxy.pcapng"
@@ -110,7 +111,7 @@ def _show_own_proxy(options: ProxyScreenOptions) -> None:
         words += ["--publish", msgspec.json.encode(job).decode()]
         with _running_command("proxy", *words) as child:
             figures = _read_figures(child.control_address)
-            feed = TrafficFeed(published=PublishedTraffic(job, child.hand_over_stdout()))
+            feed = TrafficFeed(job, child.hand_over_stdout())
             try:
                 _show_screens(feed, _proxy_screen(child.control_address, figures, feed, child))
             finally:
@@ -123,7 +124,8 @@ def show_simulator(port: int, words: Sequence[str]) -> None:
     `words` are further options of ``bcapscope sim``.
     """
     from bcapscope.tui.app import BcapApp, ScreenEntry
-    from bcapscope.tui.screens.simulator_screen import SimulatorScreen
+    from bcapscope.tui.screens.traffic_screen import SimulatorScreen
+    from bcapscope.tui.traffic_processes.process_messages import ReadJob
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
@@ -133,7 +135,9 @@ def show_simulator(port: int, words: Sequence[str]) -> None:
             "sim", "--port", f"{port}", "--record", str(record), "--quiet", *words
         ) as child:
             (address,) = child.listen_addresses
-            feed = TrafficFeed(path=str(record), follow=True, ports=(int(address.rpartition(":")[2]),))
+            feed = TrafficFeed(
+                ReadJob(path=str(record), follow=True, ports=(int(address.rpartition(":")[2]),))
+            )
             try:
                 require_terminal()
                 BcapApp(

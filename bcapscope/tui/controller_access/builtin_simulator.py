@@ -1,10 +1,8 @@
-"""The built-in simulator: a process on a free loopback port, for the Tester without a controller.
-
-If the parent process is killed, the pipe between the processes closes, and the simulator ends.
-"""
+"""The built-in simulator: a process on a free loopback port, for the Tester without a controller."""
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -12,7 +10,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from bcapscope.player.realtime import realtime_priority
 from bcapscope.simulator.kinematics import Joints
@@ -44,18 +42,12 @@ _STEP = 0.2
 _HOST = "127.0.0.1"
 
 
-@dataclass(frozen=True, slots=True)
-class BuiltInSimulator:
+class BuiltInSimulator(NamedTuple):
     """A running built-in simulator, with its address for UDP and TCP."""
 
     host: str
     port: int
     process: subprocess.Popen[bytes]
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether the simulator's process has ended."""
-        return self.process.poll() is not None
 
 
 @contextmanager
@@ -94,21 +86,17 @@ def serve(profile: str) -> None:
     now = time.monotonic_ns()
     start = InitialState(joints=START_JOINTS, motor=True, epoch=time.time_ns() - now)
     server = SimulatorServer(Simulator(PROFILES[profile], start, now), _HOST, 0)
-    ended = threading.Event()
 
-    def watch() -> None:
+    def end_with_stdin() -> None:
         sys.stdin.read()
-        ended.set()
+        os._exit(0)
 
-    threading.Thread(target=watch, daemon=True).start()
-    try:
-        sys.stdout.write(f"{server.address[1]}\n")
-        sys.stdout.flush()
-        with realtime_priority():  # a controller must keep its cycle of 8 ms under any load
-            while not ended.is_set():
-                server.step(_STEP)
-    finally:
-        server.close()
+    threading.Thread(target=end_with_stdin, daemon=True).start()
+    sys.stdout.write(f"{server.address[1]}\n")
+    sys.stdout.flush()
+    with realtime_priority():  # a controller must keep its cycle of 8 ms under any load
+        while True:
+            server.step(_STEP)
 
 
 if __name__ == "__main__":

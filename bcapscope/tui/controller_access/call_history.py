@@ -7,7 +7,14 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 from bcapscope.client.controller_target import ControllerTarget
-from bcapscope.live.controller.history_record import HistoryRecord, Initiator
+from bcapscope.errors import BcapError
+from bcapscope.live.controller.history_record import (
+    HistoryRecord,
+    Initiator,
+    Reason,
+    error_reason,
+    failure_reason,
+)
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.render.call_code import hex_text, python_program, shell_command
@@ -22,7 +29,6 @@ from bcapscope.traffic.filter.compiler import compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.pipeline import CallCollector, Pipeline
-from bcapscope.tui.controller_access.reason_text import failure_text
 from bcapscope.tui.reader_language import reader_words
 
 _PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")
@@ -116,3 +122,17 @@ def copy_text(record: HistoryRecord, copy_format: str, target: ControllerTarget)
         return "\n".join(hex_text(seen.item.raw) for seen in record.packets) or None
     write = python_program if copy_format == "python" else shell_command
     return write(target, record.function_id, record.arguments, record.subject)
+
+
+def reason_text(reason: Reason) -> str:
+    """Return the reason of a failure in one line; for a time-out, it includes the number of attempts."""
+    texts = (part if isinstance(part, str) else reader_words().text(part) for part in reason)
+    return ", ".join(filter(None, texts)).partition("\n")[0]
+
+
+def error_text(error: BcapError | OSError) -> str:
+    return reason_text(error_reason(error))
+
+
+def failure_text(record: HistoryRecord) -> str:
+    return reason_text(failure_reason(record))

@@ -1,4 +1,4 @@
-"""Saved requests: one small YAML file per request, which a team can keep in git.
+"""Saved requests: one small YAML file per request, such as:
 
     function: Robot_Execute
     arguments:
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,8 +28,8 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.codec.variant_notation import parse_variant_as
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, Param, function_by_name
 from bcapscope.render.notation_text import typed_text
-from bcapscope.tui.atomic_file import write_atomically
 from bcapscope.tui.reader_language import full_error_text
+from bcapscope.tui.settings import write_atomically
 
 MAX_FILE_SIZE = 100_000
 """Maximum size in bytes of a file; a b-CAP request written by hand is far smaller."""
@@ -62,24 +63,19 @@ class SavedRequest(NamedTuple):
 
 
 def default_requests_folder() -> Path:
-    """Return the platform's default folder for saved requests."""
     return platformdirs.user_data_path("bcapscope", appauthor=False) / "requests"
 
 
 def list_requests(folder: Path) -> list[tuple[str, SavedRequest | str]]:
-    """Return the saved requests in a folder by name; a file that cannot be read gives the reason instead."""
-    try:
-        paths = sorted(folder.glob(f"*{_SUFFIX}"))
-    except OSError:
-        return []
-    return [(path.stem, _load_or_reason(path)) for path in paths]
-
-
-def _load_or_reason(path: Path) -> SavedRequest | str:
-    try:
-        return load_request(path)
-    except SavedRequestError as error:
-        return full_error_text(error)
+    """Return the names and requests of the files in a folder; for an unreadable file, return the reason."""
+    found: list[tuple[str, SavedRequest | str]] = []
+    with suppress(OSError):
+        for path in sorted(folder.glob(f"*{_SUFFIX}")):
+            try:
+                found.append((path.stem, load_request(path)))
+            except SavedRequestError as error:
+                found.append((path.stem, full_error_text(error)))
+    return found
 
 
 def load_request(path: Path) -> SavedRequest:

@@ -1,1 +1,1 @@
-"""Screens, one per module."""
+"""Screens of `bcapscope tui`."""

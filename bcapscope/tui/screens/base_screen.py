@@ -1,24 +1,134 @@
-"""Base class of all screens: top bar, key bar, help, command palette and name."""
+"""What every screen has: bars, help, command palette and name; screens with several views; a prompt."""
 
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
-from typing import ClassVar
+from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, ClassVar, NamedTuple, cast
 
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.command import CommandPalette
+from textual.command import CommandPalette, DiscoveryHit, Hit, Hits, Provider
+from textual.containers import Vertical, VerticalScroll
+from textual.content import Content
+from textual.dom import DOMNode
 from textual.events import ScreenResume
-from textual.screen import Screen
+from textual.screen import ModalScreen, Screen
+from textual.widget import Widget
+from textual.widgets import Input, Static
 
-from bcapscope.tui.app import app_of
+from bcapscope.messages import Language
+from bcapscope.messages.message import has_message
+from bcapscope.tui.app import BcapApp, app_of
 from bcapscope.tui.reader_language import label
-from bcapscope.tui.screens.help_screen import HelpScreen
-from bcapscope.tui.screens.screen_commands import ScreenCommandProvider, all_commands
-from bcapscope.tui.widgets.key_bar import KeyBar
-from bcapscope.tui.widgets.plain_containers import PlainContainer
-from bcapscope.tui.widgets.top_bar import TopBar
+from bcapscope.tui.themes import THEMES
+from bcapscope.tui.widgets.bars import KeyBar, TopBar
+from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.plain_containers import PlainContainer, Switcher
+
+
+class HelpScreen(ModalScreen[None]):
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,q,f1", "dismiss", "shell.close", key_display="esc")
+    ]
+
+    def __init__(self, name: str, text: str, keys: Sequence[ScreenCommand]) -> None:
+        """Store the name and the description of a screen, and the commands of the screen that have keys."""
+        super().__init__()
+        self._title, self._text, self._keys = name, text, keys
+
+    def compose(self) -> ComposeResult:
+        with VerticalScroll(id="help") as page:
+            page.border_title = Text(label("shell.help.title", name=self._title)).markup
+            page.border_subtitle = label("shell.close.hint")
+            yield Static(Group(*self._parts()), id="help-text")
+
+    def on_mount(self) -> None:
+        self.query_one("#help").focus()
+
+    def _parts(self) -> Iterator[RenderableType]:
+        inks = app_of(self).text_styles
+        for paragraph in self._text.split("\n"):
+            yield Text(paragraph)
+        yield Text(f"\n{label('shell.keys')}", style=inks["name"])
+        table = Table.grid(padding=(0, 2))
+        table.add_column(no_wrap=True)
+        table.add_column(no_wrap=True)
+        table.add_column(overflow="fold")  # Japanese text has no spaces to break at
+        for each in self._keys:
+            table.add_row(Text(each.key, inks["number"]), Text(each.name, inks["name"]), Text(each.tip))
+        yield table
+
+
+class ScreenCommand(NamedTuple):
+    """An action in the palette; `key` is its key as the documentation writes it, or ""."""
+
+    name: str
+    tip: str
+    action: str
+    node: DOMNode
+    key: str = ""
+
+
+def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
+    """Yield the commands for one node's key bindings, each action once."""
+    for kind in type(node).__mro__:
+        for binding in vars(kind).get("BINDINGS", ()):
+            if isinstance(binding, Binding) and has_message(binding.description):
+                tip = binding.tooltip or f"{binding.description}.tip"
+                key = Binding(binding.key.partition(",")[0], "", "", key_display=binding.key_display)
+                name, tip = label(binding.description), label(tip) if has_message(tip) else ""
+                yield ScreenCommand(name, tip, binding.action, node, app.get_key_display(key))
+
+
+def all_commands(screen: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
+    known: set[tuple[str, str]] = set()
+    widgets = [widget for widget in screen.query(Widget) if widget.display]
+    for node in (screen, *widgets, app):
+        for command in node_commands(node, app):
+            if (command.name, command.action) not in known:
+                known.add((command.name, command.action))
+                yield command
+    for name, tip, action in getattr(screen, "commands", lambda: ())():
+        yield ScreenCommand(name, tip, action, screen)
+    yield from _app_commands(app)
+
+
+def _app_commands(app: BcapApp) -> Iterator[ScreenCommand]:
+    for entry in app.screen_entries:
+        name = label("shell.screen", name=label(entry.name))
+        tip = label("shell.screen.tip")
+        yield ScreenCommand(name, tip, f"switch_mode('{entry.mode}')", app, entry.key.upper())
+    for theme in THEMES:
+        name = label("shell.theme", name=label(f"shell.theme.{theme.name}"))
+        yield ScreenCommand(name, label("shell.theme.tip"), f"theme('{theme.name}')", app)
+    for code, key in (("", "auto"), *((each.value, each.value) for each in Language)):
+        name = label("shell.language", name=label(f"shell.language.{key}"))
+        yield ScreenCommand(name, label("shell.language.tip"), f"language('{code}')", app)
+
+
+class ScreenCommandProvider(Provider):
+    def _available_commands(self) -> Iterator[tuple[ScreenCommand, partial[Coroutine[Any, Any, bool]]]]:
+        """Yield the commands that can run now, each with the function that runs the command."""
+        for command in all_commands(self.screen, cast(BcapApp, self.app)):
+            if command.node.check_action(command.action.partition("(")[0], ()) is not False:
+                yield command, partial(self.app.run_action, command.action, command.node)
+
+    async def discover(self) -> Hits:
+        for command, run in self._available_commands():
+            text = f"{command.name}  ({command.key})" if command.key else command.name
+            yield DiscoveryHit(Content(text), run, command.name, command.tip or None)
+
+    async def search(self, query: str) -> Hits:
+        matcher = self.matcher(query)
+        for command, run in self._available_commands():
+            score = matcher.match(command.name)
+            if score > 0:
+                yield Hit(score, matcher.highlight(command.name), run, command.name, command.tip or None)
 
 
 class BaseScreen(Screen[None], PlainContainer):
@@ -52,6 +162,10 @@ class BaseScreen(Screen[None], PlainContainer):
         """Skip Textual's style update: each widget already has its styles, also after a change of theme."""
         event.refresh_styles = False
 
+    def call_in_screen(self, function: Callable[..., object], *arguments: object) -> None:
+        """Call a function in the screen's thread. Any thread may call this method, which does not wait."""
+        self.call_later(function, *arguments)
+
     def content(self) -> ComposeResult:
         raise NotImplementedError
 
@@ -64,9 +178,78 @@ class BaseScreen(Screen[None], PlainContainer):
         await self.app.push_screen(palette)
 
     async def action_help(self) -> None:
-        keys = [
-            (command.key, command.name, command.tip)
-            for command in all_commands(self, app_of(self))
-            if command.key
-        ]
+        keys = [command for command in all_commands(self, app_of(self)) if command.key]
         await self.app.push_screen(HelpScreen(label(self.NAME), label(self.ABOUT), keys))
+
+
+def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
+    """Yield a number key for each view of a screen; `tip` is the label key of the explanation."""
+    for number, (view, name) in enumerate(views.items(), 1):
+        yield Binding(f"{number}", f"view('{view}')", name, show=False, tooltip=tip)
+
+
+class ViewsScreen(BaseScreen):
+    """A screen that shows one of its lists; number keys and the view bar switch between them.
+
+    The content of a subclass has a `ViewBar`, and a `Switcher` with a list for each of `VIEWS`. The id of a
+    list is the name of its view.
+
+    Attributes:
+        VIEWS: Label key of each view, by the view's name. The screen starts with the first view.
+    """
+
+    VIEWS: ClassVar[Mapping[str, str]]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.view = next(iter(self.VIEWS))
+
+    @property
+    def shown_list(self) -> Lines:
+        found = self.query_one(f"#{self.view}")
+        assert isinstance(found, Lines)
+        return found
+
+    def action_view(self, view: str) -> None:
+        self.view = view
+        self.query_one(Switcher).current = view
+        self.show_view()
+        self.set_focus(self.shown_list)
+        self.refresh_bindings()
+        self.show_state()
+
+    def show_view(self) -> None:
+        """Show the widgets that belong to the visible view, and hide those of other views."""
+        raise NotImplementedError
+
+    def show_state(self) -> None:
+        """Show the counts of all views and the present state of the screen in the view bar."""
+        raise NotImplementedError
+
+    def action_back(self) -> None:
+        self.set_focus(self.shown_list)
+
+
+class Prompt(ModalScreen[str | None]):
+    """Asks for a text. The dialog returns the text that the user typed, or None if the user cancels."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "cancel", "prompt.cancel", key_display="esc")]
+
+    def __init__(self, title: str, hint: str, value: str = "") -> None:
+        super().__init__()
+        self._question, self._hint, self._value = title, hint, value
+
+    def compose(self) -> ComposeResult:
+        with Vertical(id="prompt"):
+            yield Static(Text(self._question), id="prompt-title")
+            yield Input(self._value, id="prompt-input")
+            yield Static(
+                Text(f"{self._hint}   ⏎ {label('prompt.accept')}   esc {label('prompt.cancel')}".strip()),
+                id="prompt-hint",
+            )
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        self.dismiss(event.value)
+
+    def action_cancel(self) -> None:
+        self.dismiss(None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from bisect import bisect_left
 from collections.abc import Callable, Mapping
 
 from bcapscope.capture.observation_store import ObservationStore
@@ -58,11 +59,11 @@ def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None
     """
     if not isinstance(settled, Call):
         return None, "traffic.no_call" if settled is None else "traffic.no_request"
-    asked = [seen.number for seen in settled.attempts]
-    if number in asked:
+    attempts = [seen.number for seen in settled.attempts]
+    if number in attempts:
         return (None, "traffic.no_partner") if settled.reply is None else (settled.reply.number, "")
-    before = [each for each in asked if each < number]
-    return (before or asked)[-1], ""
+    before = [each for each in attempts if each < number]
+    return (before or attempts)[-1], ""
 
 
 def related_filter(relation: str, frame: AnnotatedFrame, settled: PairingResult | None) -> str | None:
@@ -86,13 +87,13 @@ def related_filter(relation: str, frame: AnnotatedFrame, settled: PairingResult 
 
 
 def _kind_filter(frame: AnnotatedFrame) -> str | None:
-    question = frame.call_kind
-    if question is None:
+    kind = frame.call_kind
+    if kind is None:
         return None
-    text = f"function_id == {question.function_id}"
-    if question.function_id in FUNCTIONS:
-        text = f"function == {function_name(question.function_id)}"
-    return text if question.command is None else f"{text} and command == {quoted(question.command)}"
+    text = f"function_id == {kind.function_id}"
+    if kind.function_id in FUNCTIONS:
+        text = f"function == {function_name(kind.function_id)}"
+    return text if kind.command is None else f"{text} and command == {quoted(kind.command)}"
 
 
 def _handle_of(settled: PairingResult | None) -> int | None:
@@ -100,12 +101,7 @@ def _handle_of(settled: PairingResult | None) -> int | None:
         return None
     function = FUNCTIONS.get(settled.kind.function_id)
     arguments = settled.request.item.arguments
-    if (
-        function is None
-        or not arguments
-        or not function.params
-        or not function.params[0].name.startswith("h")
-    ):
+    if function is None or not function.takes_handle or not arguments:
         return None
     value = arguments[0].variant.value
     return value if type(value) is int else None
@@ -127,23 +123,16 @@ def find_frame(text: str, journal: ObservationStore) -> int | None:
     if seconds is None:
         return None
     aim = journal.time_of(1) + round(seconds * 1e9)
-    low, high = 1, len(journal)
-    while low < high:
-        middle = (low + high) // 2
-        if journal.time_of(middle) < aim:
-            low = middle + 1
-        else:
-            high = middle
-    return low
+    numbers = range(1, len(journal))
+    return bisect_left(numbers, aim, key=journal.time_of) + 1
 
 
 def notes_by_packet(marks: Mapping[int, str], read_frame: Callable[[int], AnnotatedFrame]) -> dict[int, str]:
-    """Return the notes by packet: each note moves from its frame to the packet that completed the frame."""
+    """Return the notes on frames by packet: the packet of a note is the one that completed the frame."""
     notes: dict[int, str] = {}
     for number, note in sorted(marks.items()):
         seen = read_frame(number).observation
         if not seen.packet:
             continue
-        before = notes.get(seen.packet, "")
-        notes[seen.packet] = f"{before}; {note}" if before and note else before or note
+        notes[seen.packet] = "; ".join(filter(None, (notes.get(seen.packet), note)))
     return notes

@@ -1,11 +1,13 @@
-"""The proxy screen: shows clients, rules, held messages and delays; switches rules, edits held messages."""
+"""The proxy screen: clients, rules and held messages of a proxy, and the delay that the proxy adds."""
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
+import msgspec
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
@@ -18,27 +20,39 @@ from bcapscope.faults.fault_notation import read_fault
 from bcapscope.live.child_process import ChildProcess
 from bcapscope.protocol.codec.frame import parse_datagram
 from bcapscope.proxy import control_messages as control
-from bcapscope.proxy.control_client import ControlRefused
+from bcapscope.proxy.control_client import ControlClient, ControlRefused
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation
 from bcapscope.tui.app import app_of
 from bcapscope.tui.ink import INK
-from bcapscope.tui.proxy_panel.message_editing import edited_message, proposed_edit
-from bcapscope.tui.proxy_panel.proxy_events import OrderDone, ProxyOutput, ProxyStateRead
-from bcapscope.tui.proxy_panel.proxy_lists import ClientList, HeldList, ProxyLog, RuleList
-from bcapscope.tui.proxy_panel.proxy_summary import intercept_line, summary_lines
-from bcapscope.tui.proxy_panel.shared_control_client import ProxyState, SharedControlClient
+from bcapscope.tui.proxy_display import (
+    ClientList,
+    HeldList,
+    ProxyLog,
+    RuleList,
+    edited_message,
+    intercept_line,
+    proposed_edit,
+    summary_lines,
+)
 from bcapscope.tui.reader_language import full_error_text, label
-from bcapscope.tui.screens.prompt import Prompt
-from bcapscope.tui.screens.views_screen import ViewsScreen, view_keys
+from bcapscope.tui.screens.base_screen import Prompt, ViewsScreen, view_keys
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
-from bcapscope.tui.widgets.checked_input import CheckedInput
-from bcapscope.tui.widgets.field_tree import FieldTree
-from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.widgets.packet_view import PacketView
+from bcapscope.tui.widgets.bars import ViewBar
+from bcapscope.tui.widgets.lines import ItemList, Lines
+from bcapscope.tui.widgets.packet_view import FieldTree, PacketView
 from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
-from bcapscope.tui.widgets.view_bar import ViewBar
+from bcapscope.tui.widgets.text_widgets import CheckedInput, InkedText
+
+
+class ProxyState(msgspec.Struct, frozen=True):
+    """All responses to one poll."""
+
+    clients: list[control.ClientStatus]
+    rules: list[control.FaultStatus]
+    held: list[control.HeldStatus]
+    figures: control.ProxyStats
+
 
 POLL_INTERVAL = 0.5
 """Time in seconds between two queries of the proxy's state."""
@@ -61,15 +75,15 @@ class ProxyScreen(ViewsScreen):
     }
     BINDINGS: ClassVar[list[BindingType]] = [
         *view_keys(VIEWS, "proxy.view.tip"),
-        Binding("space", "switch", "proxy.switch", id="proxy.switch", tooltip="proxy.switch.tip"),
-        Binding("a", "add", "proxy.add", id="proxy.add", tooltip="proxy.add.tip"),
-        Binding("d", "remove", "proxy.remove", id="proxy.remove", tooltip="proxy.remove.tip"),
-        Binding("f", "forward", "proxy.forward", id="proxy.forward", tooltip="proxy.forward.tip"),
-        Binding("e", "edit", "proxy.edit", id="proxy.edit", tooltip="proxy.edit.tip"),
-        Binding("b", "bytes", "proxy.bytes", id="proxy.bytes", tooltip="proxy.bytes.tip"),
-        Binding("x", "drop", "proxy.drop", id="proxy.drop", tooltip="proxy.drop.tip"),
-        Binding("i", "intercept", "proxy.intercept", id="proxy.intercept", tooltip="proxy.intercept.tip"),
-        Binding("escape", "back", "proxy.back", id="proxy.back", show=False, tooltip="proxy.back.tip"),
+        Binding("space", "switch", "proxy.switch"),
+        Binding("a", "add", "proxy.add"),
+        Binding("d", "remove", "proxy.remove"),
+        Binding("f", "forward", "proxy.forward"),
+        Binding("e", "edit", "proxy.edit"),
+        Binding("b", "bytes", "proxy.bytes"),
+        Binding("x", "drop", "proxy.drop"),
+        Binding("i", "intercept", "proxy.intercept"),
+        Binding("escape", "back", "proxy.back", show=False),
     ]
 
     def __init__(
@@ -85,13 +99,13 @@ class ProxyScreen(ViewsScreen):
         Args:
             address: Address of the proxy's control socket.
             route: Text with the proxy's listening address and the controller's address.
-            feed: Traffic on the traffic screen, which is notified when the proxy stops; None without traffic
-                screen.
-            child: Process of the proxy, if the screen started the proxy; None otherwise.
+            feed: Traffic on the traffic screen; None without a traffic screen.
+            child: Process of the proxy; None for a proxy that was running before.
             note: Warning that the screen shows at the start; "" for none.
         """
         super().__init__()
-        self._control_client = SharedControlClient(address)
+        self._control_client = ControlClient(address)
+        self._control_lock = threading.Lock()  # the control client serves one thread at a time
         self.route = route
         self._feed = feed
         self._child = child
@@ -104,13 +118,13 @@ class ProxyScreen(ViewsScreen):
 
     def content(self) -> ComposeResult:
         yield InkedText(id="summary")
-        yield self.make_view_bar()
+        yield ViewBar(self.VIEWS, id="views")
         yield Static(id="head")
         with Switcher(initial="clients", id="lists"):
-            yield ClientList(id="clients")
-            yield RuleList(id="rules")
-            yield HeldList(id="held")
-            yield ProxyLog(id="messages")
+            yield ClientList("proxy.empty.clients", id="clients")
+            yield RuleList("proxy.empty.rules", id="rules")
+            yield HeldList("proxy.empty.held", id="held")
+            yield ProxyLog("proxy.empty.messages", id="messages")
         yield CheckedInput("fault", read_fault, label("proxy.add.hint"))
         with PlainVertical(id="message"):
             yield InkedText(id="intercepts")
@@ -120,8 +134,8 @@ class ProxyScreen(ViewsScreen):
     def on_mount(self) -> None:
         """Start to query the proxy."""
         if self._child is not None:
-            self._child.subscribe_output(lambda text: self._post_output(text, False))
-            self._child.subscribe_end(lambda text: self._post_output(text, True))
+            self._child.subscribe_output(partial(self.call_in_screen, self.add_output))
+            self._child.subscribe_end(partial(self.call_in_screen, self.show_end))
         app_of(self).add_closer(self._close)
         if self._note:
             app_of(self).show_message(self._note, "warning")
@@ -129,15 +143,11 @@ class ProxyScreen(ViewsScreen):
         self.action_view("clients")
         self._poll()
 
-    def _post_output(self, text: str, is_end: bool) -> None:
-        """Forward the proxy's output from a reader thread to the screen."""
-        self.post_message(ProxyOutput(text, is_end))
-
     async def _close(self) -> None:
         self._control_client.close()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer actions on a rule or held message only if the list has one."""
+        """Offer an action on a rule or a held message only if the cursor is on one."""
         if action in _RULE_ACTIONS:
             return self.view == "rules" and self.rules.current_item is not None
         if action in _HELD_ACTIONS:
@@ -149,69 +159,81 @@ class ProxyScreen(ViewsScreen):
     @work(thread=True, group="poll", exclusive=True)
     def _poll(self) -> None:
         if not self._has_ended:
-            self.post_message(self._read_state())
+            self._query_state()
 
-    def _read_state(self) -> ProxyStateRead:
+    def _query_state(self) -> None:
         """Query the proxy's state in a thread, because the query blocks."""
         try:
-            return ProxyStateRead(self._control_client.read_state())
+            self.call_in_screen(self._update_state, self.read_state())
         except BcapError as error:
-            return ProxyStateRead(None, full_error_text(error))
+            self.call_in_screen(self._show_lost_proxy, full_error_text(error))
+
+    def read_state(self) -> ProxyState:
+        """Return the proxy's state; raises `ControlError` if the proxy does not respond."""
+        with self._control_lock:
+            request = self._control_client.request
+            return ProxyState(
+                request(control.ListClients(), control.ClientsResponse).clients,
+                request(control.ListFaults(), control.FaultsResponse).rules,
+                request(control.ListHeld(), control.HeldResponse).held,
+                request(control.GetStats(), control.ProxyStats),
+            )
 
     @work(thread=True, group="order")
     def _send_order(self, order: control.ControlRequest, done: Callable[[], None] = lambda: None) -> None:
         """Send an order to the proxy, and call `done` after the proxy has carried out the order."""
         try:
-            self._control_client.send_order(order)
-            self.post_message(OrderDone(done))
+            with self._control_lock:
+                self._control_client.request(order, control.DoneResponse)
+            self.call_in_screen(done)
         except ControlRefused as error:
             text = label("proxy.refusal", reason=printable(full_error_text(error)))
-            self.post_message(OrderDone(partial(app_of(self).show_message, text, "error")))
+            self.call_in_screen(app_of(self).show_message, text, "error")
         except BcapError as error:
-            self.post_message(ProxyStateRead(None, full_error_text(error)))
-        self.post_message(self._read_state())
+            self.call_in_screen(self._show_lost_proxy, full_error_text(error))
+        self._query_state()
 
-    def on_order_done(self, message: OrderDone) -> None:
-        message.stop()
-        message.callback()
-
-    def on_proxy_state_read(self, message: ProxyStateRead) -> None:
-        message.stop()
+    def _update_state(self, state: ProxyState) -> None:
         if self._has_ended:
             return
-        if message.state is None:
-            if not self._problem:
-                text = label("proxy.gone", reason=printable(message.problem))
-                app_of(self).show_message(text, "error")
-                self._report_source_problem(text)
-            self._problem = message.problem
-        else:
-            if self._problem:
-                self._report_source_problem("")
+        if self._problem:
             self._problem = ""
-            self._state = message.state
-            self.clients.show(message.state.clients)
-            self.rules.show(message.state.rules)
-            self.held.show(message.state.held)
+            self._report_source_problem("")
+        self._state = state
+        self.clients.show_items(state.clients)
+        self.rules.show_items(state.rules)
+        self.held.show_items(state.held)
+        self.show_state()
+
+    def _show_lost_proxy(self, problem: str) -> None:
+        """Show why the proxy does not respond."""
+        if self._has_ended:
+            return
+        if not self._problem:
+            text = label("proxy.gone", reason=printable(problem))
+            app_of(self).show_message(text, "error")
+            self._report_source_problem(text)
+        self._problem = problem
         self.show_state()
 
     def _report_source_problem(self, reason: str) -> None:
-        """Tell the traffic screen that the proxy may send no further traffic."""
+        """Show on the traffic screen why the proxy may send no further traffic."""
         if self._feed is not None:
             self._feed.report_source_problem(reason)
 
-    def on_proxy_output(self, message: ProxyOutput) -> None:
-        message.stop()
-        if message.is_end:
-            reason = printable(message.text) or label("proxy.killed")
-            self._has_ended = True
-            self._problem = label("proxy.ended", reason=reason)
-            app_of(self).show_message(self._problem, "error")
-            self._report_source_problem(self._problem)
-            if self._feed is not None:
-                self._feed.stop_reading()
-        else:
-            self.query_one(ProxyLog).add_message(message.text)
+    def add_output(self, text: str) -> None:
+        """Add a line that the proxy printed to the log."""
+        self.query_one(ProxyLog).add_message(text)
+        self.show_state()
+
+    def show_end(self, last_line: str) -> None:
+        """Show that the proxy has ended; `last_line` is its last output, "" if a signal killed the proxy."""
+        self._has_ended = True
+        self._problem = label("proxy.ended", reason=printable(last_line) or label("proxy.killed"))
+        app_of(self).show_message(self._problem, "error")
+        self._report_source_problem(self._problem)
+        if self._feed is not None:
+            self._feed.stop_reading()
         self.show_state()
 
     # display
@@ -230,28 +252,21 @@ class ProxyScreen(ViewsScreen):
 
     def show_state(self) -> None:
         """Show the proxy's state, and the held message under the cursor."""
-        app, standing = app_of(self), self._state
         key, ink = ("proxy.not_here", "bad") if self._problem else ("proxy.here", "good")
-        waiting = (
-            ""
-            if standing is None or not standing.held or self._has_ended
-            else f" · {label('proxy.waiting', count=len(standing.held))}"
-        )
-        app.status = ((f"{label(key, way=printable(self.route))}{waiting} ", ink),)
-        counts = {"messages": f"{self.query_one(ProxyLog).message_count or ''}"}
-        lines = [] if standing is None else summary_lines(standing.figures)
+        held = 0 if self._has_ended else len(self.held.items)
+        waiting = f" · {label('proxy.waiting', count=held)}" if held else ""
+        app_of(self).status = ((f"{label(key, way=printable(self.route))}{waiting} ", ink),)
+        lines = []
+        if self._state is not None:
+            lines = summary_lines(self._state.figures)
+            self.query_one("#intercepts", InkedText).show_text(intercept_line(self._state.figures))
         if self._problem:
             lines.append(f"{INK.problem} {printable(self._problem)}{INK.reset}")
-        if standing is not None:
-            counts |= {
-                "clients": f"{len(standing.clients) or ''}",
-                "rules": f"{len(standing.rules) or ''}",
-                "held": f"{len(standing.held) or ''}",
-            }
-            self.query_one("#intercepts", InkedText).show_text(intercept_line(standing.figures))
         if lines != self._summary_lines:  # compared first, because a new height needs a new layout
             self._summary_lines = lines
             self.query_one("#summary", InkedText).show_text("\n".join(lines))
+        lists: list[ItemList[Any]] = [self.clients, self.rules, self.held, self.query_one(ProxyLog)]
+        counts = {str(each.id): str(len(each.items) or "") for each in lists}
         self.query_one(ViewBar).show_counts(self.view, counts, ())
         self._show_message()
         self.refresh_bindings()
@@ -263,16 +278,16 @@ class ProxyScreen(ViewsScreen):
         if number != self._shown_message:
             self._shown_message = number
             self._change_line.set_text("")
-            self._show_bytes(held, b"" if held is None else held.data)
+            if held is None:
+                self.query_one(PacketView).show_packet(None)
+            else:
+                self._show_bytes(held, held.data)
 
-    def _show_bytes(self, held: control.HeldStatus | None, data: bytes) -> None:
+    def _show_bytes(self, held: control.HeldStatus, data: bytes) -> None:
         """Show the first frame of a held message, in its present or edited form."""
-        items = parse_datagram(data) if held is not None else ()
-        if held is None or not items:
-            self.query_one(PacketView).show_packet(None)
-            return
-        seen = Observation(held.number, 0, 0, held.flow, items[0], 0)
-        self.query_one(PacketView).show_packet(seen, held.call_kind)
+        first = next(iter(parse_datagram(data)), None)
+        frame = Observation(held.number, 0, 0, held.flow, first, 0) if first is not None else None
+        self.query_one(PacketView).show_packet(frame, held.call_kind)
 
     def on_resize(self, event: Resize) -> None:
         """Adapt the height of the message view to the height of the screen."""
@@ -320,7 +335,6 @@ class ProxyScreen(ViewsScreen):
 
     @work
     async def action_intercept(self) -> None:
-        """Ask which messages to hold."""
         self.action_view("held")
         known = self._state.figures.intercept if self._state is not None else None
         prompt = Prompt(label("proxy.intercept.title"), label("proxy.intercept.hint"), known or "")
@@ -371,10 +385,10 @@ class ProxyScreen(ViewsScreen):
 
     @on(CheckedInput.Typed, "#change-line")
     def _change_typed(self, message: CheckedInput.Typed) -> None:
-        """Show the message as edited."""
-        held, made = self.held.current_item, message.parsed
+        """Show the edited message."""
+        held, edited = self.held.current_item, message.parsed
         if held is not None:
-            self._show_bytes(held, made if isinstance(made, bytes) else held.data)
+            self._show_bytes(held, edited if isinstance(edited, bytes) else held.data)
 
     @on(CheckedInput.Entered, "#change-line")
     def _change_entered(self, message: CheckedInput.Entered) -> None:

@@ -33,24 +33,23 @@ from bcapscope.render.escape import printable
 from bcapscope.render.play_text import controller_line, play_summary_lines, trouble_lines
 from bcapscope.render.preflight_text import PreflightRenderer
 from bcapscope.tui.app import app_of
-from bcapscope.tui.controller_access.playback_run import PlaybackRun
-from bcapscope.tui.controller_access.player_slot import PlayerSlot
-from bcapscope.tui.controller_access.prepared_trajectory import (
+from bcapscope.tui.controller_access.call_history import error_text
+from bcapscope.tui.controller_access.playback import (
+    PlaybackRun,
     PlaybackSettings,
+    PlayerSlot,
     PreparedTrajectory,
     prepare_trajectory,
 )
-from bcapscope.tui.controller_access.reason_text import error_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label, reader_words
 from bcapscope.tui.screens.base_screen import BaseScreen
 from bcapscope.tui.settings import with_recent
-from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.dialogs import ChoiceDialog
-from bcapscope.tui.tester.file_picker import FilePicker
+from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
+from bcapscope.tui.tester.pickers import FilePicker
 from bcapscope.tui.tester.playback_view import PlaybackView
-from bcapscope.tui.tester.tick_box import TickBox
-from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.widgets.text_widgets import InkedText
 
 _MODE_NUMBERS = (0x001, 0x002, 0x003, 0x101, 0x102, 0x103, 0x201, 0x202, 0x203)
 _MODES: tuple[tuple[str, SlaveModePacing | int], ...] = (
@@ -59,7 +58,6 @@ _MODES: tuple[tuple[str, SlaveModePacing | int], ...] = (
 )
 _CHECK_DELAY = 0.4
 """Time in seconds from the last change of a field until the screen reads the trajectory file."""
-
 
 _MAX_ROUNDS = 1_000_000_000
 
@@ -100,7 +98,7 @@ class SlaveScreen(BaseScreen):
                 with Horizontal(classes="row"):
                     yield Caption("tester.file")
                     yield Input(self._initial_path, id="file")
-                    yield Button(label("tester.browse"), compact=True, id="browse")
+                    yield FormButton("tester.browse", id="browse")
                 with Horizontal(classes="row"):
                     yield Caption("tester.mode")
                     yield Select(
@@ -119,11 +117,9 @@ class SlaveScreen(BaseScreen):
                     yield Input(placeholder="J1=-170..170 J1..J3.speed=300 J1.acceleration=6000", id="limits")
                     yield TickBox(label("tester.resample"), id="again")
             with Horizontal(classes="row"):
-                yield Button(
-                    label("tester.start"), compact=True, variant="success", id="start", disabled=True
-                )
-                yield Button(label("tester.stop"), compact=True, variant="warning", id="stop", disabled=True)
-                yield Button(label("shell.halt"), compact=True, variant="error", id="halt")
+                yield FormButton("tester.start", "success", id="start", disabled=True)
+                yield FormButton("tester.stop", "warning", id="stop", disabled=True)
+                yield FormButton("shell.halt", "error", id="halt")
                 yield InkedText(id="slave-state")
             with ContentSwitcher(initial="before", id="slave-views"):
                 with VerticalScroll(id="before"):
@@ -156,13 +152,14 @@ class SlaveScreen(BaseScreen):
             await self._check_trajectory()
 
     async def _check_trajectory(self) -> None:
-        wish = self._read_fields()
-        if isinstance(wish, str):
-            self._show_report([f"{INK.dim}{wish}{INK.reset}"])
+        settings = self._read_fields()
+        if isinstance(settings, str):
+            self._show_report([f"{INK.dim}{settings}{INK.reset}"])
             return
         self._show_report([f"{INK.dim}{label('tester.reading')}{INK.reset}"])
         try:
-            ready = await asyncio.to_thread(prepare_trajectory, wish, self._session.status.identity.type_name)
+            robot_type = self._session.status.identity.type_name
+            ready = await asyncio.to_thread(prepare_trajectory, settings, robot_type)
         except ValueError as error:  # the file or the arm limits are invalid
             self._show_report([f"{INK.bad}{printable(full_error_text(error))}{INK.reset}"])
             return
@@ -170,16 +167,17 @@ class SlaveScreen(BaseScreen):
         lines = list(ready.summary_lines(INK, self.query_one("#before").size.width - 2))
         self._show_report(lines)
         self._show_state(lines[-1])  # the verdict, which a long report may hide
-        self.query_one("#start", Button).disabled = (
-            not ready.preflight.is_playable or self._player_slot.is_playing
-        )
+        is_playable = ready.preflight.is_playable and not self._player_slot.is_playing
+        self.query_one("#start", Button).disabled = not is_playable
         app = app_of(self)
-        app.settings.trajectories = with_recent(str(Path(wish.path).absolute()), app.settings.trajectories)
+        app.settings.trajectories = with_recent(
+            str(Path(settings.path).absolute()), app.settings.trajectories
+        )
         app.save_settings()
 
     def _read_fields(self) -> PlaybackSettings | str:
         """Return the settings in the fields, or a text that says what is wrong with them."""
-        path = self.query_one("#file", Input).value.strip()
+        path = self._field_text("file").strip()
         if not path:
             return label("tester.file.missing")
         interval = parse_number(self._field_text("interval"), 0.5, 1000)
@@ -188,9 +186,10 @@ class SlaveScreen(BaseScreen):
         index = parse_integer(self._field_text("index"), 0, _MAX_ROUNDS)
         if interval is None or speed is None or rounds is None or index is None:
             return label("tester.play.numbers")
+        chosen = self.query_one("#mode", Select).value
         return PlaybackSettings(
             path=str(Path(path).expanduser()),
-            mode=self._chosen_mode,
+            mode=chosen if isinstance(chosen, SlaveModePacing | int) else SlaveModePacing.SYNC,
             interval=interval,
             speed=speed,
             rounds=rounds,
@@ -198,11 +197,6 @@ class SlaveScreen(BaseScreen):
             always_resample=self.query_one("#again", TickBox).value,
             limits=tuple(self._field_text("limits").replace(",", " ").split()),
         )
-
-    @property
-    def _chosen_mode(self) -> SlaveModePacing | int:
-        chosen = self.query_one("#mode", Select).value
-        return chosen if isinstance(chosen, SlaveModePacing | int) else SlaveModePacing.SYNC
 
     def _field_text(self, name: str) -> str:
         return self.query_one(f"#{name}", Input).value
@@ -217,23 +211,20 @@ class SlaveScreen(BaseScreen):
             if path:
                 self.query_one("#file", Input).value = path
 
-        here = Path(self.query_one("#file", Input).value).expanduser().parent
-        recent = app_of(self).settings.trajectories
-        self.app.push_screen(
-            FilePicker(label("tester.browse"), recent, here if here.is_dir() else Path.cwd()), take
-        )
+        folder = Path(self._field_text("file")).expanduser().parent
+        folder = folder if folder.is_dir() else Path.cwd()
+        picker = FilePicker(label("tester.browse"), app_of(self).settings.trajectories, folder)
+        self.app.push_screen(picker, take)
 
     # While it plays.
 
     @on(Button.Pressed, "#start")
     def action_start(self) -> None:
-        if self._prepared is None and not self._player_slot.is_playing:
+        if self._player_slot.is_playing:
+            return
+        if self._prepared is None:
             self._show_state(f"{INK.bad}{label('tester.start.none')}")
-        elif (
-            self._prepared is not None
-            and self._prepared.preflight.is_playable
-            and not self._player_slot.is_playing
-        ):
+        elif self._prepared.preflight.is_playable:
             self.run_worker(self._play(self._prepared), group="play")
 
     async def _play(self, ready: PreparedTrajectory) -> None:
@@ -247,12 +238,9 @@ class SlaveScreen(BaseScreen):
         if not await self._release_controller(status):
             return
         robot = status.robot.label if status.robot else DEFAULT_ROBOT
-        record = (
-            self._recordings
-            / f"slave-{time.strftime('%Y%m%d-%H%M%S')}-{time.monotonic_ns() % 1000:03}.pcapng"
-        )
+        name = f"slave-{time.strftime('%Y%m%d-%H%M%S')}-{time.monotonic_ns() % 1000:03}.pcapng"
         target = replace(status.target, name=f"{status.target.name}-player" if status.target.name else "")
-        plan = ready.make_plan(target, robot, session.arming.is_required, record)
+        plan = ready.make_plan(target, robot, session.arming.is_required, self._recordings / name)
         self.playback = run = PlaybackRun(plan, ready.trajectory)
         self._set_playing(True)
         session.pause_polling(True)
@@ -287,9 +275,8 @@ class SlaveScreen(BaseScreen):
         self.query_one("#slave-views", ContentSwitcher).current = "live"
         live.focus()
         received = b""
-        log = ArmedMessageLogger(
-            ArmedCallLogger(self._session.action_log, LoggedConnection.of_target(run.plan.target))
-        )
+        connection = LoggedConnection.of_target(run.plan.target)
+        log = ArmedMessageLogger(ArmedCallLogger(self._session.action_log, connection))
         while run.ended is None:
             for message in await self._player_slot.next_messages():
                 if isinstance(message, PlayProgress) and message.received != received:
@@ -301,10 +288,9 @@ class SlaveScreen(BaseScreen):
                     self._player_slot.answer_question(answer)
             if run.question is not None:
                 self._ask_user(run)
-            doing = (
-                reader_words().text(run.progress.state.message) if run.progress else label("tester.waiting")
-            )
-            self._show_state(f"{INK.number}{printable(doing)}")
+            words = reader_words()
+            state = words.text(run.progress.state.message) if run.progress else words("tester.waiting")
+            self._show_state(f"{INK.number}{printable(state)}")
             live.show_run(run)
         self._show_end(run)
 

@@ -9,6 +9,7 @@ from textual.widget import Widget
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens.base_screen import BaseScreen
 from bcapscope.tui.tester.form_tabs import TABS, FormTabs
+from bcapscope.tui.tester.form_widgets import ChoiceRow
 from bcapscope.tui.tester.packet_pane import VIEWS, PacketPane
 
 _PART_SELECTOR = "#left .box, #function, #raw, #right"
@@ -25,26 +26,13 @@ class TesterNavigation(BaseScreen):
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
         """Yield palette commands for the tabs and views, which take several keys to reach otherwise."""
-        for tab in TABS:
-            yield (
-                label("tester.tab", name=label(f"tester.tab.{tab}")),
-                label("tester.tab.tip"),
-                f"tab('{tab}')",
-            )
-        for view in VIEWS:
-            yield (
-                label("tester.view", name=label(f"tester.view.{view}")),
-                label("tester.view.tip"),
-                f"view('{view}')",
-            )
+        for kind, names in (("tab", TABS), ("view", VIEWS)):
+            for name in names:
+                title = label(f"tester.{kind}", name=label(f"tester.{kind}.{name}"))
+                yield title, label(f"tester.{kind}.tip"), f"{kind}('{name}')"
 
-    def action_next_part(self) -> None:
-        self._focus_other_part(1)
-
-    def action_part_before(self) -> None:
-        self._focus_other_part(-1)
-
-    def _focus_other_part(self, by: int) -> None:
+    def action_part(self, by: int) -> None:
+        """Focus the next part of the screen if `by` is 1, the previous part if it is -1."""
         parts = list(self.query(_PART_SELECTOR))
         here = next((at for at, part in enumerate(parts) if part.has_focus_within), -1 if by > 0 else 0)
         for step in range(1, len(parts) + 1):
@@ -52,11 +40,11 @@ class TesterNavigation(BaseScreen):
                 return
 
     def action_next_tab(self) -> None:
-        here = self.query_one(FormTabs).current_tab
+        here = self.query_one("#tabs", ChoiceRow).chosen
         self.action_tab(TABS[(TABS.index(here) + 1) % len(TABS)])
 
     def action_next_view(self) -> None:
-        here = self.query_one(PacketPane).current_view
+        here = self.query_one("#view", ChoiceRow).chosen
         self.action_view(VIEWS[(VIEWS.index(here) + 1) % len(VIEWS)])
 
     def action_tab(self, name: str) -> None:

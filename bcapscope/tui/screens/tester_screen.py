@@ -7,17 +7,16 @@ returns the results to the widgets.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from contextlib import AsyncExitStack, ExitStack
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.message import Message
+from textual.containers import Horizontal, VerticalScroll
 from textual.widgets import Button
 
 from bcapscope.live.controller.controller_session import ControllerSession
@@ -38,28 +37,19 @@ from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation
 from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.builtin_simulator import BuiltInSimulator, run_builtin_simulator
-from bcapscope.tui.controller_access.call_history import copy_text
+from bcapscope.tui.controller_access.call_history import copy_text, error_text, reason_text
 from bcapscope.tui.controller_access.option_field import read_option_field
-from bcapscope.tui.controller_access.player_slot import PlayerSlot
-from bcapscope.tui.controller_access.reason_text import error_text, reason_text
-from bcapscope.tui.controller_access.variable_watcher import VariableWatcher
+from bcapscope.tui.controller_access.playback import PlayerSlot
+from bcapscope.tui.controller_access.watched_variables import VariableWatcher
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.screens.tester_navigation import TesterNavigation
 from bcapscope.tui.settings import with_recent
-from bcapscope.tui.tester.call_runner import CallNotice, CallRunner
-from bcapscope.tui.tester.command_form import CommandForm
-from bcapscope.tui.tester.connection_panel import ConnectionPanel
-from bcapscope.tui.tester.dialogs import ArmDialog
-from bcapscope.tui.tester.form_tabs import FormTabs
-from bcapscope.tui.tester.history_panel import HistoryLines
-from bcapscope.tui.tester.open_object_row import OpenObjectRow
-from bcapscope.tui.tester.packet_pane import PacketPane
-from bcapscope.tui.tester.recovery_dialog import RecoveryDialog
-from bcapscope.tui.tester.result_view import ResultView
-from bcapscope.tui.tester.saved_list import SavedList
-from bcapscope.tui.tester.status_line import arming_facts, status_pieces
-from bcapscope.tui.tester.wanted_messages import (
+from bcapscope.tui.tester.call_forms import CommandForm
+from bcapscope.tui.tester.call_lists import HistoryLines, SavedList, WatchList
+from bcapscope.tui.tester.call_runner import (
+    CallNotice,
+    CallRunner,
     CallWanted,
     ConnectWanted,
     DisconnectWanted,
@@ -68,7 +58,13 @@ from bcapscope.tui.tester.wanted_messages import (
     RobSlaveWanted,
     WatchWanted,
 )
-from bcapscope.tui.tester.watch_list import WatchList
+from bcapscope.tui.tester.connection_panel import ConnectionPanel, arming_facts, status_pieces
+from bcapscope.tui.tester.dialogs import ArmDialog, RecoveryDialog
+from bcapscope.tui.tester.form_tabs import FormTabs
+from bcapscope.tui.tester.form_widgets import Box
+from bcapscope.tui.tester.object_panels import OpenObjectRow
+from bcapscope.tui.tester.packet_pane import PacketPane
+from bcapscope.tui.tester.result_view import ResultView
 
 _EXECUTE_CONTROLLER = 17
 
@@ -89,11 +85,6 @@ class TesterOptions(NamedTuple):
     tap: Callable[[Observation], None] = lambda seen: None
 
 
-@dataclass
-class SessionUpdated(Message):
-    update: SessionUpdate
-
-
 class TesterScreen(TesterNavigation):
     """Connects to a controller, makes calls, and shows their packets."""
 
@@ -103,8 +94,8 @@ class TesterScreen(TesterNavigation):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f5", "connect", "tester.connect"),
         Binding("f5", "disconnect", "tester.disconnect"),
-        Binding("f6", "next_part", "tester.part"),
-        Binding("shift+f6", "part_before", "", show=False),
+        Binding("f6", "part(1)", "tester.part"),
+        Binding("shift+f6", "part(-1)", "", show=False),
         Binding("f7", "recover", "tester.recovery"),
         Binding("f8", "arm", "tester.arm"),
         Binding("f9", "slave", "tester.slave"),
@@ -118,44 +109,32 @@ class TesterScreen(TesterNavigation):
     def __init__(self, tester_options: TesterOptions) -> None:
         super().__init__()
         self._options = tester_options
-        self.session = ControllerSession(self._post_update, tester_options.log_folder, tester_options.tap)
+        self.session = ControllerSession(
+            partial(self.call_in_screen, self._show_update), tester_options.log_folder, tester_options.tap
+        )
         self.variable_watcher = VariableWatcher(self.session)
         self.call_runner = CallRunner(self.session, self._ask_to_arm)
         self.player_slot = PlayerSlot()
-        self._halt_update = HaltUpdate(HaltState.CLOSED)
+        self.halt_update = HaltUpdate(HaltState.CLOSED)
         self._simulator_stack = ExitStack()
         self._simulator: BuiltInSimulator | None = None
         self._is_connected = False
         self._is_connecting = False
         self._last_slave_session = LastSlaveSession()
 
-    @property
-    def halt_state(self) -> HaltState:
-        """State of the HALT connection, with the result of the latest HALT."""
-        return self._halt_update.state
-
     def content(self) -> ComposeResult:
         start = self._options
         with Horizontal(id="desk"):
             with VerticalScroll(id="left", can_focus=False):
-                with Vertical(classes="box", id="controller-box"):
+                with Box("tester.box.controller", id="controller-box"):
                     yield ConnectionPanel(start.host, start.port, start.tcp, start.option)
-                with Vertical(classes="box", id="execute-box"):
+                with Box("tester.box.execute", id="execute-box"):
                     yield CommandForm(_EXECUTE_CONTROLLER, id="controller-execute")
                 yield FormTabs(FUNCTIONS[_EXECUTE_CONTROLLER])
             yield PacketPane(start.requests_folder, id="right")
 
     def on_mount(self) -> None:
         """Register the HALT callback; without a host, start the built-in simulator."""
-        for name, title in (
-            ("controller-box", "tester.box.controller"),
-            ("execute-box", "tester.box.execute"),
-            ("add-robot", "tester.box.robot"),
-            ("robot-variable", "tester.box.variable"),
-            ("variable", "tester.box.variable"),
-            ("task-box", "tester.box.task"),
-        ):
-            self.query_one(f"#{name}").border_title = label(title)
         app = app_of(self)
         app.add_halt_callback(self.player_slot.halt)
         app.add_halt_callback(self.session.halt)
@@ -172,11 +151,9 @@ class TesterScreen(TesterNavigation):
         panel = self.query_one(ConnectionPanel)
         panel.wait_for_address()
         await asyncio.to_thread(self._simulator_stack.close)
-        entered = asyncio.to_thread(
-            self._simulator_stack.enter_context, run_builtin_simulator(self._options.profile)
-        )
+        simulator = run_builtin_simulator(self._options.profile)
         try:
-            self._simulator = await entered
+            self._simulator = await asyncio.to_thread(self._simulator_stack.enter_context, simulator)
         except OSError as error:
             panel.show_problem(label("tester.simulator.failed", reason=printable(error_text(error))))
             return
@@ -193,13 +170,7 @@ class TesterScreen(TesterNavigation):
 
     # Updates from the session.
 
-    def _post_update(self, update: SessionUpdate) -> None:
-        """Forward an update from a thread of the session to the screen's event loop."""
-        self.post_message(SessionUpdated(update))
-
-    @on(SessionUpdated)
-    def _show_update(self, message: SessionUpdated) -> None:
-        news = message.update
+    def _show_update(self, news: SessionUpdate) -> None:
         if isinstance(news, HistoryRecord):
             self.query_one(PacketPane).add_record(news)
             self._last_slave_session.on_record(news)
@@ -228,12 +199,13 @@ class TesterScreen(TesterNavigation):
         self._show_status()
 
     def _apply_halt_update(self, news: HaltUpdate) -> None:
-        before, self._halt_update = self._halt_update, news
+        before, self.halt_update = self.halt_update, news
         reason = printable(reason_text(news.reason))
-        if news.state in (HaltState.HALTED, HaltState.FAILED):
-            key = "tester.halted" if news.state is HaltState.HALTED else "tester.unhalted"
-            text = label(key, ms=f"{news.round_trip / 1e6:.1f}", reason=reason)
-            app_of(self).show_message(text, "warning" if news.state is HaltState.HALTED else "error")
+        if news.state is HaltState.HALTED:
+            text = label("tester.halted", ms=f"{news.round_trip / 1e6:.1f}")
+            app_of(self).show_message(text, "warning")
+        elif news.state is HaltState.FAILED:
+            app_of(self).show_message(label("tester.unhalted", reason=reason), "error")
         elif news.state is HaltState.LOST and before.state is HaltState.READY:
             app_of(self).show_message(label("tester.halt.gone", reason=reason), "error")
         self._show_status()
@@ -241,28 +213,25 @@ class TesterScreen(TesterNavigation):
     def _show_status(self) -> None:
         session = self.session
         now, monitor = session.now(), session.reply_monitor
-        line = status_pieces(session.status, session.arming, now, self._halt_update, monitor)
+        line = status_pieces(session.status, session.arming, now, self.halt_update, monitor)
         app_of(self).status = tuple(line)
 
     # Requests of the widgets.
 
-    def _run_in_group(self, step: Coroutine[Any, Any, object], group: str = "call") -> None:
-        self.run_worker(step, group=group)
-
     @on(ConnectWanted)
     def _connect_wanted(self, message: ConnectWanted) -> None:
-        gone = self._simulator
-        if gone is not None and gone.has_ended and (message.host, message.port) == (gone.host, gone.port):
-            self._run_in_group(self._reconnect_simulator(), "connect")
+        own, wanted = self._simulator, (message.host, message.port)
+        if own is not None and wanted == (own.host, own.port) and own.process.poll() is not None:
+            self.run_worker(self._reconnect_simulator(), group="connect")
         else:
-            self._run_in_group(self._connect_controller(message), "connect")
+            self.run_worker(self._connect_controller(message), group="connect")
 
     async def _reconnect_simulator(self) -> None:
         """Restart the built-in simulator, which has ended, and connect to the new simulator."""
         await self._start_simulator()
-        wish = self.query_one(ConnectionPanel).wanted_connection()
-        if isinstance(wish, ConnectWanted):
-            await self._connect_controller(wish)
+        wanted = self.query_one(ConnectionPanel).wanted_connection()
+        if isinstance(wanted, ConnectWanted):
+            await self._connect_controller(wanted)
 
     async def _connect_controller(self, wanted: ConnectWanted) -> None:
         panel = self.query_one(ConnectionPanel)
@@ -271,9 +240,8 @@ class TesterScreen(TesterNavigation):
         panel.clear_steps()
         self._set_connecting(panel, True)
         try:
-            if await self.session.run_in_loop(
-                connect(self.session, target, providers, opener.object_name, "")
-            ):
+            step = connect(self.session, target, providers, opener.object_name, "")
+            if await self.session.run_in_loop(step):
                 self._focus_next_form(panel)
             if self.session.status.is_connected and self._simulator is None:
                 settings = app_of(self).settings
@@ -287,9 +255,9 @@ class TesterScreen(TesterNavigation):
     def _focus_next_form(self, panel: ConnectionPanel) -> None:
         """Focus the next form to use, unless the user has moved the focus to another part."""
         if self.focused is None or panel in self.focused.ancestors:
-            self._focus_first_in(self.query_one("#robot-forms")) or self._focus_first_in(
-                self.query_one("#panels")
-            )
+            for name in ("#robot-forms", "#panels"):
+                if self._focus_first_in(self.query_one(name)):
+                    return
 
     def _set_connecting(self, panel: ConnectionPanel, connecting: bool) -> None:
         self._is_connecting = connecting
@@ -300,7 +268,7 @@ class TesterScreen(TesterNavigation):
     def _disconnect_wanted(self) -> None:
         for group in ("call", "connect"):
             self.workers.cancel_group(self, group)
-        self._run_in_group(self._disconnect_controller(), "disconnect")
+        self.run_worker(self._disconnect_controller(), group="disconnect")
 
     async def _disconnect_controller(self) -> None:
         await self.session.run_in_loop(self.session.disconnect())
@@ -308,19 +276,19 @@ class TesterScreen(TesterNavigation):
 
     @on(CallWanted)
     def _make_call(self, message: CallWanted) -> None:
-        self._run_in_group(self.call_runner.make_call(message))
+        self.run_worker(self.call_runner.make_call(message), group="call")
 
     @on(RawWanted)
     def _send_raw(self, message: RawWanted) -> None:
-        self._run_in_group(self.call_runner.send_raw(message))
+        self.run_worker(self.call_runner.send_raw(message), group="call")
 
     @on(RobSlaveWanted)
     def _start_robslave(self, message: RobSlaveWanted) -> None:
-        self._run_in_group(self.call_runner.run_robslave(message.result_display))
+        self.run_worker(self.call_runner.run_robslave(message.result_display), group="call")
 
     @on(OpenWanted)
     def _open_wanted(self, message: OpenWanted) -> None:
-        self._run_in_group(self._open_object(message))
+        self.run_worker(self._open_object(message), group="call")
 
     async def _open_object(self, wanted: OpenWanted) -> None:
         if await self.call_runner.open_object(wanted) and wanted.kind is ObjectClass.VARIABLE:
@@ -329,15 +297,15 @@ class TesterScreen(TesterNavigation):
     @on(WatchWanted)
     def _add_watched(self, message: WatchWanted) -> None:
         self.query_one(PacketPane).show_view("watch")
-        self._run_in_group(self.session.run_in_loop(self.variable_watcher.add(message.variable)), "watch")
+        self.run_worker(self.session.run_in_loop(self.variable_watcher.add(message.variable)), group="watch")
 
     @on(WatchList.RemoveWanted)
     def _remove_watched(self, message: WatchList.RemoveWanted) -> None:
-        self._run_in_group(self.session.run_in_loop(self.variable_watcher.remove(message.handle)), "watch")
+        self.run_worker(self.session.run_in_loop(self.variable_watcher.remove(message.handle)), group="watch")
 
     @on(WatchList.ResetWanted)
     def _reset_watched(self) -> None:
-        self._run_in_group(self.session.run_in_loop(self.variable_watcher.reset()), "watch")
+        self.run_worker(self.session.run_in_loop(self.variable_watcher.reset()), group="watch")
 
     @on(SavedList.RequestWanted)
     async def _use_saved_request(self, message: SavedList.RequestWanted) -> None:
@@ -345,24 +313,21 @@ class TesterScreen(TesterNavigation):
         form = await self.query_one(FormTabs).fill_function(saved.function, saved.values)
         if not message.edit:
             wanted = CallWanted(form.query_one(ResultView), saved.function, saved.values)
-            self._run_in_group(self.call_runner.make_call(wanted))
+            self.run_worker(self.call_runner.make_call(wanted), group="call")
 
     @on(HistoryLines.ActionWanted)
     async def _use_record(self, message: HistoryLines.ActionWanted) -> None:
         record = message.record
         if message.what == "again":
-            self._run_in_group(self.call_runner.repeat_call(CallNotice(app_of(self)), record))
+            self.run_worker(self.call_runner.repeat_call(CallNotice(app_of(self)), record), group="call")
         elif message.what == "edit":
             await self.query_one(FormTabs).edit_call(record)
         else:
             self._copy_record(record, message.what)
 
     def _copy_record(self, record: HistoryRecord, what: str) -> None:
-        target = (
-            self.session.status.target
-            or read_option_field("", self._options.host or "127.0.0.1", 5007, False)[0]
-        )
-        text = copy_text(record, what, target)
+        default = read_option_field("", self._options.host or "127.0.0.1", 5007, False)[0]
+        text = copy_text(record, what, self.session.status.target or default)
         if text is None:
             app_of(self).show_message(label("tester.copy.none"), "warning")
             return
@@ -384,18 +349,16 @@ class TesterScreen(TesterNavigation):
         self._disconnect_wanted()
 
     def action_robslave(self) -> None:
-        self._run_in_group(self.call_runner.run_robslave(CallNotice(app_of(self))))
+        self.run_worker(self.call_runner.run_robslave(CallNotice(app_of(self))), group="call")
 
     @on(Button.Pressed, "#slave-mode")
     def action_slave(self) -> None:
-        path = next(iter(app_of(self).settings.trajectories), "")
-        self.app.push_screen(
-            SlaveScreen(self.session, self.player_slot, self._ask_to_arm, self._options.log_folder, path)
-        )
+        path, folder = next(iter(app_of(self).settings.trajectories), ""), self._options.log_folder
+        self.app.push_screen(SlaveScreen(self.session, self.player_slot, self._ask_to_arm, folder, path))
 
     def action_recover(self) -> None:
-        stay = self._last_slave_session
-        self.app.push_screen(RecoveryDialog(self.session, self._ask_to_arm, stay.move_position, stay.mode))
+        last = self._last_slave_session
+        self.app.push_screen(RecoveryDialog(self.session, self._ask_to_arm, last.move_position, last.mode))
 
     def action_digits(self) -> None:
         """Show all digits of all results; if any result shows all digits, show five decimals."""
@@ -421,7 +384,7 @@ class TesterScreen(TesterNavigation):
         if status.target is None:
             app_of(self).show_message(label("tester.not_connected"), "warning")
             return False
-        if not await self.app.push_screen_wait(ArmDialog(arming_facts(status))):
+        if await self.app.push_screen_wait(ArmDialog(arming_facts(status))) != "yes":
             return False
         self.session.arming.arm(self.session.now())
         self._show_status()

@@ -1,42 +1,33 @@
-"""The traffic screen, for a file or an interface: frames, calls, findings, slave mode, statistics."""
+"""The traffic screen, for a capture, an interface or a simulator: keys to navigate, mark, save and open."""
 
 from __future__ import annotations
 
 import os.path
 from collections.abc import Iterator
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
 from textual import on, work
 from textual.binding import Binding, BindingType
-from textual.message import Message
 
+from bcapscope.live.child_process import ChildProcess
 from bcapscope.render.escape import printable
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import full_error_text, label
 from bcapscope.tui.screens import frame_relations
-from bcapscope.tui.screens.prompt import Prompt
+from bcapscope.tui.screens.base_screen import Prompt, view_keys
 from bcapscope.tui.screens.traffic_views import RECORD_KINDS, TrafficViews
-from bcapscope.tui.screens.views_screen import view_keys
-from bcapscope.tui.traffic_processes.process_messages import SaveJob
+from bcapscope.tui.traffic_processes.process_messages import ReadJob, SaveJob
 from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
-from bcapscope.tui.widgets.checked_input import CheckedInput
 from bcapscope.tui.widgets.finding_page import FindingPage
 from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.text_widgets import CheckedInput
 
 _FRAME_ACTIONS = frozenset({"filter", "partner", "call", "mark", "note", "clock", "goto", "follow"})
 _CLOCKS = (TimeFormat.RELATIVE, TimeFormat.DELTA, TimeFormat.UTC)
-
-
-@dataclass
-class NotesSaved(Message):
-    """A file was saved. If saving failed or was incomplete, `reason` says why."""
-
-    target: str
-    reason: str
 
 
 class TrafficScreen(TrafficViews):
@@ -253,16 +244,12 @@ class TrafficScreen(TrafficViews):
 
     @work(thread=True)
     def _save_packets(self, job: SaveJob) -> None:
-        self.post_message(NotesSaved(job.target, self.feed.save(job)))
-
-    def on_notes_saved(self, message: NotesSaved) -> None:
-        message.stop()
-        path = printable(message.target)
-        if message.reason:
-            text = label("traffic.unsaved", path=path, reason=message.reason)
-            app_of(self).show_message(text, "error")
+        problem, path = self.feed.save(job), printable(job.target)
+        if problem:
+            text = label("traffic.unsaved", path=path, reason=problem)
+            self.call_in_screen(app_of(self).show_message, text, "error")
         else:
-            app_of(self).show_message(label("traffic.saved", path=path))
+            self.call_in_screen(app_of(self).show_message, label("traffic.saved", path=path))
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
         if self.check_action("open", ()):
@@ -288,7 +275,7 @@ class TrafficScreen(TrafficViews):
             app_of(self).show_message(label("traffic.open.none", path=printable(path)), "warning")
             return
         try:
-            feed = TrafficFeed(path=path, ports=self.feed.job.ports)
+            feed = TrafficFeed(ReadJob(path=path, ports=self.feed.job.ports))
         except TemporaryFolderError as error:
             app_of(self).show_message(printable(full_error_text(error)), "error")
         else:
@@ -296,3 +283,28 @@ class TrafficScreen(TrafficViews):
 
     def action_stop(self) -> None:
         self.feed.stop_reading()
+
+
+class SimulatorScreen(TrafficScreen):
+    """Shows the traffic and the address of a simulator, whose process is `child`."""
+
+    def __init__(self, feed: TrafficFeed, address: str, child: ChildProcess) -> None:
+        super().__init__(feed, address)
+        self._address = address
+        self._child = child
+
+    def on_mount(self) -> None:
+        self._show_address("good", "●")
+        app_of(self).show_message(label("simulator.listens", address=printable(self._address)))
+        self._child.subscribe_end(partial(self.call_in_screen, self._show_end))
+
+    def _show_address(self, ink: str, sign: str) -> None:
+        app_of(self).status = ((f"{sign} {printable(self._address)} ", ink),)
+
+    def _show_end(self, last_line: str) -> None:
+        """Report that the simulator has ended; its traffic remains on the screen."""
+        reason = label("simulator.ended", reason=printable(last_line) or label("proxy.killed"))
+        self.feed.stop_reading()
+        self.feed.report_source_problem(reason)
+        self._show_address("bad", "○")
+        app_of(self).show_message(reason, "error")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -13,9 +12,9 @@ from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.events import Resize
-from textual.message import Message
 from textual.widgets import Static
 
+from bcapscope.render.escape import printable
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import PairingResult
 from bcapscope.traffic.filter.compiler import compile_filter
@@ -24,8 +23,7 @@ from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens import frame_relations
-from bcapscope.tui.screens.progress_text import count_text, progress_texts
-from bcapscope.tui.screens.views_screen import ViewsScreen
+from bcapscope.tui.screens.base_screen import ViewsScreen
 from bcapscope.tui.settings import with_recent
 from bcapscope.tui.traffic_processes.process_messages import (
     NO_ANALYSIS,
@@ -34,28 +32,19 @@ from bcapscope.tui.traffic_processes.process_messages import (
     TrafficAnalysis,
 )
 from bcapscope.tui.traffic_processes.traffic_feed import FeedUpdate, SourceProblem, TrafficFeed
-from bcapscope.tui.widgets.call_list import CallList
-from bcapscope.tui.widgets.checked_input import CheckedInput
+from bcapscope.tui.widgets.bars import ViewBar
 from bcapscope.tui.widgets.finding_page import FindingPage
-from bcapscope.tui.widgets.frame_list import FrameList
-from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.lines import Lines, TextList
 from bcapscope.tui.widgets.packet_view import PacketView
 from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
-from bcapscope.tui.widgets.record_list import RecordList
-from bcapscope.tui.widgets.text_page import TextPage
-from bcapscope.tui.widgets.view_bar import ViewBar
+from bcapscope.tui.widgets.record_lists import CallList, FrameList, RecordList
+from bcapscope.tui.widgets.text_widgets import CheckedInput
 
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
 """Views that list frames or calls, each with the kind of record that the view's filter tests."""
 
 _NARROW_WIDTH = 100
 """Terminal width in columns below which the screen rounds large counts."""
-
-
-@dataclass
-class FeedUpdated(Message):
-    feed: TrafficFeed
-    update: FeedUpdate
 
 
 class TrafficViews(ViewsScreen):
@@ -89,7 +78,7 @@ class TrafficViews(ViewsScreen):
         self._shown_frame: int | None = None
 
     def content(self) -> ComposeResult:
-        yield self.make_view_bar()
+        yield ViewBar(self.VIEWS, id="views")
         yield CheckedInput(
             "filter", self._check_filter, label("traffic.filter.hint"), label("traffic.filter")
         )
@@ -98,8 +87,8 @@ class TrafficViews(ViewsScreen):
             yield FrameList(id="frames")
             yield CallList(id="calls")
             yield FindingPage(id="findings")
-            yield TextPage([label("traffic.empty.slave")], id="slave")
-            yield TextPage([label("traffic.empty.statistics")], id="statistics")
+            yield TextList("traffic.empty.slave", id="slave")
+            yield TextList("traffic.empty.statistics", id="statistics")
         with PlainVertical(id="detail"):
             yield Static(id="about")
             yield PacketView(id="packet")
@@ -116,11 +105,8 @@ class TrafficViews(ViewsScreen):
             settings = app_of(self).settings
             settings.captures = with_recent(str(Path(path).absolute()), settings.captures)
             self.call_after_refresh(app_of(self).save_settings)  # show the traffic first
-        self.feed.subscribe(partial(self._post_update, self.feed))
+        self.feed.subscribe(partial(self.call_in_screen, self.show_update, self.feed))
         self.show_state()
-
-    def _post_update(self, feed: TrafficFeed, update: FeedUpdate) -> None:
-        self.post_message(FeedUpdated(feed, update))
 
     async def _close(self) -> None:
         self._close_feed()
@@ -140,10 +126,8 @@ class TrafficViews(ViewsScreen):
 
     # updates
 
-    def on_feed_updated(self, message: FeedUpdated) -> None:
-        message.stop()
-        update = message.update
-        if message.feed is not self.feed or message.feed.is_closed:
+    def show_update(self, feed: TrafficFeed, update: FeedUpdate) -> None:
+        if feed is not self.feed or feed.is_closed:
             return
         if isinstance(update, ReadProgress):
             self._show_progress(update)
@@ -176,19 +160,14 @@ class TrafficViews(ViewsScreen):
 
     def _show_growth(self) -> None:
         """Show new rows in the visible list; the other list shows them when it becomes visible."""
-        target = self.shown_list
-        if isinstance(target, RecordList):
-            target.lines_added()
+        if isinstance(self.shown_list, RecordList):
+            self.shown_list.lines_added()
 
     def _show_analysis(self, analysis: TrafficAnalysis) -> None:
         self.analysis = analysis
         self.query_one(FindingPage).show_analysis(analysis)
-        self.query_one("#slave", TextPage).show_lines(
-            analysis.slave_sessions or [label("traffic.empty.slave")]
-        )
-        self.query_one("#statistics", TextPage).show_lines(
-            analysis.statistics or [label("traffic.empty.statistics")]
-        )
+        self.query_one("#slave", TextList).show_items(analysis.slave_sessions)
+        self.query_one("#statistics", TextList).show_items(analysis.statistics)
 
     def _add_matches(self, matches: SearchMatches) -> None:
         self._searched = matches.searched
@@ -216,8 +195,8 @@ class TrafficViews(ViewsScreen):
         several = self.feed.progress.clients > 1
         self.frames.set_line_format(self.clock, several, first)
         self.calls.set_line_format(self.clock, several, first)
-        head = {"frames": self.frames.header, "calls": self.calls.header}.get(self.view)
-        text = "" if head is None else head()
+        shown = self.shown_list
+        text = shown.header() if isinstance(shown, RecordList) else ""
         if text != self._header_text:
             self._header_text = text
             self.query_one("#head", Static).update(Text(text), layout=False)
@@ -242,7 +221,7 @@ class TrafficViews(ViewsScreen):
 
     @on(Lines.Moved)
     def _list_moved(self, message: Lines.Moved) -> None:
-        """Show the frame under the cursor, if the visible list reports a new cursor position."""
+        """Show the frame under the cursor if the visible list reports a new cursor position."""
         if message.lines is self.shown_list:
             self._cursor_moved()
 
@@ -289,8 +268,7 @@ class TrafficViews(ViewsScreen):
         self.query_one("#about", Static).update(Text(about, no_wrap=True, overflow="ellipsis"), layout=False)
 
     def on_resize(self, event: Resize) -> None:
-        height = event.size.height
-        self.query_one("#detail").styles.height = max(8, min(26, height * 2 // 5))
+        self.query_one("#detail").styles.height = max(8, min(26, event.size.height * 2 // 5))
 
     # views and filter
 
@@ -344,3 +322,42 @@ class TrafficViews(ViewsScreen):
         else:
             target.reset_lines(target.nearest_row(here) if here is not None and not expression else 0)
         self.show_state()
+
+
+_BAR = 12
+
+
+def progress_texts(
+    progress: ReadProgress, source_problem: str, searched: int | None, title: str
+) -> tuple[str, ...]:
+    """Return texts on the progress of reading and searching, longest text first.
+
+    Args:
+        source_problem: Why the source of the traffic may have ended although reading continues; "" otherwise.
+        searched: Percentage of rows that the search has examined; None if the search is complete.
+    """
+    long, short = [], []
+    if searched is not None:
+        long.append(label("traffic.searching", percent=searched))
+        short.append(f"/{searched}%")
+    if progress.lost:
+        long.append(label("traffic.lost", count=progress.lost))
+    if source_problem:
+        long.append(f"○ {printable(source_problem)}")
+        short.append(f"○ {label('traffic.ended')}")
+    elif not progress.ended and progress.size:
+        percent = 100 * progress.position // progress.size
+        full = _BAR * percent // 100
+        long.append(f"{label('traffic.reading')} {'━' * full}{'╌' * (_BAR - full)} {percent:>3} %")
+        short.append(f"{percent}%")
+    elif not progress.ended:
+        long.append(f"● {label('traffic.live')}")
+        short.append("●")
+    return "  ".join((*long, printable(title))), "  ".join(long), " ".join(short)
+
+
+def count_text(number: int, brief: bool) -> str:
+    """Return a count as text; if `brief`, round counts from 10,000 down, as in ``12k`` or ``1.2M``."""
+    if not brief or number < 10_000:
+        return f"{number:,}"
+    return f"{number // 1000}k" if number < 1_000_000 else f"{number // 100_000 / 10}M"

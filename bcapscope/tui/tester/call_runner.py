@@ -4,27 +4,96 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Protocol
 
+from textual.message import Message
+
+from bcapscope import messages
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import BcapError
-from bcapscope.live.controller.controller_session import (
-    ControllerSession,
-    NotArmedError,
-)
+from bcapscope.live.controller.controller_session import ControllerSession, NotArmedError
 from bcapscope.live.controller.guided_connect import add_robot, start_robslave
 from bcapscope.live.controller.history_record import HistoryRecord, RecordOutcome
-from bcapscope.messages import Message
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.command_catalogue import call_name
-from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.render.escape import printable
 from bcapscope.render.result_values import reply_values_text
 from bcapscope.tui.app import BcapApp
-from bcapscope.tui.controller_access.reason_text import error_text, failure_text
+from bcapscope.tui.controller_access.call_history import error_text, failure_text
 from bcapscope.tui.reader_language import label
-from bcapscope.tui.tester.wanted_messages import CallWanted, OpenWanted, RawWanted, ResultDisplay
+
+
+class ResultDisplay(Protocol):
+    """A widget that shows the outcome of the user's request."""
+
+    def show_pending(self) -> None:
+        """Show that a request is under way."""
+
+    def show_record(self, record: HistoryRecord) -> None:
+        """Show how the call ended."""
+
+    def show_error(self, reason: str) -> None:
+        """Show the error text `reason`: why nothing was sent, or what failed."""
+
+
+@dataclass
+class ConnectWanted(Message):
+    host: str
+    port: int
+    tcp: bool
+    option: str
+
+
+class DisconnectWanted(Message):
+    """The user wants to disconnect."""
+
+
+@dataclass
+class CallWanted(Message):
+    """The user wants to make a call.
+
+    Attributes:
+        values: Arguments of the call without the handle.
+        subject: Object whose handle the call uses; None for the selected object of the function's class.
+    """
+
+    result_display: ResultDisplay
+    function: Function
+    values: tuple[Variant, ...]
+    subject: ObjectHandle | None = None
+
+
+@dataclass
+class OpenWanted(Message):
+    """The user wants to open an object of class `kind`, owned by the selected object of class `parent`."""
+
+    result_display: ResultDisplay
+    parent: ObjectClass
+    kind: ObjectClass
+    name: str
+    option: str
+
+
+@dataclass
+class RawWanted(Message):
+    result_display: ResultDisplay
+    raw: bytes
+
+
+@dataclass
+class RobSlaveWanted(Message):
+    result_display: ResultDisplay
+
+
+@dataclass
+class WatchWanted(Message):
+    """The user wants to watch an open variable."""
+
+    variable: ObjectHandle
+
 
 CallStep = Callable[[], Coroutine[Any, Any, HistoryRecord]]
 
@@ -91,7 +160,7 @@ class CallRunner:
         found = found or next((one for one in reversed(status.open_objects) if one.kind is kind), None)
         if found is None:
             key = "tester.missing" if status.is_connected else "tester.not_connected"
-            raise ObjectMissingError(Message(key, kind=kind))
+            raise ObjectMissingError(messages.Message(key, kind=kind))
         return found
 
     async def _run_reported(self, result_display: ResultDisplay, step: CallStep) -> bool:

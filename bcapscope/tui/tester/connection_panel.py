@@ -1,4 +1,4 @@
-"""The connection panel: the controller's address and transport, and the steps of connecting."""
+"""The connection panel, and the status line that is always visible."""
 
 from __future__ import annotations
 
@@ -9,18 +9,21 @@ from textual.suggester import SuggestFromList
 from textual.widgets import Button, Input
 
 from bcapscope.client.controller_target import split_host_port
+from bcapscope.live.controller.arming_state import ArmingState
+from bcapscope.live.controller.halt_connection import HaltState, HaltUpdate
+from bcapscope.live.controller.reply_monitor import ReplyMonitor
 from bcapscope.live.controller.session_updates import ConnectStep, ConnectStepUpdate, SessionStatus
 from bcapscope.protocol.number_parsing import parse_integer
+from bcapscope.protocol.slave_mode.modes import pose_type_of_mode
 from bcapscope.render.escape import printable
 from bcapscope.tui.app import app_of
+from bcapscope.tui.controller_access.call_history import reason_text
 from bcapscope.tui.controller_access.option_field import read_option_field
-from bcapscope.tui.controller_access.reason_text import reason_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label
-from bcapscope.tui.tester.caption import Caption
-from bcapscope.tui.tester.tick_box import TickBox
-from bcapscope.tui.tester.wanted_messages import ConnectWanted, DisconnectWanted
-from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.tester.call_runner import ConnectWanted, DisconnectWanted
+from bcapscope.tui.tester.form_widgets import Caption, FormButton, TickBox
+from bcapscope.tui.widgets.text_widgets import InkedText
 
 DEFAULT_PORT = 5007
 _STEP_MARKS = {None: "◌", True: "●", False: "✗"}
@@ -48,8 +51,8 @@ class ConnectionPanel(Vertical):
             yield Caption("tester.option")
             yield Input(option, placeholder="Timeout=300", id="option")
         with Horizontal(classes="row"):
-            yield Button(label("tester.connect"), compact=True, variant="primary", id="connect")
-            yield Button(label("tester.disconnect"), compact=True, id="disconnect", disabled=True)
+            yield FormButton("tester.connect", "primary", id="connect")
+            yield FormButton("tester.disconnect", id="disconnect", disabled=True)
             yield InkedText(id="steps")
         yield InkedText(id="found")
 
@@ -73,7 +76,8 @@ class ConnectionPanel(Vertical):
 
     def wanted_connection(self) -> ConnectWanted | str:
         """Return the connection that the fields describe, or a text that says what is wrong with them."""
-        host, port = self._host_and_port()
+        host, port = split_host_port(self.query_one("#host", Input).value.strip())
+        port = port or self.query_one("#port", Input).value.strip()  # "host:5007" takes precedence
         tcp = not self.query_one("#udp", TickBox).value
         option = self.query_one("#option", Input).value
         if not host:
@@ -86,11 +90,6 @@ class ConnectionPanel(Vertical):
         except ValueError as error:
             return full_error_text(error)
         return ConnectWanted(host, number, tcp, option)
-
-    def _host_and_port(self) -> tuple[str, str]:
-        """Return host and port; a port in the host field, as in `host:5007`, takes precedence."""
-        host, port = split_host_port(self.query_one("#host", Input).value.strip())
-        return host, port or self.query_one("#port", Input).value.strip()
 
     def clear_steps(self) -> None:
         self._steps = {}
@@ -120,10 +119,8 @@ class ConnectionPanel(Vertical):
         self.query_one("#connect", Button).disabled = connecting
 
     def _update_texts(self) -> None:
-        parts = [self._step_text(step) for step in ConnectStep]
-        last = next(
-            (each for each in reversed(self._steps.values()) if each.result or each.done is False), None
-        )
+        news = reversed(self._steps.values())
+        last = next((each for each in news if each.result or each.done is False), None)
         text = f"{INK.bad}{printable(self._problem)}{INK.reset}" if self._problem else ""
         if not text and last is not None:
             color = INK.bad if last.done is False else INK.dim
@@ -131,7 +128,7 @@ class ConnectionPanel(Vertical):
         if not text:
             hint = "tester.simulator.starting" if self._is_address_pending else "tester.connect.hint"
             text = f"{INK.dim}{label(hint)}{INK.reset}"
-        self.query_one("#steps", InkedText).show_text(" ".join(parts))
+        self.query_one("#steps", InkedText).show_text(" ".join(map(self._step_text, ConnectStep)))
         self.query_one("#found", InkedText).show_text(text)
 
     def _step_text(self, step: ConnectStep) -> str:
@@ -142,33 +139,88 @@ class ConnectionPanel(Vertical):
         return f"{color}{_STEP_MARKS[news.done]} {name}{INK.reset}"
 
     @on(Input.Changed)
-    def _check_fields(self, message: Input.Changed) -> None:
-        message.stop()
-        wish = "" if self._is_address_pending else self.wanted_connection()
-        self._problem = wish if isinstance(wish, str) else ""
+    def _check_fields(self) -> None:
+        wanted = "" if self._is_address_pending else self.wanted_connection()
+        self._problem = wanted if isinstance(wanted, str) else ""
         self._update_texts()
 
     @on(Button.Pressed, "#connect")
     @on(Input.Submitted)
-    def _connect(self, message: Button.Pressed | Input.Submitted) -> None:
-        message.stop()
-        self.request_connect()
-
     def request_connect(self) -> None:
         """Request the connection, or show what is wrong with the text in the fields."""
         if self._is_address_pending:
             self._is_connect_pending = True
             return
-        wish = self.wanted_connection()
-        if isinstance(wish, str):
-            self._problem = wish
+        wanted = self.wanted_connection()
+        if isinstance(wanted, str):
+            self._problem = wanted
             self._update_texts()
         else:
-            self.query_one("#host", Input).value = wish.host
-            self.query_one("#port", Input).value = str(wish.port)
-            self.post_message(wish)
+            self.query_one("#host", Input).value = wanted.host
+            self.query_one("#port", Input).value = str(wanted.port)
+            self.post_message(wanted)
 
     @on(Button.Pressed, "#disconnect")
-    def _disconnect(self, message: Button.Pressed) -> None:
-        message.stop()
+    def _disconnect(self) -> None:
         self.post_message(DisconnectWanted())
+
+
+StatusPiece = tuple[str, str]
+"""A piece of the status line: a text and the name of its style."""
+
+_MAX_HOST_LENGTH = 24
+_SECOND = 1_000_000_000
+_LONG_SILENCE = 3 * _SECOND
+_HALT_STYLES = {HaltState.READY: "good", HaltState.HALTED: "bad", HaltState.OPENING: "dim"}
+
+
+def status_pieces(
+    status: SessionStatus, arming: ArmingState, now: int, halt: HaltUpdate, reply_monitor: ReplyMonitor
+) -> list[StatusPiece]:
+    if status.target is None:
+        return [(f" {label('tester.status.none')} ", "dim")]
+    name = label("tester.status.simulator")
+    if not status.identity.is_simulator:
+        name = printable(status.target.host)[:_MAX_HOST_LENGTH]
+    age = reply_monitor.silence(now)
+    if reply_monitor.is_reply_overdue(now):
+        text = label("tester.status.silent", seconds=age // _SECOND)
+        pieces = [(f" ◌ {name} ", "bad"), (f"{text} ", "bad")]
+    elif age >= _LONG_SILENCE:  # no reply is due, as in slave mode, so the controller may be reachable or not
+        text = label("tester.status.age", seconds=age // _SECOND)
+        pieces = [(f" ● {name} ", ""), (f"{text} ", "dim")]
+    else:
+        text = f"{status.round_trip / 1e6:.1f} ms " if status.round_trip else ""
+        pieces = [(f" ● {name} ", "good"), (text, "dim")]
+    if status.slave_mode:
+        kind = pose_type_of_mode(status.slave_mode) or ""
+        text = label("tester.status.slave", mode=f"{status.slave_mode:03X}", kind=kind)
+        pieces.append((f" {text} ", "problem"))
+    pieces.append(_arming_piece(arming, now))
+    pieces.append((f" F12 {label(f'tester.halt.{halt.state}')} ", _HALT_STYLES.get(halt.state, "bad")))
+    return pieces
+
+
+def _arming_piece(arming: ArmingState, now: int) -> StatusPiece:
+    if not arming.is_required:
+        return f" {label('tester.status.free')} ", "good"
+    if not arming.is_armed(now):
+        return f" {label('tester.status.safe')} ", "good"
+    seconds = arming.remaining(now) // _SECOND
+    return f" {label('tester.status.armed')} {seconds // 60}:{seconds % 60:02d} ", "bad"
+
+
+def arming_facts(status: SessionStatus) -> list[str]:
+    """Return lines on the controller and its robot, which the user reads before arming."""
+    identity, robot = status.identity, status.robot
+    unknown = label("tester.fact.unknown")
+    return [
+        label("tester.fact.peer", peer=printable(str(status.target))),
+        label("tester.fact.version", version=printable(identity.version) or unknown),
+        label("tester.fact.robot", robot=printable(robot.label) if robot else unknown),
+        label(
+            "tester.fact.type",
+            name=printable(identity.type_name) or unknown,
+            number=printable(identity.type_number) or unknown,
+        ),
+    ]

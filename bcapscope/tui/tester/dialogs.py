@@ -1,8 +1,8 @@
-"""Small dialogs: questions with answers to choose from."""
+"""Dialogs: questions with a few buttons, and recovery after an error, step by step."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from typing import ClassVar
 
 from textual import on
@@ -10,82 +10,153 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.screen import ModalScreen
-from textual.widgets import Button, Static
+from textual.widgets import Button, Input, Static
 
-from bcapscope.tui.reader_language import label
-
-_ARROW_BINDINGS = (
-    Binding("left", "app.focus_previous", show=False),
-    Binding("right", "app.focus_next", show=False),
-)
-"""The arrow keys move between the answers, which are side by side."""
-
-
-class ArmDialog(ModalScreen[bool]):
-    """Asks the user whether to arm, and shows which robot could move.
-
-    The answer "no" has the focus at the start.
-    """
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,n", "dismiss(False)", "tester.arm.no", key_display="esc"),
-        *_ARROW_BINDINGS,
-    ]
-
-    def __init__(self, facts: list[str]) -> None:
-        """Store the facts about controller and robot that the dialog shows, as escaped lines."""
-        super().__init__()
-        self._facts = facts
-
-    def compose(self) -> ComposeResult:
-        """Arrange the answers below the facts."""
-        with Vertical(classes="dialog -warning") as box:
-            box.border_title = label("tester.arm.title")
-            yield Static("\n".join(self._facts), markup=False, id="facts")
-            yield Static(label("tester.arm.warning"), markup=False)
-            with Horizontal(classes="answers"):
-                yield Button(label("tester.arm.no"), compact=True, id="no")
-                yield Button(label("tester.arm.yes"), compact=True, variant="error", id="yes")
-
-    def on_mount(self) -> None:
-        """Focus the answer "no", so that Enter does not arm."""
-        self.query_one("#no").focus()
-
-    @on(Button.Pressed)
-    def _answer(self, message: Button.Pressed) -> None:
-        self.dismiss(message.button.id == "yes")
+from bcapscope.errors import BcapError
+from bcapscope.live.controller.controller_session import ControllerSession, NotArmedError
+from bcapscope.live.controller.error_recovery import RecoveryStep, read_current_errors, run_recovery_step
+from bcapscope.live.controller.history_record import RecordOutcome
+from bcapscope.protocol.number_parsing import parse_integer
+from bcapscope.protocol.tables.hresult import hresult_name
+from bcapscope.render.escape import printable
+from bcapscope.render.result_advice import result_advice
+from bcapscope.tui.controller_access.call_history import error_text, failure_text
+from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label, reader_words
+from bcapscope.tui.tester.call_runner import run_armed
+from bcapscope.tui.tester.form_widgets import Caption, FormButton
+from bcapscope.tui.widgets.text_widgets import InkedText
 
 
 class ChoiceDialog(ModalScreen[str | None]):
-    """Asks the user to choose. The first choice changes nothing and has the focus at the start."""
+    """Asks the user to choose. The first choice changes nothing, and Enter chooses it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
-        *_ARROW_BINDINGS,
+        Binding("left", "app.focus_previous", show=False),
+        Binding("right", "app.focus_next", show=False),
     ]
+    LABELS = "tester.answer"
+    """Start of the label keys of the choices; a point and the choice follow."""
 
-    def __init__(self, facts: list[str], choices: Sequence[str]) -> None:
-        """Store the escaped facts and the choices."""
+    def __init__(self, lines: Sequence[str], choices: Sequence[str]) -> None:
+        """Store the facts and the question, as escaped lines, and the choices."""
         super().__init__()
-        self._facts, self._choices = facts, tuple(choices)
+        self._lines, self._choices = lines, choices
 
     def compose(self) -> ComposeResult:
-        """Arrange the choices below the facts."""
         with Vertical(classes="dialog -warning"):
-            yield Static("\n".join(self._facts), markup=False, id="facts")
+            yield Static("\n".join(self._lines), markup=False, id="facts")
             with Horizontal(classes="answers"):
                 for at, choice in enumerate(self._choices):
-                    yield Button(
-                        label(f"tester.answer.{choice}"),
-                        compact=True,
-                        id=f"choice{at}",
-                        variant="error" if at else "default",
-                    )
+                    yield FormButton(f"{self.LABELS}.{choice}", "error" if at else "default", id=choice)
 
     def on_mount(self) -> None:
-        """Focus the first choice, which changes nothing, so that Enter is harmless."""
-        self.query_one("#choice0").focus()
+        self.query_one(f"#{self._choices[0]}").focus()
 
     @on(Button.Pressed)
     def _answer(self, message: Button.Pressed) -> None:
-        self.dismiss(self._choices[int((message.button.id or "choice0").removeprefix("choice"))])
+        self.dismiss(message.button.id)
+
+
+class ArmDialog(ChoiceDialog):
+    """Asks whether to arm, with the result ``yes`` or ``no``; the facts say which robot could move."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("n", "dismiss(None)", show=False)]
+    LABELS = "tester.arm"
+
+    def __init__(self, facts: Sequence[str]) -> None:
+        super().__init__([*facts, "", label("tester.arm.warning")], ("no", "yes"))
+
+    def on_mount(self) -> None:
+        super().on_mount()
+        self.query_one(".dialog").border_title = label("tester.arm.title")
+
+
+_STEP_MARKS = {None: "○", True: "●", False: "✗"}
+
+
+class RecoveryDialog(ModalScreen[None]):
+    """Shows the steps. The dialog reads the errors at once; the user starts every other step."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss", "shell.close", key_display="esc")]
+
+    def __init__(
+        self,
+        session: ControllerSession,
+        ask_to_arm: Callable[[], Awaitable[bool]],
+        first_position: str,
+        mode: int,
+    ) -> None:
+        super().__init__()
+        self._session = session
+        self._ask_to_arm = ask_to_arm
+        self._initial_position, self._initial_mode = first_position, mode
+        self._results: dict[RecoveryStep, tuple[bool, str]] = {}
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="dialog") as box:
+            box.border_title = label("tester.recovery")
+            yield InkedText(id="errors")
+            for each in list(RecoveryStep)[1:]:
+                with Horizontal(classes="row"):
+                    yield FormButton(f"tester.recovery.{each}", id=f"do-{each}", classes="step")
+                    yield InkedText(id=f"done-{each}", classes="done")
+            with Horizontal(classes="row"):
+                yield Caption("tester.recovery.position")
+                yield Input(self._initial_position, placeholder="@E J(0,0,90,0,90,0)", id="first")
+                yield Caption("tester.mode")
+                yield Input(f"0x{self._initial_mode:03X}", id="mode", classes="number")
+
+    def on_mount(self) -> None:
+        """Read the controller's errors before a later step clears them."""
+        self.query_one("#do-clear").focus()
+        self._show_step(RecoveryStep.READ, None, label("tester.waiting"))
+        self.run_worker(self._read_errors(), group="recovery")
+
+    async def _read_errors(self) -> None:
+        try:
+            errors = await self._session.run_in_loop(read_current_errors(self._session))
+        except (BcapError, OSError) as error:
+            self._show_step(RecoveryStep.READ, False, error_text(error))
+            return
+        lines = [label("tester.recovery.none")] if not errors else []
+        for code, text in errors:
+            lines.append(f"{INK.bad}{hresult_name(code)}{INK.reset} {printable(text)}")
+            lines += [f"  {line}" for line in list(result_advice(code, INK, reader_words()))[1:]]
+        self._results[RecoveryStep.READ] = (True, "")
+        self.query_one("#errors", InkedText).show_text("\n".join(lines))
+
+    @on(Button.Pressed)
+    def _step_pressed(self, message: Button.Pressed) -> None:
+        which = RecoveryStep((message.button.id or "").removeprefix("do-"))
+        self.run_worker(self._run_step(which), group="recovery")
+
+    async def _run_step(self, step_wanted: RecoveryStep) -> None:
+        first, text = self.query_one("#first", Input).value, self.query_one("#mode", Input).value
+        mode = parse_integer(text, -(1 << 31), (1 << 31) - 1)
+        if mode is None:
+            self._show_step(step_wanted, False, label("tester.recovery.number"))
+            return
+        self._show_step(step_wanted, None, label("tester.waiting"))
+        try:
+            record = await run_armed(
+                self._session,
+                self._ask_to_arm,
+                lambda: run_recovery_step(self._session, step_wanted, first, mode),
+            )
+        except NotArmedError:
+            self._show_step(step_wanted, False, label("tester.not_armed"))
+        except (BcapError, OSError) as error:
+            self._show_step(step_wanted, False, error_text(error))
+        else:
+            done = record.outcome is RecordOutcome.ANSWERED
+            self._show_step(step_wanted, done, "" if done else failure_text(record))
+            following = list(RecoveryStep)[list(RecoveryStep).index(step_wanted) + 1 :]
+            if done and following:
+                self.query_one(f"#do-{following[0]}").focus()
+
+    def _show_step(self, which: RecoveryStep, done: bool | None, text: str) -> None:
+        color = {None: INK.number, True: INK.good, False: INK.bad}[done]
+        name = "#errors" if which is RecoveryStep.READ else f"#done-{which}"
+        self.query_one(name, InkedText).show_text(f"{color}{_STEP_MARKS[done]} {printable(text)}{INK.reset}")

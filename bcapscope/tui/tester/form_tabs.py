@@ -13,15 +13,11 @@ from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, function_by_name
-from bcapscope.render.notation_text import untyped_text
-from bcapscope.tui.tester.choice_row import ChoiceRow
-from bcapscope.tui.tester.function_form import FunctionForm, FunctionPanel
-from bcapscope.tui.tester.list_pickers import FunctionPicker
-from bcapscope.tui.tester.open_object_row import OpenObjectRow
-from bcapscope.tui.tester.raw_form import RawForm
-from bcapscope.tui.tester.robot_panel import RobotPanel
-from bcapscope.tui.tester.task_panel import TaskPanel
-from bcapscope.tui.tester.variable_panel import VariablePanel
+from bcapscope.tui.app import app_of
+from bcapscope.tui.tester.call_forms import FunctionForm, FunctionPanel, RawForm
+from bcapscope.tui.tester.form_widgets import ChoiceRow
+from bcapscope.tui.tester.object_panels import OpenObjectRow, RobotPanel, TaskPanel, VariablePanel
+from bcapscope.tui.tester.pickers import function_picker
 
 TABS = ("robot", "variable", "task", "function", "raw")
 """Names of the tabs, in the order on the screen."""
@@ -51,10 +47,6 @@ class FormTabs(Vertical):
         for panel in self.query(VariablePanel):
             panel.variable_opened(owner, name)
 
-    @property
-    def current_tab(self) -> str:
-        return self.query_one("#tabs", ChoiceRow).chosen
-
     def show_tab(self, tab: str) -> None:
         self.query_one("#tabs", ChoiceRow).chosen = tab
         self.query_one("#panels", ContentSwitcher).current = tab
@@ -63,7 +55,7 @@ class FormTabs(Vertical):
         """Fill the form of a function with arguments (without the handle), and return the form."""
         self.show_tab("function")
         form = await self.query_one(FunctionPanel).show_function(function)
-        form.fill_values(values, tuple(untyped_text(value) or "" for value in values))
+        form.fill_values(values)
         return form
 
     async def edit_call(self, record: HistoryRecord) -> None:
@@ -79,17 +71,14 @@ class FormTabs(Vertical):
 
     @on(ChoiceRow.Chosen, "#tabs")
     def _switch_tab(self, message: ChoiceRow.Chosen) -> None:
-        message.stop()
         self.query_one("#panels", ContentSwitcher).current = message.value
 
     @on(Button.Pressed, "#choose-function")
-    def _choose_function(self, message: Button.Pressed) -> None:
-        message.stop()
-
+    def _choose_function(self) -> None:
         async def choose(name: str | None) -> None:
             function = function_by_name(name) if name else None
             if function is not None:
                 form = await self.query_one(FunctionPanel).show_function(function)
                 form.focus_first()
 
-        self.app.push_screen(FunctionPicker(), choose)
+        self.app.push_screen(function_picker(app_of(self).text_styles), choose)

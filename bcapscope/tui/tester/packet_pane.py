@@ -3,28 +3,97 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import ClassVar
 
 from textual import on
 from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Button
 
 from bcapscope.live.controller.history_record import HistoryRecord, Initiator
+from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.render.escape import printable
 from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.observation import Observation
 from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.saved_requests import SavedRequestError, save_request
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label, reader_words
-from bcapscope.tui.screens.prompt import Prompt
-from bcapscope.tui.tester.choice_row import ChoiceRow
-from bcapscope.tui.tester.history_panel import HistoryLines, HistoryPanel
-from bcapscope.tui.tester.packet_box import PacketBox
-from bcapscope.tui.tester.saved_list import SavedList
-from bcapscope.tui.tester.tick_box import TickBox
-from bcapscope.tui.tester.watch_list import WatchList
-from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.screens.base_screen import Prompt
+from bcapscope.tui.tester.call_lists import HistoryLines, HistoryPanel, SavedList, WatchList
+from bcapscope.tui.tester.form_widgets import ChoiceRow, FormButton, TickBox
+from bcapscope.tui.widgets.packet_view import PacketView
+from bcapscope.tui.widgets.text_widgets import InkedText
+
+MAX_PACKETS = 2000
+MAX_BYTES = 16 << 20
+"""Maximum size in bytes of the packets in a box while Overwrite is off; the oldest are dropped first."""
+
+
+class PacketBox(Vertical):
+    """Shows one of its packets at a time; the keys ``[`` and ``]`` show the previous and the next packet."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("left_square_bracket", "step(-1)", "tester.packet.before", key_display="["),
+        Binding("right_square_bracket", "step(1)", "tester.packet.after", key_display="]"),
+    ]
+
+    def __init__(self, name: str, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._title = name
+        self._packets: list[tuple[Observation, CallKind | None]] = []
+        self._index = 0
+
+    def compose(self) -> ComposeResult:
+        yield InkedText(classes="title")
+        yield PacketView()
+
+    def on_mount(self) -> None:
+        self._show_packet()
+
+    @property
+    def shown_packet(self) -> Observation | None:
+        return self._packets[self._index][0] if self._packets else None
+
+    def clear_packets(self) -> None:
+        self._packets = []
+        self._index = 0
+        self._show_packet()
+
+    def add_packets(
+        self, packets: tuple[Observation, ...], call_kind: CallKind | None, overwrite: bool, show_first: bool
+    ) -> None:
+        """Add packets; show the first new packet if `show_first` is set, else the last."""
+        if overwrite:
+            self._packets = []
+        self._packets += [(seen, call_kind) for seen in packets]
+        del self._packets[:-MAX_PACKETS]
+        while sum(len(seen.item.raw) for seen, _ in self._packets) > MAX_BYTES and len(self._packets) > 1:
+            del self._packets[: len(self._packets) // 10 or 1]
+        self._index = max(0, len(self._packets) - (len(packets) if show_first else 1))
+        self._show_packet()
+
+    def action_step(self, by: int) -> None:
+        if 0 <= self._index + by < len(self._packets):
+            self._index += by
+            self._show_packet()
+
+    def _show_packet(self) -> None:
+        text = f"{INK.name}{label(self._title)}{INK.reset}"
+        seen, call_kind = self._packets[self._index] if self._packets else (None, None)
+        self.query_one(PacketView).show_packet(seen, call_kind)
+        if seen is not None:
+            item = seen.item
+            text += f"  {INK.dim}{label('tester.size', count=len(item.raw))}"
+            if isinstance(item, Frame):
+                text += f"  serial {item.serial}  reserved {item.reserved}"
+            if len(self._packets) > 1:
+                text += f"  [{self._index + 1}/{len(self._packets)}]"
+            text += INK.reset
+        self.query_one(".title", InkedText).show_text(text)
+
 
 VIEWS = ("sent", "received", "history", "watch", "saved")
 """Names of the views, in the order on the screen."""
@@ -46,7 +115,7 @@ class PacketPane(Vertical):
         with Horizontal(classes="row", id="views"):
             yield ChoiceRow([(view, f"tester.view.{view}") for view in VIEWS], id="view")
             yield TickBox(label("tester.overwrite"), True, id="overwrite")
-            yield Button(label("tester.clear"), compact=True, id="clear")
+            yield FormButton("tester.clear", id="clear")
         yield PacketBox("tester.senddata", id="sent")
         yield PacketBox("tester.receivedata", id="received")
         yield InkedText(id="tries")
@@ -65,16 +134,11 @@ class PacketPane(Vertical):
 
     def show_record(self, record: HistoryRecord, overwrite: bool = True) -> None:
         text = next((each.value for each in record.arguments if isinstance(each.value, str)), None)
-        question = CallKind(record.function_id, text)
-        self.query_one("#sent", PacketBox).add_packets(record.sent_packets, None, overwrite, show_first=True)
-        self.query_one("#received", PacketBox).add_packets(
-            record.received_packets, question, overwrite, show_first=False
-        )
+        sent, received = (self.query_one(name, PacketBox) for name in ("#sent", "#received"))
+        sent.add_packets(record.sent_packets, None, overwrite, show_first=True)
+        call_kind = CallKind(record.function_id, text)
+        received.add_packets(record.received_packets, call_kind, overwrite, show_first=False)
         self._show_attempts(record)
-
-    @property
-    def current_view(self) -> str:
-        return self.query_one("#view", ChoiceRow).chosen
 
     def show_view(self, view: str) -> None:
         self.query_one("#view", ChoiceRow).chosen = view
@@ -107,10 +171,9 @@ class PacketPane(Vertical):
 
     @on(ChoiceRow.Chosen, "#view")
     def _view_chosen(self, message: ChoiceRow.Chosen) -> None:
-        message.stop()
         self._switch_view(message.value)
         if message.value == "saved":
-            self.query_one(SavedList).reload()
+            self.query_one(SavedList).action_reload()
 
     @on(HistoryLines.ActionWanted)
     def _save_record(self, message: HistoryLines.ActionWanted) -> None:
@@ -129,19 +192,17 @@ class PacketPane(Vertical):
                 app_of(self).show_message(full_error_text(error), "error")
                 return
             app_of(self).show_message(label("tester.saved", path=printable(str(path))))
-            self.query_one(SavedList).reload()
+            self.query_one(SavedList).action_reload()
 
         first = call_name(record.function_id, record.arguments)
         self.app.push_screen(Prompt(label("tester.save"), "", printable(first)), take)
 
     @on(HistoryPanel.RecordSelected)
     def _record_selected(self, message: HistoryPanel.RecordSelected) -> None:
-        message.stop()
         self.show_record(message.record)
 
     @on(Button.Pressed, "#clear")
-    def _clear_packets(self, message: Button.Pressed) -> None:
-        message.stop()
+    def _clear_packets(self) -> None:
         self.query_one("#sent", PacketBox).clear_packets()
         self.query_one("#received", PacketBox).clear_packets()
         self.query_one("#tries", InkedText).set_class(True, "-empty")

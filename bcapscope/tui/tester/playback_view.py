@@ -19,10 +19,10 @@ from bcapscope.render.slave_run_charts import (
     progress_bar,
     run_figure_lines,
 )
-from bcapscope.tui.controller_access.playback_run import PlaybackRun
+from bcapscope.tui.controller_access.playback import PlaybackRun
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, reader_words
-from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.widgets.text_widgets import InkedText
 
 _MIN_CHART_ROWS = 6
 """Minimum height of a chart in rows."""

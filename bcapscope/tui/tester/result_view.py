@@ -14,10 +14,10 @@ from bcapscope.protocol.tables.hresult import E_FAIL, S_OK, describe_hresult, hr
 from bcapscope.render.escape import printable
 from bcapscope.render.result_advice import result_advice
 from bcapscope.render.result_values import reply_values_text
-from bcapscope.tui.controller_access.reason_text import failure_text
+from bcapscope.tui.controller_access.call_history import failure_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, reader_words, table_text
-from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.widgets.text_widgets import InkedText
 
 
 class ResultView(InkedText, can_focus=True):
@@ -25,21 +25,16 @@ class ResultView(InkedText, can_focus=True):
 
     Attributes:
         record: Call that is shown; None if the view shows no call.
+        text: Result, problem or hint that is shown, with marks of `INK`.
     """
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("d", "digits", "tester.digits"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("d", "digits", "tester.digits")]
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id, classes="-empty")
         self.record: HistoryRecord | None = None
         self.shows_all_digits = False
-        self._line = ""
-
-    @property
-    def text(self) -> str:
-        return self._line
+        self.text = ""
 
     def show_pending(self) -> None:
         self.record = None
@@ -83,9 +78,9 @@ class ResultView(InkedText, can_focus=True):
         self.call_after_refresh(self.scroll_visible, animate=False)
 
     def _show_line(self, line: str) -> None:
-        if line == self._line:
+        if line == self.text:
             return
-        self._line = line
+        self.text = line
         self.set_class(not line, "-empty")
         head = f"{INK.name}{label('tester.result')}{INK.reset}  " if self.record is not None else ""
         self.show_text(head + line)
@@ -114,8 +109,8 @@ def _may_lack_robslave(record: HistoryRecord) -> bool:
     the reply of an RC7 without that program.
     """
     code = record.reply.code if record.reply is not None else S_OK
-    asked = command_name(record.function_id, record.arguments).casefold() == "slvchangemode"
-    return asked and (code == E_FAIL or not describe_hresult(code).is_listed)
+    is_mode_change = command_name(record.function_id, record.arguments).casefold() == "slvchangemode"
+    return is_mode_change and (code == E_FAIL or not describe_hresult(code).is_listed)
 
 
 def _value_meaning(record: HistoryRecord) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from textual import on
 from textual.app import ComposeResult
@@ -11,14 +12,88 @@ from textual.containers import Horizontal
 from textual.message import Message
 from textual.widgets import Input, Select
 
-from bcapscope.protocol.codec.variant import VT
-from bcapscope.tui.controller_access.parameter_input import (
-    PARAMETER_TYPES,
-    CheckedText,
-    check_text,
-    expected_input,
-    type_label,
+from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, vt_name
+from bcapscope.protocol.codec.variant_notation import parse_variant
+from bcapscope.protocol.tables.command_catalogue import CommandSpec, find_command
+from bcapscope.render.notation_text import type_word
+from bcapscope.tui.reader_language import full_error_text, label, table_text
+
+PARAMETER_TYPES: tuple[int, ...] = (
+    *(int(vt) for vt in VT if vt is not VT.VARIANT),
+    *(ARRAY | vt for vt in VT if vt not in (VT.EMPTY, VT.NULL)),
 )
+"""Every type that b-CAP can carry, scalar types first."""
+
+
+def type_label(vt: int) -> str:
+    """Return the name of a type as in b-CAP Tester: ``I4``, ``ARRAY | R4``."""
+    name = vt_name(vt & ~ARRAY).removeprefix("VT_")
+    return f"ARRAY | {name}" if vt & ARRAY else name
+
+
+_BY_NAME = {vt_name(vt): vt for vt in PARAMETER_TYPES}
+
+
+def type_numbers(names: Iterable[str]) -> tuple[int, ...]:
+    """Return the numbers of types such as ``VT_R4|VT_ARRAY``, without ``VARIANT``, which allows any type."""
+    return tuple(_BY_NAME[name] for name in names if name in _BY_NAME)
+
+
+class CheckedText(NamedTuple):
+    """The result of parsing the text of a parameter.
+
+    Attributes:
+        value: Parsed value; None if the text does not fit the type.
+        problem: Text that says what is expected; empty if the input is valid.
+    """
+
+    value: Variant | None
+    problem: str
+
+
+def check_text(vt: int, text: str) -> CheckedText:
+    typed = text if vt == VT.BSTR else text.strip()
+    try:
+        return CheckedText(parse_variant(f"{type_word(vt)}:{typed}"), "")
+    except ValueError as error:
+        return CheckedText(None, f"{full_error_text(error)}; {expected_input(vt)}")
+
+
+def expected_input(vt: int) -> str:
+    """Return a hint on what text to type for a value of a type."""
+    if vt in (VT.EMPTY, VT.NULL):
+        return label("controller.expected.nothing")
+    what = label(f"controller.expected.{VT(vt & ~ARRAY).name}")
+    several = vt & ARRAY and vt != ARRAY | VT.VARIANT
+    return label("controller.expected.several" if several else "controller.expected", what=what)
+
+
+class CommandHint(NamedTuple):
+    """Types of a command's parameter, the usual type first, and a text on the command."""
+
+    types: tuple[int, ...]
+    text: str
+
+
+def command_hint(function_id: int, name: str) -> CommandHint | None:
+    """Look up a command by its name; return None if it is unknown."""
+    known = find_command(function_id, name.strip())
+    if known is None:
+        return None
+    return CommandHint(type_numbers(known.parameter_types), _hint_text(known))
+
+
+def _hint_text(known: CommandSpec) -> str:
+    parts = [table_text(known.text)]
+    if known.elements:
+        parts.append(label("controller.command.parameter", elements=table_text(known.elements)))
+    if known.returns:
+        parts.append(label("controller.command.returns", returns=table_text(known.returns)))
+    if known.in_slave_mode is False:
+        parts.append(label("controller.command.refused"))
+    if known.controllers:
+        parts.append(table_text(known.controllers))
+    return "; ".join(parts)
 
 
 class TypedValue(Horizontal):
@@ -82,14 +157,12 @@ class TypedValue(Horizontal):
 
     @on(Input.Changed)
     @on(Select.Changed)
-    def _check_input(self, message: Message) -> None:
-        message.stop()
+    def _check_input(self) -> None:
         problem = self.checked_text.problem if self.query_one(Input).value else ""
         self.query_one(Input).set_class(bool(problem), "-invalid")
         if self.has_focus_within:
             self.post_message(self.Changed(self, problem))
 
     @on(Input.Submitted)
-    def _submit(self, message: Input.Submitted) -> None:
-        message.stop()
+    def _submit(self) -> None:
         self.post_message(self.Submitted())

@@ -24,21 +24,20 @@ STOP_READING = b"."
 """Sent after a job when the source has ended: the reader then finishes with the data that exists."""
 
 
-class ReadJob(msgspec.Struct, frozen=True):
-    """A job: which traffic the reader process, or the watcher of a proxy, reads for the screen.
+class ReadJob(msgspec.Struct, frozen=True, kw_only=True):
+    """Which traffic the reader process, or the watcher of a proxy, reads for the screen.
 
     Attributes:
-        folder: Folder for the journal, which exists and is empty.
         path: Capture file, or the recording that the watcher writes; "" for none.
         interface: Network interface for a live capture; "" for none.
         follow: Whether another program is still writing the capture.
         ports: Ports of controllers; an empty tuple selects 5007.
-        leg: Prefix of the names of capture interfaces to read; packets of other interfaces are skipped.
+        leg: Read only capture interfaces whose names begin with this text.
         language: Language of rendered lines, ``en`` or ``ja``.
-        own_clients: Whether the clients are bcapscope's own, which stay present while the capture is written.
+        own_clients: Whether the clients are bcapscope's own, and so remain connected while they are silent.
+        folder: Empty folder for the journal.
     """
 
-    folder: str
     path: str = ""
     interface: str = ""
     follow: bool = False
@@ -46,13 +45,14 @@ class ReadJob(msgspec.Struct, frozen=True):
     leg: str = ""
     language: str = "en"
     own_clients: bool = False
+    folder: str = ""
 
 
 class ReadProgress(msgspec.Struct, tag=True, frozen=True):
     """How far reading has come.
 
     Attributes:
-        position: Number of bytes of the file that have been read.
+        position: Number of bytes that have been read.
         size: Size of the file in bytes; 0 for a live capture.
         problem: Reason why reading ended early; "" otherwise.
         clients: Number of conversations so far.
@@ -104,9 +104,9 @@ class SearchRequest(msgspec.Struct, frozen=True):
     """A search.
 
     Attributes:
-        generation: Number of the search, which the messages with matches repeat.
-        kind: Kind of record to search, ``frame`` or ``call``.
-        expression: Filter expression to search for; "" stops the search.
+        generation: Number of the search, which its `SearchMatches` repeat.
+        kind: What to search, ``frame`` or ``call``.
+        expression: Filter expression; "" stops the search.
     """
 
     generation: int
@@ -118,7 +118,7 @@ class SearchMatches(msgspec.Struct, frozen=True):
     """The matches that a search has found since its last report.
 
     Attributes:
-        rows: Frame numbers, or call indexes plus 1, as 32-bit numbers in native byte order.
+        rows: Numbers of the frames or calls, from 1, as 32-bit numbers in native byte order.
         searched: Number of rows that the search has examined so far.
     """
 
@@ -128,12 +128,12 @@ class SearchMatches(msgspec.Struct, frozen=True):
 
 
 class SaveJob(msgspec.Struct, frozen=True):
-    """A job for the save process: packets of a capture and notes to write to a new file.
+    """What the save process writes to a new file.
 
     Attributes:
         target: Name of the new file, which must not exist.
-        notes: Notes to save, by packet number.
-        max_packets: Maximum number of packets to save, because a capture may still grow; 0 for all.
+        notes: Notes by packet number.
+        max_packets: Number of packets to save from a capture that may still grow; 0 for all.
     """
 
     source: str
@@ -144,7 +144,7 @@ class SaveJob(msgspec.Struct, frozen=True):
 
 
 def problem_text(problem: Message | None, job: ReadJob | SaveJob) -> str:
-    """Return the reason why a job failed, escaped and in the job's language; "" for no problem."""
+    """Return why a job failed, escaped and in the job's language; "" without a problem."""
     return "" if problem is None else printable(MessageFormatter(Language(job.language)).text(problem))
 
 

@@ -65,11 +65,11 @@ class TrafficReader:
         folder = Path(job.folder)
         self._publisher = TrafficPublisher(job, partial(send_message, reports), self._make_progress)
         self._observer = PacketDecoder(frozenset(job.ports) or BCAP_PORTS, job.leg)
-        self._pipeline: Pipeline
+        self._pipeline: Pipeline | None = None
         self._has_ended = False
         self._problem: Message | None = None
         self._undiagnosed: list[Observation] = []
-        self._analyse = self._undiagnosed.append  # loading the diagnosis now would delay the first frames
+        self._analyse = self._undiagnosed.append
         self._file: CaptureFile | None = None
         self._live = _LiveCapture(job.interface, folder / LIVE_FILE) if job.interface else None
         self._packet_file = str(folder / LIVE_FILE) if job.interface else job.path
@@ -84,9 +84,8 @@ class TrafficReader:
                 self._problem = error.message
             except OSError as error:
                 self._problem = os_reason(error)
-            self._load_diagnosis()
             end = self._observer.end_time
-            self._pipeline.finish(end)
+            self._load_pipeline().finish(end)
             self._has_ended = True
             self._publisher.report_end(end)
 
@@ -97,23 +96,23 @@ class TrafficReader:
             add_to_journal(seen, kind_of(seen), comments.get(seen.packet, ()) if comments else ())
             self._analyse(seen)
             if not seen.number & _BATCH_MASK:
-                if not self._publisher.has_diagnosis:
+                if self._pipeline is None:
                     self._publisher.report_progress()
-                    self._load_diagnosis()
+                    self._load_pipeline()
                 self._publisher.report_if_due(self._observer.end_time)
                 if self._cancelled.is_set():
                     return
 
-    def _load_diagnosis(self) -> None:
-        """Load the diagnosis, and add all observations so far to it."""
-        if self._publisher.has_diagnosis:
-            return
-        joiner = Joiner(self._observer.comments)
-        self._pipeline = Pipeline(*self._publisher.subscribers(), joiner=joiner)
-        self._analyse = self._pipeline.add
-        for observation in self._undiagnosed:
-            self._analyse(observation)
-        self._undiagnosed.clear()
+    def _load_pipeline(self) -> Pipeline:
+        """Load the pipeline and the diagnosis; loading them at the start would delay the first frames."""
+        if self._pipeline is None:
+            joiner = Joiner(self._observer.comments)
+            self._pipeline = Pipeline(*self._publisher.subscribers(), joiner=joiner)
+            self._analyse = self._pipeline.add
+            for observation in self._undiagnosed:
+                self._analyse(observation)
+            self._undiagnosed.clear()
+        return self._pipeline
 
     def _open_source(self) -> Iterator[Packet]:
         if self._live is not None:
@@ -135,8 +134,7 @@ class TrafficReader:
         if self._live is not None and self._live.problem is not None:
             self._source_ended.set()
         if self._publisher.journal.count:
-            self._load_diagnosis()
-            self._pipeline.expire(self._capture_time())
+            self._load_pipeline().expire(self._capture_time())
         self._publisher.report_if_due(self._observer.end_time)
 
     def _capture_time(self) -> int:
@@ -190,23 +188,23 @@ class _LiveCapture:
 def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the screen uses Ctrl-C as a key
     lower_priority()
-    asked = io.FileIO(0, closefd=False)  # bypasses sys.stdin, whose lock a thread would still hold at the end
-    job = next(receive_messages(asked, ReadJob), None)
+    stdin = io.FileIO(0, closefd=False)  # bypasses sys.stdin, whose lock a thread would still hold at the end
+    job = next(receive_messages(stdin, ReadJob), None)
     if job is None:
         return
-    ended, unwanted = threading.Event(), threading.Event()
+    ended, cancelled = threading.Event(), threading.Event()
 
     def wait_for_the_end() -> None:
-        while asked.read(1):
+        while stdin.read(1):
             ended.set()
-        unwanted.set()
+        cancelled.set()
         ended.set()
 
     threading.Thread(target=wait_for_the_end, daemon=True, name="end").start()
     gc.freeze()
     gc.set_threshold(20_000, 20, 100)  # frames and calls contain no reference cycles to collect
     try:
-        TrafficReader(job, cast(BinaryIO, sys.stdout.buffer), ended, unwanted).run()
+        TrafficReader(job, cast(BinaryIO, sys.stdout.buffer), ended, cancelled).run()
     except BrokenPipeError:  # the screen has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.finding import Finding, TrafficTotals
 from bcapscope.analysis.slave.slave_session import SlaveSession
@@ -24,9 +26,9 @@ class RunningDiagnosis:
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
         self._words = words
-        self.diagnosis = Diagnosis(on_slave_session=self._on_slave_session)
+        self._session_lines: list[str] = []
+        self.diagnosis = Diagnosis(on_slave_session=partial(self._add_slave_session, self._session_lines))
         self._statistics = StatisticsBuilder()
-        self._slave_session_lines: list[str] = []
         self.subscribers: tuple[PipelineSubscriber, ...] = self.diagnosis, self._statistics
 
     def snapshot(self, ended: int, present: bool = False) -> TrafficAnalysis:
@@ -38,16 +40,13 @@ class RunningDiagnosis:
         """
         statistics, totals = self._statistics.statistics(), self.diagnosis.totals(ended)
         findings = tuple(shown_finding(each, totals) for each in self.diagnosis.findings(ended, present))
-        session_lines = self._slave_session_lines.copy()
+        session_lines = self._session_lines.copy()
         for session in self.diagnosis.remaining_sessions(ended):
-            self._add_slave_session(session, session_lines)
+            self._add_slave_session(session_lines, session)
         lines = [] if statistics is None else list(statistics_lines(statistics, INK, self._words))
         return TrafficAnalysis(findings, totals, session_lines, lines)
 
-    def _on_slave_session(self, session: SlaveSession) -> None:
-        self._add_slave_session(session, self._slave_session_lines)
-
-    def _add_slave_session(self, session: SlaveSession, lines: list[str]) -> None:
+    def _add_slave_session(self, lines: list[str], session: SlaveSession) -> None:
         if len(lines) < MAX_LINES:
             lines.extend((*slave_session_lines(session, INK, self._words), ""))
 

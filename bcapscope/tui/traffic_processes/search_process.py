@@ -15,7 +15,9 @@ import threading
 import time
 from array import array
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from queue import Empty, Queue
 from typing import BinaryIO, cast
 
 from bcapscope.capture.call_store import CallStore
@@ -47,42 +49,37 @@ class TrafficSearch:
         self._answers = answers
         self._journal = ObservationStore(folder)
         self._calls = CallStore(folder, self._journal)
-        self._latest_request: SearchRequest | None = None
-        self._request_arrived = threading.Event()
+        self.requests: Queue[SearchRequest] = Queue()
 
     def read_requests(self, requests: io.RawIOBase) -> None:
         """Read requests until the input stream ends, then end the process."""
-        for ask in receive_messages(requests, SearchRequest):
-            self._latest_request = ask
-            self._request_arrived.set()
+        for request in receive_messages(requests, SearchRequest):
+            self.requests.put(request)
         os._exit(0)
 
     def run(self) -> None:
+        request = self.requests.get()
         while True:
-            ask = self._latest_request
-            if ask is not None and ask.expression:
-                self._answer_request(ask)
-            else:
-                self._request_arrived.wait()
-            self._request_arrived.clear()
+            request = self._answer_request(request) if request.expression else self.requests.get()
 
-    def _answer_request(self, request: SearchRequest) -> None:
-        """Search the existing rows, then new rows, until the screen sends another request."""
+    def _answer_request(self, request: SearchRequest) -> SearchRequest:
+        """Search the existing rows, then new rows; return the next request when it arrives."""
         is_frame = request.kind == RecordKind.FRAME
-        fits, size = self._frame_search(request) if is_frame else self._call_search(request)
-        searched, rows, reported = 0, array("I"), 0.0
-        reported_at = -1
-        while self._latest_request is request:  # `_request_arrived` may be set only later
-            there = size()
-            stop = min(there, searched + _BATCH)
+        fits, count_rows = self._frame_search(request) if is_frame else self._call_search(request)
+        rows, searched, reported, reported_at = array("I"), 0, 0.0, -1
+        while self.requests.empty():
+            row_count = count_rows()
+            stop = min(row_count, searched + _BATCH)
             rows.extend(row for row in range(searched + 1, stop + 1) if fits(row))
             searched = stop
             now = time.monotonic()
             if now - reported >= REPORT_INTERVAL and searched != reported_at:
                 send_message(self._answers, SearchMatches(request.generation, rows.tobytes(), searched))
                 rows, reported, reported_at = array("I"), now, searched
-            if searched == there and self._request_arrived.wait(REPORT_INTERVAL):
-                self._request_arrived.clear()
+            if searched == row_count:
+                with suppress(Empty):
+                    return self.requests.get(timeout=REPORT_INTERVAL)
+        return self.requests.get()
 
     def _frame_search(self, request: SearchRequest) -> tuple[Callable[[int], bool], Callable[[], int]]:
         test = compile_filter(request.expression, RecordKind.FRAME).bind(FRAME_GETTERS, self._first_time)
@@ -106,8 +103,8 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the screen uses Ctrl-C as a key
     lower_priority()
     searching = TrafficSearch(Path(sys.argv[1]), cast(BinaryIO, sys.stdout.buffer))
-    asks = io.FileIO(0, closefd=False)
-    threading.Thread(target=searching.read_requests, args=(asks,), daemon=True, name="asks").start()
+    requests = io.FileIO(0, closefd=False)
+    threading.Thread(target=searching.read_requests, args=(requests,), daemon=True, name="requests").start()
     try:
         searching.run()
     except BrokenPipeError:  # the screen has gone

@@ -48,9 +48,8 @@ class TemporaryFolder:
         except OSError as error:
             message = Message("folder.not-created", root=str(root), reason=os_reason(error))
             raise TemporaryFolderError(message) from error
-        argv = [sys.executable, "-I", "-S", folder_cleanup.__file__, str(self.path)]
         self._cleanup_process = subprocess.Popen(
-            argv,
+            [sys.executable, "-I", "-S", folder_cleanup.__file__, str(self.path)],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -86,10 +85,8 @@ def _remove_leftovers(root: Path) -> None:
 def _is_used(folder: Path) -> bool:
     """Return whether the process that created a folder still runs; the folder's name contains its number."""
     number = folder.name.removeprefix(_PREFIX).partition("-")[0]
-    if not number.isdigit():
+    if not number.isdigit() or sys.platform == "win32":  # on Windows, os.kill would end the process
         return True
-    if sys.platform == "win32":
-        return True  # os.kill would end the process on Windows; leftover folders are small and in a cache
     try:
         os.kill(int(number), 0)
     except ProcessLookupError:

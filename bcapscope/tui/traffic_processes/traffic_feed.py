@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, BinaryIO, TypeAlias, cast
 
+from msgspec import structs
+
 from bcapscope.capture.call_store import CallStore
 from bcapscope.capture.observation_store import ObservationStore
 from bcapscope.tui.reader_language import current_language, label
@@ -38,26 +40,13 @@ class SourceProblem:
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
-class PublishedTraffic:
-    """Traffic that the watcher of a proxy publishes for the screen.
-
-    Attributes:
-        job: Job of the watcher. The feed does not remove the job's folder.
-        reports: Stream from which the feed reads `ReadProgress` and `TrafficAnalysis` messages.
-    """
-
-    job: ReadJob
-    reports: BinaryIO
-
-
 def watcher_job(folder: Path, recording: Path) -> ReadJob:
     """Return a job for a proxy's watcher; `folder` must exist and hold no files of another job."""
-    return ReadJob(str(folder), str(recording), follow=True, language=current_language())
+    return ReadJob(path=str(recording), follow=True, language=current_language(), folder=str(folder))
 
 
 FeedUpdate: TypeAlias = ReadProgress | TrafficAnalysis | SearchMatches | SourceProblem
-FeedListener = Callable[[FeedUpdate], None]
+FeedListener = Callable[[FeedUpdate], object]
 
 
 class TrafficFeed:
@@ -69,25 +58,18 @@ class TrafficFeed:
         is_closed: Whether the feed is closed, so that its data can no longer be read.
     """
 
-    def __init__(
-        self,
-        *,
-        path: str = "",
-        interface: str = "",
-        follow: bool = False,
-        ports: tuple[int, ...] = (),
-        leg: str = "",
-        own_clients: bool = False,
-        published: PublishedTraffic | None = None,
-    ):
-        """Read a capture or an interface (see `ReadJob`), or receive what a proxy's watcher publishes."""
+    def __init__(self, job: ReadJob, reports: BinaryIO | None = None) -> None:
+        """Start a process that reads the traffic; or with `reports`, show what another process reads.
+
+        Args:
+            job: What to read. Without `reports`, the feed adds a temporary folder and the screen's language.
+            reports: Stream with the `ReadProgress` and `TrafficAnalysis` messages of a proxy's watcher.
+        """
         self._folder: TemporaryFolder | None = None
-        if published is None:
+        if reports is None:
             self._folder = TemporaryFolder()
-            folder = str(self._folder.path)
-            self.job = ReadJob(folder, path, interface, follow, ports, leg, current_language(), own_clients)
-        else:
-            self.job = published.job
+            job = structs.replace(job, folder=str(self._folder.path), language=current_language())
+        self.job = job
         self.journal: ObservationStore | None = None
         self.calls: CallStore | None = None
         self.progress = ReadProgress()
@@ -100,14 +82,13 @@ class TrafficFeed:
         self._searcher: subprocess.Popen[bytes] | None = None
         self._generation = 0
         self._threads: list[threading.Thread] = []
-        if published is None:
+        if reports is None:
             self._reader = self._start_process("reader_process")
             send_message(_pipe(self._reader.stdin), self.job)
             self._start_thread(self._read_reports, self._reader.stdout)
         else:
-            threading.Thread(
-                target=self._read_reports, args=(published.reports,), daemon=True, name="feed"
-            ).start()  # this thread ends with the proxy, after `close`
+            # This thread ends with the proxy, after `close`.
+            threading.Thread(target=self._read_reports, args=(reports,), daemon=True, name="feed").start()
 
     def _start_thread(self, target: Callable[..., None], *arguments: object) -> None:
         thread = threading.Thread(target=target, args=arguments, daemon=True, name="feed")

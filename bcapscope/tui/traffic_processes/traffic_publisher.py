@@ -62,18 +62,10 @@ class TrafficPublisher:
         self._last_flush = self._last_analysis = time.monotonic()
         self._last_analysis_count = 0
 
-    @property
-    def has_diagnosis(self) -> bool:
-        """Whether the diagnosis is loaded.
-
-        Loading the diagnosis at the start would delay the first frames.
-        """
-        return self._diagnosis is not None
-
     def load_diagnosis(self) -> RunningDiagnosis:
-        """Return the diagnosis of the traffic; load the diagnosis first if necessary."""
+        """Return the diagnosis of the traffic; loading it at the start would delay the first frames."""
         if self._diagnosis is None:
-            from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415 - see has_diagnosis
+            from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415
 
             self._diagnosis = RunningDiagnosis(MessageFormatter(Language(self._job.language)))
         return self._diagnosis

@@ -1,14 +1,15 @@
 """Publishes traffic from the watcher of a proxy to the screen that started the proxy.
 
 The screen reads the proxy's frames and calls from files, like those of the reader process. The watcher's
-reports go to standard output, which the relay shares. The relay first writes its addresses to standard
-output, and accepts clients only afterwards; so no report precedes the first client.
+reports go to the standard output of the relay. The relay writes its addresses there before it accepts
+clients, so the addresses come before all reports.
 """
 
 from __future__ import annotations
 
 import io
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 
 from bcapscope.analysis.diagnosis import Diagnosis
@@ -87,36 +88,35 @@ class WatcherPublisher:
     def on_frame(self, observation: Observation, note: str) -> None:
         """Publish a frame; `note` says what a proxy rule did to the frame, or is ""."""
         kind = self._call_kind_of(observation)
-        if not self._has_ended:
-            try:
-                self._publisher.journal.add(observation, kind, (note,) if note else ())
-            except OSError as error:
-                self._give_up(error)
+        self._publish(self._publisher.journal.add, observation, kind, (note,) if note else ())
 
     def report_if_due(self, client_count: int) -> None:
         """Report what is new, if enough time has passed since the last report."""
         self._client_count = client_count
-        if client_count and not self._has_ended:
-            try:
-                self._publisher.report_if_due(0)
-            except OSError as error:
-                self._give_up(error)
+        if client_count:
+            self._publish(self._publisher.report_if_due, 0)
 
     def close(self, end_time: int) -> None:
         """Report the end of the traffic at `end_time` (ns since 1970), and close the files."""
-        if self._client_count and not self._has_ended:
-            self._has_ended = True
-            try:
-                self._publisher.report_end(end_time)
-            except OSError as error:
-                self._give_up(error)
+        if self._client_count:
+            self._publish(self._report_end, end_time)
         self._sender.close()
         self._publisher.close()
 
-    def _give_up(self, error: OSError) -> None:
-        self._has_ended, self._problem = True, problem_text(os_reason(error), self._job)
-        self._publisher.call_recorder.is_active = False
-        self._sender.send(self._make_progress())
+    def _report_end(self, end_time: int) -> None:
+        self._has_ended = True
+        self._publisher.report_end(end_time)
+
+    def _publish(self, action: Callable[..., object], *arguments: object) -> None:
+        """Run an action; after its first error, report the error and publish nothing further."""
+        if self._has_ended:
+            return
+        try:
+            action(*arguments)
+        except OSError as error:
+            self._has_ended, self._problem = True, problem_text(os_reason(error), self._job)
+            self._publisher.call_recorder.is_active = False
+            self._sender.send(self._make_progress())
 
     def _make_progress(self) -> ReadProgress:
         return ReadProgress(

@@ -28,32 +28,26 @@ class NoSeat(Exception):
 
 
 class ViewerSeats:
-    """Limits the viewers of a served screen: each viewer occupies one of a fixed number of seats."""
+    """Limits the viewers of a served screen: each viewer occupies one of a fixed number of seats.
+
+    `ending` is the number of seats that become free soon.
+    """
 
     def __init__(self, count: int) -> None:
         self._free = asyncio.Semaphore(count)
-        self._ending = 0
+        self.ending = 0
 
     @asynccontextmanager
     async def taken(self) -> AsyncIterator[None]:
         """Occupy a seat while the `with` block runs; raises `NoSeat` if no seat becomes free in time."""
         if not await self._acquire(RELOAD_WITHIN) and not (
-            self._ending and await self._acquire(ENDS_WITHIN + _KILLED_WITHIN)
+            self.ending and await self._acquire(ENDS_WITHIN + _KILLED_WITHIN)
         ):
             raise NoSeat
         try:
             yield
         finally:
             self._free.release()
-
-    @asynccontextmanager
-    async def ending(self) -> AsyncIterator[None]:
-        """While the `with` block runs, tell new viewers that a seat becomes free soon."""
-        self._ending += 1
-        try:
-            yield
-        finally:
-            self._ending -= 1
 
     async def _acquire(self, seconds: float) -> bool:
         with suppress(TimeoutError):
@@ -79,19 +73,14 @@ class ScreenProcess(AppService):
         """Prepare the process.
 
         Args:
-            write_bytes: Function that sends drawing data to the page. The function must not raise: the
-                process blocks if its output is not read.
-            write_str: Function that sends messages to the page. The function must not raise.
+            write_bytes: Sends drawing data to the page, and never raises: unread output blocks the process.
+            write_str: Sends messages to the page, and never raises.
         """
-
-        async def close_viewer() -> None:
-            await close()
-
         super().__init__(
             subprocess.list2cmdline(argv),
             write_bytes=write_bytes,
             write_str=write_str,
-            close=close_viewer,
+            close=close,  # type: ignore[arg-type]  # textual-serve ignores its result
             download_manager=DownloadManager(),
         )
         self._argv = tuple(argv)

@@ -6,7 +6,7 @@ import asyncio
 import logging
 import signal
 import socket
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 import aiohttp_jinja2
@@ -14,14 +14,24 @@ import jinja2
 import orjson
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 from aiohttp.http import HttpProcessingError
+from aiohttp.typedefs import Handler
+from aiohttp.web_protocol import RequestHandler
 from textual_serve.server import Server
 
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Endpoint
 from bcapscope.tui.web.screen_process import ENDS_WITHIN, NoSeat, ScreenProcess, ViewerSeats
-from bcapscope.tui.web.web_connections import WebConnections
 from bcapscope.tui.web.web_gate import COOKIE, TOKEN, WebGate, WebRequest
+
+PROVES_WITHIN = 10.0
+"""Maximum time in seconds that a connection may last without a request that passes the gate."""
+
+MAX_UNPROVED = 64
+"""Maximum number of connections that have not passed the gate; the oldest is closed first.
+
+A browser opens at most six connections.
+"""
 
 HEARTBEAT = 4.0
 """Seconds between two pings to a viewer.
@@ -42,8 +52,6 @@ _PAGE = """<!DOCTYPE html>
 <body style="background: #0c181f; color: #eee; font: 16px sans-serif; margin: 15vh auto; max-width: 34em">
 {body}</body></html>
 """
-
-RequestHandler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class WebServer:
@@ -105,11 +113,11 @@ class WebServer:
         application.router.add_get("/", self._entry_page)
         application.add_subapp(self.gate.base_path, below)
         application.on_response_prepare.append(self._add_headers)
-        application.on_shutdown.append(self._close_all)
+        application.on_shutdown.append(self._close_viewers)
         return application
 
     @web.middleware
-    async def _check_request(self, request: web.Request, handler: RequestHandler) -> web.StreamResponse:
+    async def _check_request(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         reason = self.gate.refusal_reason(
             WebRequest(
                 path=request.path,
@@ -165,9 +173,9 @@ class WebServer:
         return response
 
     async def _busy_page(self, request: web.Request) -> web.Response:
-        most = "Another viewer is" if self._viewers == 1 else f"{self._viewers} viewers are"
+        others = "Another viewer is" if self._viewers == 1 else f"{self._viewers} viewers are"
         return _page(
-            f"<h1>{most} connected</h1>"
+            f"<h1>{others} connected</h1>"
             "<p>Each viewer has a screen of their own, and only one client can hold the robot. "
             "Close the other page, then try again. <code>--viewers</code> allows more viewers.</p>"
             f'<p><a style="color: #9cf" href="{self.gate.base_path}/">Try again</a></p>',
@@ -180,11 +188,15 @@ class WebServer:
         self._websockets.add(websocket)
         try:
             async with self._seats.taken():
-                await self._run_screen(websocket, _size(request))
+                size = (
+                    _number(request.query.get("width", ""), 80),
+                    _number(request.query.get("height", ""), 24),
+                )
+                await self._run_screen(websocket, size)
         except NoSeat:
-            away = {"url": f"{self.gate.base_path}{_BUSY_PATH}", "new_tab": False}
+            busy_page = {"url": f"{self.gate.base_path}{_BUSY_PATH}", "new_tab": False}
             with suppress(ConnectionError):
-                await websocket.send_json(["open_url", away])
+                await websocket.send_json(["open_url", busy_page])
             await websocket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"another viewer is connected")
         finally:
             self._websockets.discard(websocket)
@@ -203,26 +215,27 @@ class WebServer:
             return
         screen = ScreenProcess(self._argv, write_bytes, write_str, websocket.close)
         await screen.start(*size)
-        over = asyncio.create_task(_close_after(screen, websocket), name="end of a screen")
+
+        async def close_after_end() -> None:
+            await screen.wait_until_ended()
+            await websocket.close()
+
+        over = asyncio.create_task(close_after_end(), name="end of a screen")
         try:
             async for message in websocket:
                 await _handle_page_event(message, screen, websocket)
         finally:
             over.cancel()
-            async with self._seats.ending():
+            self._seats.ending += 1
+            try:
                 await screen.stop()
+            finally:
+                self._seats.ending -= 1
 
-    async def _close_all(self, application: web.Application) -> None:
+    async def _close_viewers(self, application: web.Application) -> None:
         """Close every viewer's connection, which ends the screen processes."""
-        going = b"the server is ending"
-        await asyncio.gather(
-            *(each.close(code=WSCloseCode.GOING_AWAY, message=going) for each in self._websockets)
-        )
-
-
-async def _close_after(screen: ScreenProcess, websocket: web.WebSocketResponse) -> None:
-    await screen.wait_until_ended()
-    await websocket.close()
+        closing = (each.close(code=WSCloseCode.GOING_AWAY) for each in self._websockets)
+        await asyncio.gather(*closing)
 
 
 async def _handle_page_event(
@@ -249,11 +262,6 @@ async def _handle_page_event(
             await screen.focus()
 
 
-def _size(request: web.Request) -> tuple[int, int]:
-    """Return the numbers of columns and lines in the query of a websocket request."""
-    return _number(request.query.get("width", ""), 80), _number(request.query.get("height", ""), 24)
-
-
 def _number(text: str, otherwise: int) -> int:
     is_number = text.isascii() and text.isdecimal() and len(text) <= 4
     return _bounded(int(text)) if is_number else otherwise
@@ -269,11 +277,11 @@ def _page(body: str, head: str = "", status: int = 200) -> web.Response:
 
 async def _wait_for_end_signal() -> None:
     """Wait for SIGINT or SIGTERM. If the event loop cannot handle signals, Ctrl-C cancels the wait."""
-    asked = asyncio.Event()
+    arrived = asyncio.Event()
     with suppress(NotImplementedError):
         for number in (signal.SIGINT, signal.SIGTERM):
-            asyncio.get_running_loop().add_signal_handler(number, asked.set)
-    await asked.wait()
+            asyncio.get_running_loop().add_signal_handler(number, arrived.set)
+    await arrived.wait()
 
 
 class _OneLineHandler(logging.Handler):
@@ -292,3 +300,30 @@ def _one_line_logger() -> logging.Logger:
         logger.handlers = [_OneLineHandler(logging.WARNING)]
         logger.propagate = False
     return logging.getLogger("aiohttp")
+
+
+class WebConnections:
+    """Creates the protocol object of each connection, and ends connections without the secret."""
+
+    def __init__(self, server: web.Server) -> None:
+        self._server = server
+        self._unproved: dict[RequestHandler, asyncio.TimerHandle] = {}
+
+    def __call__(self) -> RequestHandler:
+        if len(self._unproved) >= MAX_UNPROVED:
+            self._abort(next(iter(self._unproved)))
+        handler = self._server()
+        loop = asyncio.get_running_loop()
+        self._unproved[handler] = loop.call_later(PROVES_WITHIN, self._abort, handler)
+        return handler
+
+    def mark_proved(self, handler: RequestHandler) -> None:
+        """Keep a connection, because one of its requests has passed the gate."""
+        timer = self._unproved.pop(handler, None)
+        if timer is not None:
+            timer.cancel()
+
+    def _abort(self, handler: RequestHandler) -> None:
+        self._unproved.pop(handler).cancel()
+        if handler.transport is not None:
+            handler.transport.abort()

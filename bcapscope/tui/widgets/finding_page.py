@@ -16,24 +16,21 @@ from bcapscope.render.diagnosis_summary import diagnosis_summary as summed_up
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import current_language, label, reader_words
 from bcapscope.tui.traffic_processes.process_messages import NO_ANALYSIS, ShownFinding, TrafficAnalysis
-from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.lines import ItemList
 
 _INDENT_STEP, _MAX_DEPTH = 3, 4
 _MAX_WIDTH, _MIN_WIDTH = 120, 30
 _MAX_FRAMES = 12
 
 
-class FindingPage(Lines):
+class FindingPage(ItemList[tuple[str, int]]):
     """Shows findings as paragraphs; the keys up and down move by lines, and Enter chooses the finding."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("enter", "choose", "findings.choose"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "choose", "findings.choose")]
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
         self._analysis = NO_ANALYSIS
-        self._lines: list[tuple[str, int]] = []
 
     def show_analysis(self, analysis: TrafficAnalysis) -> None:
         if analysis != self._analysis:
@@ -42,23 +39,17 @@ class FindingPage(Lines):
 
     def current_finding(self) -> int | None:
         """Return the number, from 1, of the finding at or below the cursor; None without findings."""
-        if not self._lines or not self._analysis.findings:
-            return None
-        return self._lines[self.cursor][1] or 1
+        return (self.current_item[1] or 1) if self.current_item and self._analysis.findings else None
 
     def go_to_finding(self, number: int) -> None:
         """Select a finding by its number, from 1."""
-        for index, (_, each) in enumerate(self._lines):
+        for index, (_, each) in enumerate(self.items):
             if each == number:
                 self.move_cursor_to(index)
                 return
 
-    @property
-    def count(self) -> int:
-        return len(self._lines)
-
-    def line(self, index: int) -> str:
-        return self._lines[index][0]
+    def item_line(self, item: tuple[str, int]) -> str:
+        return item[0]
 
     def on_resize(self, event: Resize) -> None:
         self._update_lines()
@@ -70,23 +61,21 @@ class FindingPage(Lines):
 
     def _update_lines(self) -> None:
         here = self.current_finding()
-        found, self._lines = self._analysis.findings, []
+        found, lines = self._analysis.findings, []
         if self._analysis is not NO_ANALYSIS:
             severities = [cause.severity for cause in found]
             summary = summed_up(severities, self._analysis.examined, INK, reader_words())
-            self._lines = [(f" {line}", 0) for line in wrap_text(summary, max(_MIN_WIDTH, self._columns - 2))]
-            self._lines.append(("", 0))
+            lines = [(f" {line}", 0) for line in wrap_text(summary, max(_MIN_WIDTH, self._columns - 2))]
+            lines.append(("", 0))
         depths: list[int] = []
         for number, cause in enumerate(found, 1):
             depths.append(depths[cause.consequence_of - 1] + 1 if cause.consequence_of else 0)
             indent = " " * _INDENT_STEP * min(depths[-1], _MAX_DEPTH)
-            self._lines += [
+            lines += [
                 (f" {indent}{line}", number) for line in self._finding_lines(number, cause, len(indent))
             ]
-            self._lines.append(("", number))
-        if not self._lines:
-            self._lines = [(f" {label('traffic.empty.findings')}", 0)]
-        self.reset_lines(min(self.cursor, len(self._lines) - 1))
+            lines.append(("", number))
+        self.show_items(lines or [(f" {label('traffic.empty.findings')}", 0)])
         if here is not None and here != self.current_finding():
             self.go_to_finding(here)
 

@@ -1,11 +1,11 @@
-"""A list of any length that renders a line only when it is shown."""
+"""Lists of any length that render a line only when it is shown."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil
-from typing import ClassVar
+from typing import ClassVar, Generic, TypeVar
 
 from rich.segment import Segment
 from rich.style import Style
@@ -21,22 +21,14 @@ from textual.scroll_view import ScrollView
 from textual.strip import Strip
 
 from bcapscope.tui.app import app_of
-from bcapscope.tui.ink import Styles, styled_segments
+from bcapscope.tui.ink import INK, Styles, styled_segments
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.themes import readable_style
 
 _MAX_STRIPS = 500
 """Maximum number of cached strips, which are enough for several screens."""
 
 _SIDEWAYS_COLUMNS = 8
-
-_SCROLLBAR_SLACK = 8
-"""Divisor: a list may grow by 1/8 before the scroll bar learns the new length, if the thumb looks the same.
-
-The growth is limited because dragging the thumb scrolls by the length that the scroll bar knows.
-"""
-
-_EIGHTHS = 8
-"""Textual draws the ends of a scroll bar thumb to an eighth of a line."""
 
 
 class Lines(ScrollView, can_focus=True):
@@ -78,8 +70,8 @@ class Lines(ScrollView, can_focus=True):
     class Chosen(Moved):
         """The user pressed Enter on a line, or clicked the line under the cursor."""
 
-    def __init__(self, *, id: str | None = None, classes: str | None = None) -> None:
-        super().__init__(id=id, classes=classes)
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
         self._strips: FIFOCache[tuple[object, ...], Strip] = FIFOCache(_MAX_STRIPS)
         self._width = 0
         self._known_count = 0
@@ -125,31 +117,24 @@ class Lines(ScrollView, can_focus=True):
             self._post_moved()
 
     def _update_extent(self) -> None:
-        """Update the total size on which the scroll bar is based.
+        """Update the total size and the scroll bar.
 
-        The method does not assign `virtual_size`, because Textual would then lay out the whole screen for
-        every frame shown.
+        Assigning `virtual_size` would lay out the whole screen each time.
         """
         size = Size(max(self._width, self.size.width), max(self._known_count, self.size.height))
         if size != self.virtual_size:
             self.set_reactive(Lines.virtual_size, size)
-            self._update_scrollbar_thumb()
+            self._update_scrollbar()
 
-    def _update_scrollbar_thumb(self) -> None:
-        """Update the thumb of the scroll bar only if its look changes, because drawing the thumb is slow."""
-        bar, height = self.vertical_scrollbar, self.size.height
-        there, shown = self.virtual_size.height, bar.window_virtual_size
-        before = _scroll_thumb(shown, bar.window_size, bar.position)
-        if (
-            before != _scroll_thumb(there, height, self.scroll_y)
-            or not shown <= there <= shown + shown // _SCROLLBAR_SLACK
-        ):
-            bar.window_virtual_size, bar.window_size, bar.position = there, height, self.scroll_y
+    def _update_scrollbar(self) -> None:
+        bar = self.vertical_scrollbar
+        bar.window_virtual_size, bar.window_size = self.virtual_size.height, self.size.height
+        bar.position = self.scroll_y
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
         if round(old_value) != round(new_value):
             self.refresh(self.size.region)
-            self._update_scrollbar_thumb()
+            self._update_scrollbar()
 
     def repaint(self) -> None:
         """Redraw all lines, for example because their format changed."""
@@ -175,10 +160,9 @@ class Lines(ScrollView, can_focus=True):
         self._scroll_to_cursor()
 
     def render_lines(self, crop: Region) -> list[Strip]:
-        """Return the visible lines.
+        """Return the visible lines, most of them from the cache.
 
-        The cache holds strips that need no further change. Textual's own method makes every strip again for a
-        border, which lists lack, even after scrolling by one line.
+        Textual's own method would draw every line again after scrolling by one line.
         """
         look = self.background_colors[1], tuple(self.get_line_filters())
         if look != (self._background, self._filters):
@@ -222,8 +206,6 @@ class Lines(ScrollView, can_focus=True):
     def _line_styles(self, cursor_state: str) -> Styles:
         """Return the styles for pieces of a line by style name, "" for the line itself.
 
-        The styles are computed once per theme.
-
         Args:
             cursor_state: "cursor" or "blurred" for the line under the cursor, "" for others.
         """
@@ -253,10 +235,10 @@ class Lines(ScrollView, can_focus=True):
         self._post_moved()
 
     def on_focus(self) -> None:
-        self.refresh()
+        self.repaint()
 
     def on_blur(self) -> None:
-        self.refresh()
+        self.repaint()
 
     def _post_moved(self) -> None:
         self.post_message(self.Moved(self, self.cursor))
@@ -302,9 +284,62 @@ class Lines(ScrollView, can_focus=True):
         self.move_cursor_to(index)
 
 
-def _scroll_thumb(there: int, in_sight: int, top: float) -> tuple[int, int] | None:
-    """Return position and length of a scroll bar's thumb in eighths of a line; None if all is in sight."""
-    if in_sight >= there:
+T = TypeVar("T")
+
+
+class ItemList(Lines, Generic[T]):
+    """A list of items; when the items change, the cursor remains on the same item."""
+
+    def __init__(self, empty: str = "", *, id: str | None = None) -> None:
+        """Create an empty list; `empty` is the label key of the line that an empty list shows."""
+        super().__init__(id=id)
+        self.items: list[T] = []
+        self._empty = empty
+
+    @abstractmethod
+    def item_line(self, item: T) -> str:
+        """Return the line of an item, rendered with `ink.INK`."""
+
+    def key_of(self, item: T) -> object:
+        """Return what identifies an item; None if only its position does."""
         return None
-    length = max(1.0, in_sight * in_sight / there)
-    return int((in_sight - length) * top / (there - in_sight) * _EIGHTHS), ceil(length * _EIGHTHS)
+
+    def show_items(self, items: Sequence[T]) -> None:
+        items = list(items)
+        if items == self.items:
+            return
+        before, keys = list(map(self.key_of, self.items)), list(map(self.key_of, items))
+        here = before[self.cursor] if self.cursor < len(before) else None
+        self.items = items
+        if None not in keys and keys == before:
+            self.repaint()
+        else:
+            self.reset_lines(keys.index(here) if here is not None and here in keys else self.cursor)
+
+    def add_item(self, item: T) -> None:
+        self.items.append(item)
+        if self._empty and len(self.items) == 1:
+            self.reset_lines()
+        else:
+            self.lines_added()
+
+    @property
+    def current_item(self) -> T | None:
+        """The item under the cursor; None in an empty list."""
+        return self.items[self.cursor] if self.cursor < len(self.items) else None
+
+    @property
+    def count(self) -> int:
+        return max(len(self.items), bool(self._empty))
+
+    def line(self, index: int) -> str:
+        if index < len(self.items):
+            return self.item_line(self.items[index])
+        return f"{INK.dim} {label(self._empty)}{INK.reset}"
+
+
+class TextList(ItemList[str]):
+    """A list of rendered lines."""
+
+    def item_line(self, item: str) -> str:
+        return item

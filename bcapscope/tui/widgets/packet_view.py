@@ -2,41 +2,382 @@
 
 from __future__ import annotations
 
-from textual.app import ComposeResult
-from textual.containers import Container, Horizontal
-from textual.events import Resize
+from dataclasses import dataclass
+from itertools import islice
+from typing import ClassVar, NamedTuple
 
-from bcapscope.render.frame_outline import frame_sections
-from bcapscope.render.hexdump import PER_LINE
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Container, Horizontal
+from textual.events import Click, Resize
+from textual.message import Message
+
+from bcapscope.render.frame_outline import FieldRow, FieldRowKind, FrameSection, field_rows, frame_sections
+from bcapscope.render.frame_tree import colored_value
+from bcapscope.render.hexdump import PER_LINE, Highlight, hexdump
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Observation
-from bcapscope.tui.widgets.field_tree import FieldTree
-from bcapscope.tui.widgets.hex_view import HexView, width_for
+from bcapscope.tui.ink import CURSOR, INK, LIT
+from bcapscope.tui.reader_language import reader_words
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.plain_containers import PlainContainer
 
-_TREE_AT_LEAST = 48
-"""Minimum width of the tree in columns, beside bytes of full width.
+MAX_ROWS = 20_000
+"""Maximum number of rows per section, because a frame of a megabyte has more fields than a user can read."""
 
-On a narrower screen, the bytes take half their width: eight bytes per line.
-"""
+_NAME_WIDTH = 18
+_NARROW_NAME, _NARROW_TREE = 14, 44
+_FOLDED_AT_FIRST = 6
+"""Maximum number of rows in a branch that is folded at first; its own row shows its content."""
+
+
+class _Entry(NamedTuple):
+    """An entry of the tree: a row of a section, or the caption above a section.
+
+    Attributes:
+        row: Row of the section; None for the caption.
+        stop: Index after the last entry in the branch of this entry.
+    """
+
+    section: int
+    row: FieldRow | None
+    stop: int
+
+
+class FieldTree(Lines):
+    """Shows the fields of a frame; the left and right keys fold and unfold branches."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("left", "fold", "tree.fold", show=False),
+        Binding("right", "unfold", "tree.unfold", show=False),
+        Binding("space", "turn", "", show=False),
+        Binding("a", "full", "tree.full"),
+    ]
+
+    @dataclass
+    class FieldSelected(Message):
+        """The cursor moved to a row for the bytes from `begin` to `end` (exclusive) of a section."""
+
+        section: int
+        begin: int
+        end: int
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._sections: tuple[FrameSection, ...] = ()
+        self._entries: list[_Entry] = []
+        self._folded: set[int] = set()
+        self._visible: list[int] = []
+        self._full = False
+
+    def show_sections(self, sections: tuple[FrameSection, ...]) -> None:
+        self._sections = sections
+        self._full = False
+        self._rebuild()
+
+    def select_field_at(self, section: int, offset: int) -> tuple[int, int]:
+        """Select the innermost field at a byte without posting a message; return its start and end."""
+        found = None
+        for index, entry in enumerate(self._entries):
+            row = entry.row
+            if row is not None and entry.section == section and row.start <= offset < row.stop and row.name:
+                found = index
+        if found is None:
+            return 0, 0
+        parents = {at for at in self._folded if at < found < self._entries[at].stop}
+        if parents:
+            self._folded -= parents
+            self._update_visible()
+        with self.prevent(Lines.Moved):
+            self.move_cursor_to(self._visible.index(found))
+        row = self._entries[found].row
+        return (row.start, row.stop) if row is not None else (0, 0)
+
+    @property
+    def offset_in_frame(self) -> int:
+        """Offset in the frame of the first byte of the field under the cursor; 0 without field."""
+        row = self._entries[self._visible[self.cursor]].row if self._visible else None
+        return 0 if row is None else row.start
+
+    @property
+    def count(self) -> int:
+        return len(self._visible)
+
+    def line(self, index: int) -> str:
+        """Return a row as text: the offset of its first byte, its name and its meaning."""
+        at = self._visible[index]
+        section, row, stop = self._entries[at]
+        if row is None:
+            caption = self._sections[section].caption
+            return "" if caption is None else f"{INK.dim}{reader_words().text(caption)}{INK.reset}"
+        indent = "  " * row.depth
+        if row.kind is FieldRowKind.PROBLEM:
+            return f"       {indent}{INK.problem}!! {row.text}{INK.reset}"
+        if row.kind is FieldRowKind.NOTE:
+            return f"       {indent}{INK.dim}{row.text}{INK.reset}"
+        fold = " " if stop == at + 1 else "▸" if at in self._folded else "▾"
+        name_width = _NARROW_NAME if self.size.width < _NARROW_TREE else _NAME_WIDTH
+        width = max(1, name_width - len(indent))
+        place = f"{row.start:>4}" if row.stop > row.start else "    "
+        return f"{INK.dim}{place} {fold}{INK.reset} {indent}{row.name:<{width}} {colored_value(row, INK)}"
+
+    def on_lines_moved(self, message: Lines.Moved) -> None:
+        if not self._visible:
+            return
+        section, row, _ = self._entries[self._visible[self.cursor]]
+        if row is not None:
+            self.post_message(self.FieldSelected(section, row.start, row.stop))
+
+    def _rebuild(self) -> None:
+        self._entries = []
+        for number, section in enumerate(self._sections):
+            if section.caption is not None:
+                self._entries.append(_Entry(number, None, len(self._entries) + 1))
+            found = list(islice(field_rows(section, self._full, reader_words()), MAX_ROWS))
+            self._entries += _make_entries(number, found, len(self._entries))
+        self._folded = {at for at in range(len(self._entries)) if self._is_short_branch(at)}
+        self._update_visible()
+        self.reset_lines()
+
+    def _is_short_branch(self, at: int) -> bool:
+        """Return whether a branch starts folded: if it is short and contains no problem."""
+        _, row, stop = self._entries[at]
+        if row is None or row.depth or row.kind is not FieldRowKind.FIELD or stop - at - 1 > _FOLDED_AT_FIRST:
+            return False
+        under = [entry.row for entry in self._entries[at:stop]]
+        return all(each is not None and each.kind is not FieldRowKind.PROBLEM for each in under)
+
+    def _update_visible(self) -> None:
+        self._visible = []
+        at = 0
+        while at < len(self._entries):
+            self._visible.append(at)
+            at = self._entries[at].stop if at in self._folded else at + 1
+
+    def _set_folded(self, at: int, folded: bool) -> None:
+        (self._folded.add if folded else self._folded.discard)(at)
+        self._update_visible()
+        self.reset_lines(self._visible.index(at))
+
+    def action_fold(self) -> None:
+        """Fold the branch under the cursor; if it is folded or a leaf, select its parent."""
+        if not self._visible:
+            return
+        at = self._visible[self.cursor]
+        if self._entries[at].stop > at + 1 and at not in self._folded:
+            self._set_folded(at, True)
+            return
+        parents = [each for each in self._visible if each < at < self._entries[each].stop]
+        if parents:
+            self.move_cursor_to(self._visible.index(parents[-1]))
+
+    def action_unfold(self) -> None:
+        if self._visible and self._visible[self.cursor] in self._folded:
+            self._set_folded(self._visible[self.cursor], False)
+
+    def action_turn(self) -> None:
+        if self._visible:
+            at = self._visible[self.cursor]
+            if self._entries[at].stop > at + 1:
+                self._set_folded(at, at not in self._folded)
+
+    def action_full(self) -> None:
+        """Switch between showing all elements and characters, and showing only the first of them."""
+        self._full = not self._full
+        self._rebuild()
+
+
+def _make_entries(section: int, found: list[FieldRow], first: int) -> list[_Entry]:
+    """Return tree entries for rows; `first` is the index of the first new entry."""
+    stops = [0] * len(found)
+    open_rows: list[int] = []
+    for index, row in enumerate(found):
+        while open_rows and found[open_rows[-1]].depth >= row.depth:
+            stops[open_rows.pop()] = index
+        if row.kind in (FieldRowKind.FIELD, FieldRowKind.LEAF):
+            open_rows.append(index)
+        else:
+            stops[index] = index + 1
+    for index in open_rows:
+        stops[index] = len(found)
+    return [_Entry(section, row, first + stop) for row, stop in zip(found, stops, strict=True)]
+
+
+_FEW_BYTES = 8
+_OFFSET_WIDTH = 8
+"""Number of columns before the first byte of a line: six digits and two spaces."""
+
+
+def width_for(per_line: int) -> int:
+    """Return the number of columns that a line with `per_line` bytes needs."""
+    return _OFFSET_WIDTH + 3 * per_line - (per_line <= _FEW_BYTES) + 2 + per_line
+
+
+class HexView(Lines):
+    """Shows bytes with their offsets, and highlights the bytes of one field."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("left", "step(-1)", "", show=False),
+        Binding("right", "step(1)", "", show=False),
+        Binding("up,k", "row(-1)", "", show=False),
+        Binding("down,j", "row(1)", "", show=False),
+        Binding("pageup", "rows(-1)", "", show=False),
+        Binding("pagedown", "rows(1)", "", show=False),
+        Binding("home,g", "first", "", show=False),
+        Binding("end,G", "last", "", show=False),
+    ]
+    highlights_cursor_line = False  # the cursor is a byte
+
+    @dataclass
+    class ByteSelected(Message):
+        """The cursor moved to the byte at `offset` of a section."""
+
+        section: int
+        offset: int
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._sections: tuple[FrameSection, ...] = ()
+        self._per_line = PER_LINE
+        self._highlighted = (0, 0, 0)
+        self._cursor_byte = (0, 0)
+
+    def show_sections(self, sections: tuple[FrameSection, ...]) -> None:
+        self._sections = sections
+        self._highlighted, self._cursor_byte = (0, 0, 0), (0, 0)
+        self.reset_lines()
+
+    def highlight_bytes(self, section: int, start: int, stop: int, follow: bool = True) -> None:
+        """Highlight the bytes of a field; if `follow` is set, move the cursor to the first of these bytes."""
+        if (section, start, stop) == self._highlighted:
+            return
+        self._highlighted = (section, start, stop)
+        if follow:
+            self._cursor_byte = (section, start)
+            self._show_cursor()
+        self.repaint()
+
+    @property
+    def count(self) -> int:
+        return sum(map(self._section_height, range(len(self._sections))))
+
+    def _section_height(self, section: int) -> int:
+        caption, body, _ = self._sections[section]
+        return bool(caption) - (-len(body) // self._per_line)
+
+    def _locate_line(self, index: int) -> tuple[int, int]:
+        """Return the section at a line, and the number of the row in the section; -1 for the caption."""
+        section = 0
+        while index >= self._section_height(section):
+            index -= self._section_height(section)
+            section += 1
+        return section, index - bool(self._sections[section].caption)
+
+    def line(self, index: int) -> str:
+        section, row = self._locate_line(index)
+        caption, body, _ = self._sections[section]
+        return self._hex_row(section, body, row) if row >= 0 else f"{INK.dim}{caption}{INK.reset}"
+
+    def _hex_row(self, number: int, body: bytes, index: int) -> str:
+        first = index * self._per_line
+        section, start, stop = self._highlighted
+        marks = [Highlight(start, stop, LIT)] if section == number and stop > start else []
+        at_section, at = self._cursor_byte
+        if at_section == number and self.has_focus:
+            marks = sorted([*marks, Highlight(at, at + 1, CURSOR)], key=lambda mark: mark.start)
+        data = body[first : first + self._per_line]
+        return next(hexdump(data, marks, INK, first, self._per_line))
+
+    def on_resize(self, event: Resize) -> None:
+        fits = PER_LINE if event.size.width >= width_for(PER_LINE) else _FEW_BYTES
+        if fits != self._per_line:
+            self._per_line = fits
+            self.reset_lines()
+            self._show_cursor()
+
+    # the cursor
+
+    def _show_cursor(self) -> None:
+        section, offset = self._cursor_byte
+        if section >= len(self._sections):
+            return
+        above = sum(map(self._section_height, range(section))) + bool(self._sections[section].caption)
+        with self.prevent(Lines.Moved):
+            self.move_cursor_to(above + offset // self._per_line)
+
+    def _select_byte(self, section: int, offset: int) -> None:
+        if section >= len(self._sections) or not self._sections[section].body:
+            return
+        self._cursor_byte = (section, max(0, min(offset, len(self._sections[section].body) - 1)))
+        self._show_cursor()
+        self.repaint()
+        self.post_message(self.ByteSelected(*self._cursor_byte))
+
+    def action_step(self, by: int) -> None:
+        section, offset = self._cursor_byte
+        offset += by
+        if offset < 0 and section:
+            section -= 1
+            offset = len(self._sections[section].body) - 1
+        elif section + 1 < len(self._sections) and offset >= len(self._sections[section].body):
+            section, offset = section + 1, 0
+        self._select_byte(section, offset)
+
+    def action_row(self, by: int) -> None:
+        self.action_step(by * self._per_line)
+
+    def action_rows(self, by: int) -> None:
+        self.action_row(by * max(1, self.size.height - 1))
+
+    def action_first(self) -> None:
+        self._select_byte(0, 0)
+
+    def action_last(self) -> None:
+        if self._sections:
+            self._select_byte(len(self._sections) - 1, len(self._sections[-1].body) - 1)
+
+    def on_click(self, event: Click) -> None:
+        event.prevent_default()
+        offset = event.get_content_offset(self)
+        if offset is None:
+            return
+        index = offset.y + self.scroll_offset.y
+        byte = _byte_at(offset.x + self.scroll_offset.x, self._per_line)
+        if index < self.count and byte is not None:
+            section, row = self._locate_line(index)
+            if row >= 0:
+                self._select_byte(section, row * self._per_line + byte)
+
+
+def _byte_at(column: int, per_line: int) -> int | None:
+    """Return the index of the byte at a column of a line; None if the column shows no byte."""
+    letters = width_for(per_line) - per_line
+    if column >= letters:
+        return min(column - letters, per_line - 1)
+    pairs = column - _OFFSET_WIDTH
+    if pairs < 0:
+        return None
+    if per_line > _FEW_BYTES and pairs >= 3 * _FEW_BYTES:
+        pairs -= 1
+    return min(pairs // 3, per_line - 1)
+
+
+_TREE_AT_LEAST = 48
+"""Minimum width in columns of a tree beside 16 bytes per line; narrower views show eight bytes."""
 
 
 class PacketView(Horizontal, PlainContainer):
     """Shows one frame, or bytes that are not a frame, in two linked halves."""
 
     def compose(self) -> ComposeResult:
-        """Put the tree and the bytes side by side.
-
-        The line between the halves is a separate widget, so that Textual draws it only once.
-        """
+        """Put the tree and the bytes side by side. The line between them is a widget, drawn only once."""
         yield FieldTree(id="fields")
         yield Container(classes="edge")
         yield HexView(id="bytes")
 
-    def show_packet(self, observation: Observation | None, question: CallKind | None = None) -> None:
-        """Show an observation, or nothing; `question` is the kind of the call if the frame is a reply."""
-        found = () if observation is None else frame_sections(observation, question)
+    def show_packet(self, observation: Observation | None, call_kind: CallKind | None = None) -> None:
+        """Show an observation, or nothing; `call_kind` is what a reply answers."""
+        found = () if observation is None else frame_sections(observation, call_kind)
         self.query_one(HexView).show_sections(found)
         with self.prevent(Lines.Moved):
             self.query_one(FieldTree).show_sections(found)
@@ -49,12 +390,10 @@ class PacketView(Horizontal, PlainContainer):
         self.query_one(HexView).styles.width = wide if fits else width_for(8) + scrollbar
 
     def on_field_tree_field_selected(self, message: FieldTree.FieldSelected) -> None:
-        message.stop()
         self.query_one(HexView).highlight_bytes(message.section, message.begin, message.end)
 
     def on_hex_view_byte_selected(self, message: HexView.ByteSelected) -> None:
         """Select the field that contains the byte under the cursor, and highlight the bytes of that field."""
-        message.stop()
         start, stop = self.query_one(FieldTree).select_field_at(message.section, message.offset)
         if stop:
             self.query_one(HexView).highlight_bytes(message.section, start, stop, follow=False)

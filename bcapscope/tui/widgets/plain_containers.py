@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from textual.containers import Vertical
-from textual.geometry import Region
+from textual.geometry import Region, Size
 from textual.strip import Strip
+from textual.widget import Widget
 from textual.widgets import ContentSwitcher
 
-from bcapscope.tui.textual_internals import UnscrolledWidget
 
-
-class PlainContainer(UnscrolledWidget):
+class PlainContainer(Widget):
     """A container without border, padding and scroll bars, of which only the children are visible.
 
     Textual draws each line of an ordinary container, even if children cover the line. Drawing these lines
@@ -24,6 +23,12 @@ class PlainContainer(UnscrolledWidget):
         for each in self.get_line_filters():
             blank = blank.apply_filter(each, self.background_colors[1])
         return [blank] * crop.height
+
+    def _size_updated(
+        self, size: Size, virtual_size: Size, container_size: Size, layout: bool = True
+    ) -> bool:
+        """Skip the second layout pass after a new size; this overrides a private method of Textual."""
+        return super()._size_updated(size, virtual_size, container_size, layout=False)
 
 
 class PlainVertical(Vertical, PlainContainer):

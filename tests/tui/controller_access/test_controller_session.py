@@ -41,9 +41,9 @@ from bcapscope.tui.controller_access.builtin_simulator import (
     BuiltInSimulator,
     run_builtin_simulator,
 )
+from bcapscope.tui.controller_access.call_history import reason_text
 from bcapscope.tui.controller_access.option_field import AUTOMATIC_PROVIDERS
-from bcapscope.tui.controller_access.reason_text import reason_text
-from bcapscope.tui.tester.status_line import status_pieces
+from bcapscope.tui.tester.connection_panel import status_pieces
 from tests.client.server import answering, udp_server
 
 LIMIT = 10.0

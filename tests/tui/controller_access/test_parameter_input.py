@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant
-from bcapscope.tui.controller_access.parameter_input import (
+from bcapscope.tui.tester.typed_value import (
     PARAMETER_TYPES,
     check_text,
     command_hint,

@@ -7,7 +7,7 @@ import asyncio
 from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.player.player_messages import PlayEnded, PlayOutcome, PlayPlan, PlayProgress, SlaveModePacing
 from bcapscope.tui.controller_access.builtin_simulator import START_JOINTS, BuiltInSimulator
-from bcapscope.tui.controller_access.player_slot import PlayerSlot
+from bcapscope.tui.controller_access.playback import PlayerSlot
 
 LIMIT = 60.0
 

@@ -7,7 +7,7 @@ from bcapscope.live.controller.arming_state import ArmingState
 from bcapscope.live.controller.halt_connection import HaltState, HaltUpdate
 from bcapscope.live.controller.reply_monitor import REPLY_OVERDUE_AFTER, ReplyMonitor
 from bcapscope.live.controller.session_updates import SessionStatus
-from bcapscope.tui.tester.status_line import status_pieces
+from bcapscope.tui.tester.connection_panel import status_pieces
 
 SECOND = 1_000_000_000
 

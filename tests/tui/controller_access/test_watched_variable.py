@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.tui.controller_access.watched_variable import MAX_READINGS, WatchedVariable
+from bcapscope.tui.controller_access.watched_variables import MAX_READINGS, WatchedVariable
 
 SECOND = 1_000_000_000
 
@@ -16,7 +16,7 @@ def test_each_element_has_extremes_rate_and_course() -> None:
     assert watched.decimals == 5
     assert (first.last, first.minimum, first.maximum, first.rate) == (3.0, 1.0, 3.0, 4.0)
     assert second.rate == -10.0
-    assert second.sparkline_text(10) == "█▁"
+    assert [value for _, value in second.readings] == [10.0, 5.0]
 
 
 def test_text_has_no_course() -> None:

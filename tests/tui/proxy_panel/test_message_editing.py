@@ -7,7 +7,7 @@ import pytest
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
-from bcapscope.tui.proxy_panel.message_editing import edited_message, proposed_edit
+from bcapscope.tui.proxy_display import edited_message, proposed_edit
 
 ENDS = Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007)
 FLOW = Flow(Conversation(*ENDS, Transport.UDP, "the proxy"), Direction.REQUEST)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bcapscope.messages import Language
-from bcapscope.tui.proxy_panel.proxy_summary import summary_lines
+from bcapscope.tui.proxy_display import summary_lines
 from bcapscope.tui.reader_language import set_language
 from tests.tui.proxy_panel.proxy_figures import figures
 

@@ -26,12 +26,10 @@ from bcapscope.protocol.retry.requester import RetryPolicy
 from bcapscope.proxy.control_messages import ClientStatus, FaultStatus, HeldStatus, RelayDelays
 from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.tui.app import BcapApp, ScreenEntry
-from bcapscope.tui.proxy_panel.proxy_events import ProxyStateRead
-from bcapscope.tui.proxy_panel.shared_control_client import ProxyState
-from bcapscope.tui.screens.proxy_screen import ProxyScreen
+from bcapscope.tui.screens.proxy_screen import ProxyScreen, ProxyState
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
-from bcapscope.tui.traffic_processes.traffic_feed import PublishedTraffic, TrafficFeed, watcher_job
-from bcapscope.tui.widgets.view_bar import ViewBar
+from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed, watcher_job
+from bcapscope.tui.widgets.bars import ViewBar
 from tests.tui.pilot import drive, make, picture, shown, until
 from tests.tui.proxy_panel.proxy_figures import figures
 from tests.tui.showing import screen as traffic_screen
@@ -63,7 +61,7 @@ def proxied(folder: Path, to: int, *words: str) -> Iterator[tuple[BcapApp, Proxy
     child = ChildProcess("proxy", *spec, *control, *publish, *words)
     try:
         port = int(child.listen_addresses[0].partition(" > ")[0].rpartition(":")[2])
-        feed = TrafficFeed(published=PublishedTraffic(job, child.hand_over_stdout()))
+        feed = TrafficFeed(job, child.hand_over_stdout())
         place = ProxyScreen(child.control_address, child.listen_addresses[0], feed, child)
         try:
             spots = [
@@ -287,19 +285,19 @@ def states(pilot: Pilot[None]) -> str:
     return traffic_screen(pilot).query_one(ViewBar)._states[0]
 
 
-class Still(ProxyScreen):
-    """Shows a proxy that always stands the same."""
+class FixedStateScreen(ProxyScreen):
+    """Shows the same state of a proxy all the time."""
 
-    def __init__(self, standing: ProxyState) -> None:
+    def __init__(self, state: ProxyState) -> None:
         super().__init__("nowhere", "127.0.0.1:5008 > 192.168.0.1:5007")
-        self._still = standing
+        self._fixed_state = state
 
-    def _read_state(self) -> ProxyStateRead:
-        return ProxyStateRead(self._still)
+    def read_state(self) -> ProxyState:
+        return self._fixed_state
 
 
-def standing(slow: int = 0) -> ProxyState:
-    """Make up how a proxy stands."""
+def proxy_state(slow: int = 0) -> ProxyState:
+    """Return a made-up state of a proxy with four clients, two rules and two held messages."""
     message = encode_frame(
         9, 0, 64, [Variant(VT.I4, 2), Variant(VT.BSTR, "slvChangeMode"), Variant(VT.I4, 258)]
     )
@@ -351,7 +349,7 @@ def standing(slow: int = 0) -> ProxyState:
 @pytest.mark.parametrize("key", ["1", "2", "3", "4"])
 @pytest.mark.parametrize("language", list(Language))
 def test_every_list_can_be_shown_in_every_language_at_80_columns(key: str, language: Language) -> None:
-    place = Still(standing(slow=3))
+    place = FixedStateScreen(proxy_state(slow=3))
     app = make(ScreenEntry("proxy", "f2", "proxy", lambda: place), language=language)
 
     async def act(pilot: Pilot[None]) -> None:
@@ -371,7 +369,7 @@ def test_every_list_can_be_shown_in_every_language_at_80_columns(key: str, langu
 
 
 def test_how_the_controller_does_is_told_for_each_client() -> None:
-    place = Still(standing())
+    place = FixedStateScreen(proxy_state())
     app = make(ScreenEntry("proxy", "f2", "proxy", lambda: place))
 
     async def act(pilot: Pilot[None]) -> None:
@@ -383,7 +381,7 @@ def test_how_the_controller_does_is_told_for_each_client() -> None:
 
 
 def test_picture(request: pytest.FixtureRequest) -> None:
-    place, made = Still(standing()), []
+    place, made = FixedStateScreen(proxy_state()), []
     app = make(ScreenEntry("proxy", "f2", "proxy", lambda: place))
 
     async def act(pilot: Pilot[None]) -> None:

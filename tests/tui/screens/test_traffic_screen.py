@@ -15,7 +15,7 @@ from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.pcapng_writer import PcapngWriter
 from bcapscope.messages import Language
 from bcapscope.tui.settings import read_settings
-from bcapscope.tui.widgets.view_bar import ViewBar
+from bcapscope.tui.widgets.bars import ViewBar
 from tests.cli.run import CAPTURES, run
 from tests.tui.pilot import drive, until
 from tests.tui.pilot import shown as drawn

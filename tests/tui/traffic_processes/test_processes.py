@@ -52,9 +52,8 @@ LIMIT = 20.0
 def read(folder: Path, path: Path, own: bool = False) -> list[ReadProgress | TrafficAnalysis]:
     """Read a capture as the process does and return what it tells."""
     reports = BytesIO()
-    TrafficReader(
-        ReadJob(str(folder), str(path), own_clients=own), reports, threading.Event(), threading.Event()
-    ).run()
+    job = ReadJob(folder=str(folder), path=str(path), own_clients=own)
+    TrafficReader(job, reports, threading.Event(), threading.Event()).run()
     return told(reports)
 
 
@@ -142,7 +141,7 @@ def test_a_growing_capture_is_judged_again_and_again(tmp_path: Path, monkeypatch
     path.write_bytes(data[: len(data) // 2])
     (tmp_path / "journal").mkdir()
     reports, ended = BytesIO(), threading.Event()
-    job = ReadJob(str(tmp_path / "journal"), str(path), follow=True)
+    job = ReadJob(folder=str(tmp_path / "journal"), path=str(path), follow=True)
     reading = TrafficReader(job, reports, ended, threading.Event())
     thread = threading.Thread(target=reading.run)
     thread.start()
@@ -174,7 +173,7 @@ def test_what_is_open_in_a_capture_of_long_ago_is_not_given_up_for_its_age(tmp_p
     story.talkers[0].ask(200, "Robot_Execute", ROBOT, text("slvMove"), r8s(*HOME))
     path, reports = tmp_path / "capture.pcap", BytesIO()
     path.write_bytes(captured(story, 100))
-    job = ReadJob(str(tmp_path), str(path), follow=True)
+    job = ReadJob(folder=str(tmp_path), path=str(path), follow=True)
     TrafficReader(job, reports, _OverSoon(), threading.Event()).run()
     verdict = told(reports)[-2]
     assert isinstance(verdict, TrafficAnalysis)
@@ -193,7 +192,7 @@ def test_what_is_open_in_a_capture_of_long_ago_is_not_given_up_for_its_age(tmp_p
 def test_nothing_more_is_read_when_nothing_more_is_wanted(tmp_path: Path) -> None:
     unwanted, reports = threading.Event(), BytesIO()
     unwanted.set()
-    job = ReadJob(str(tmp_path), str(CAPTURES / "slave-session.pcapng"))
+    job = ReadJob(folder=str(tmp_path), path=str(CAPTURES / "slave-session.pcapng"))
     TrafficReader(job, reports, threading.Event(), unwanted).run()
     assert lines(tmp_path)[0] == readings._BATCH_MASK + 1
 
@@ -201,7 +200,7 @@ def test_nothing_more_is_read_when_nothing_more_is_wanted(tmp_path: Path) -> Non
 def test_what_is_there_when_its_source_ends_is_read_to_the_end(tmp_path: Path) -> None:
     ended, reports = threading.Event(), BytesIO()
     ended.set()
-    job = ReadJob(str(tmp_path), str(CAPTURES / "slave-session.pcapng"), follow=True)
+    job = ReadJob(folder=str(tmp_path), path=str(CAPTURES / "slave-session.pcapng"), follow=True)
     TrafficReader(job, reports, ended, threading.Event()).run()
     assert lines(tmp_path)[0] == 518
 
@@ -237,8 +236,7 @@ class _Search:
         self.thread.start()
 
     def ask(self, generation: int, kind: str, expression: str) -> None:
-        self.searching._latest_request = SearchRequest(generation, kind, expression)
-        self.searching._request_arrived.set()
+        self.searching.requests.put(SearchRequest(generation, kind, expression))
 
     def found(self, generation: int, there: int) -> list[int]:
         rows = array("I")
@@ -282,7 +280,6 @@ def test_the_search_finds_what_the_command_line_finds(
 def test_what_is_asked_again_is_not_told_twice(search: _Search) -> None:
     search.ask(1, RecordKind.CALL, "latency > 30ms")
     found = search.found(1, 257)
-    search.searching._request_arrived.set()  # as if it came after the ask had been seen
     search.ask(2, RecordKind.FRAME, "serial > 250")
     generations = []
     for message in receive_messages(search.answers, SearchMatches):

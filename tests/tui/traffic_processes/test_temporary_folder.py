@@ -19,8 +19,9 @@ pytestmark = pytest.mark.lifecycle
 
 LIMIT = 30.0
 _SCREEN = """
+from bcapscope.tui.traffic_processes.process_messages import ReadJob
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
-feed = TrafficFeed(path={path!r}, follow=True)
+feed = TrafficFeed(ReadJob(path={path!r}, follow=True))
 while not feed.open_journal():
     pass
 print("open", flush=True)

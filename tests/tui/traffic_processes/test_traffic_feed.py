@@ -13,7 +13,6 @@ from bcapscope.tui.traffic_processes.process_messages import ReadJob, ReadProgre
 from bcapscope.tui.traffic_processes.reader_process import TrafficReader
 from bcapscope.tui.traffic_processes.traffic_feed import (
     FeedUpdate,
-    PublishedTraffic,
     SourceProblem,
     TrafficFeed,
     watcher_job,
@@ -52,7 +51,7 @@ def ended(told: FeedUpdate) -> bool:
 
 
 def test_a_feed_reads_searches_saves_and_leaves_nothing_behind(tmp_path: Path, cache: Path) -> None:
-    feed = TrafficFeed(path=str(CAPTURES / "retry-story.pcapng"))
+    feed = TrafficFeed(ReadJob(path=str(CAPTURES / "retry-story.pcapng")))
     ear = Ear(feed)
     ear.wait(ended)
     feed.progress = next(filter(ended, ear.heard))  # type: ignore[assignment]  # it is one
@@ -72,7 +71,7 @@ def test_a_feed_reads_searches_saves_and_leaves_nothing_behind(tmp_path: Path, c
 
 
 def test_what_was_told_before_anybody_listened_is_told_then() -> None:
-    feed = TrafficFeed(path=str(CAPTURES / "retry-story.pcapng"))
+    feed = TrafficFeed(ReadJob(path=str(CAPTURES / "retry-story.pcapng")))
     try:
         assert feed._reader is not None
         feed._reader.wait(LIMIT)
@@ -83,7 +82,7 @@ def test_what_was_told_before_anybody_listened_is_told_then() -> None:
 
 
 def test_a_reader_that_dies_is_told_of() -> None:
-    feed = TrafficFeed(path=str(CAPTURES / "retry-story.pcapng"), follow=True)
+    feed = TrafficFeed(ReadJob(path=str(CAPTURES / "retry-story.pcapng"), follow=True))
     try:
         ear = Ear(feed)
         assert feed._reader is not None
@@ -94,7 +93,7 @@ def test_a_reader_that_dies_is_told_of() -> None:
 
 
 def test_a_search_that_died_is_begun_anew() -> None:
-    feed = TrafficFeed(path=str(CAPTURES / "retry-story.pcapng"))
+    feed = TrafficFeed(ReadJob(path=str(CAPTURES / "retry-story.pcapng")))
     try:
         ear = Ear(feed)
         ear.wait(ended)
@@ -109,7 +108,7 @@ def test_a_search_that_died_is_begun_anew() -> None:
 
 
 def test_a_source_that_ends_is_read_to_its_end_and_doubted_aloud() -> None:
-    feed = TrafficFeed(path=str(CAPTURES / "retry-story.pcapng"), follow=True)
+    feed = TrafficFeed(ReadJob(path=str(CAPTURES / "retry-story.pcapng"), follow=True))
     try:
         ear = Ear(feed)
         feed.report_source_problem("The proxy ended: it was killed")
@@ -127,10 +126,10 @@ def test_a_source_that_ends_is_read_to_its_end_and_doubted_aloud() -> None:
 def test_what_a_watcher_publishes_is_shown_and_searched_without_a_reader(tmp_path: Path) -> None:
     job = watcher_job(tmp_path, tmp_path / "proxy.pcapng")
     reports = BytesIO()
-    read = ReadJob(job.folder, str(CAPTURES / "retry-story.pcapng"))
+    read = ReadJob(folder=job.folder, path=str(CAPTURES / "retry-story.pcapng"))
     TrafficReader(read, reports, threading.Event(), threading.Event()).run()
     reports.seek(0)
-    feed = TrafficFeed(published=PublishedTraffic(job, reports))
+    feed = TrafficFeed(job, reports)
     try:
         ear = Ear(feed)
         ear.wait(ended)
@@ -149,7 +148,7 @@ def test_what_a_watcher_publishes_is_shown_and_searched_without_a_reader(tmp_pat
 
 def test_a_watcher_that_ends_without_a_word_has_ended(tmp_path: Path) -> None:
     job = watcher_job(tmp_path, tmp_path / "proxy.pcapng")
-    feed = TrafficFeed(published=PublishedTraffic(job, BytesIO()))
+    feed = TrafficFeed(job, BytesIO())
     try:
         ear = Ear(feed)
         ear.wait(ended)

@@ -54,7 +54,7 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 def published(folder: Path) -> tuple[Chain, Sent]:
     """Return a watcher that records and publishes, and its reports."""
     sent = Sent()
-    job = ReadJob(str(folder), str(folder / "all.pcapng"), follow=True)
+    job = ReadJob(folder=str(folder), path=str(folder / "all.pcapng"), follow=True)
     publisher = WatcherPublisher(job, ReportSender(sent))
     return Chain(folder / "all.pcapng", RecordKind.FRAME, subscriber=publisher), sent
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from textual.pilot import Pilot
 
 from bcapscope.tui.ink import INK
-from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.widgets.text_widgets import InkedText
 from tests.tui.pilot import until
 from tests.tui.widgets.stage import on_stage, scope
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bcapscope.tui.widgets.record_list import left_aligned, right_aligned
+from bcapscope.tui.widgets.record_lists import left_aligned, right_aligned
 
 
 def test_wide_characters_take_two_columns() -> None:

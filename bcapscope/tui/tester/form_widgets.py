@@ -1,19 +1,66 @@
-"""A row of names, of which the user chooses one by arrow keys or a click."""
+"""Small widgets for the forms of the Tester."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from rich.text import Text
 from textual.app import RenderResult
 from textual.binding import Binding, BindingType
+from textual.containers import Vertical
 from textual.message import Message
 from textual.reactive import reactive
+from textual.widgets import Button, Checkbox, Label
 
 from bcapscope.tui.reader_language import label
-from bcapscope.tui.widgets.click_bar import ClickBar
+from bcapscope.tui.widgets.bars import ClickBar
+
+
+class Caption(Label):
+    """A word before a field; `key` is the label key of the word."""
+
+    def __init__(self, key: str) -> None:
+        super().__init__(label(key), markup=False)
+
+
+class Box(Vertical):
+    """A frame around a part of the forms; `title` is a label key."""
+
+    def __init__(self, title: str, *, id: str) -> None:
+        super().__init__(id=id, classes="box")
+        self.border_title = label(title)
+
+
+class FormButton(Button):
+    """A button of one line; `key` is the label key of its text."""
+
+    def __init__(
+        self,
+        key: str,
+        variant: Literal["default", "primary", "success", "warning", "error"] = "default",
+        *,
+        id: str | None = None,
+        classes: str | None = None,
+        disabled: bool = False,
+    ) -> None:
+        super().__init__(label(key), variant, id=id, classes=classes, disabled=disabled, compact=True)
+
+
+class TickBox(Checkbox):
+    """A check box whose state is visible even without colours."""
+
+    def __init__(self, label: str, value: bool = False, *, id: str | None = None) -> None:
+        super().__init__(label, value, compact=True, id=id)
+        self._update_mark()
+
+    def watch_value(self) -> None:
+        self._update_mark()
+        super().watch_value()
+
+    def _update_mark(self) -> None:
+        self.BUTTON_INNER = "X" if self.value else " "
 
 
 class ChoiceRow(ClickBar, can_focus=True):

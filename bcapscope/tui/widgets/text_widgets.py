@@ -1,4 +1,4 @@
-"""An input line that shows, below itself, what is wrong with its text."""
+"""Rendered text in the colours of the theme, and an input line that shows what is wrong with its text."""
 
 from __future__ import annotations
 
@@ -12,7 +12,27 @@ from textual.message import Message
 from textual.widgets import Input, Static
 
 from bcapscope.render.escape import printable
+from bcapscope.tui.app import app_of
+from bcapscope.tui.ink import styled_text
 from bcapscope.tui.reader_language import full_error_text
+
+
+class InkedText(Static):
+    """Shows text that was rendered with `ink.INK`, and redraws the text when the theme changes."""
+
+    def __init__(self, *, id: str | None = None, classes: str | None = None) -> None:
+        super().__init__(id=id, classes=classes, markup=False)
+        self._source_text = ""
+
+    def show_text(self, text: str, *, layout: bool = True) -> None:
+        """Show a text with ink marks; `layout` says whether the size of the text may have changed."""
+        self._source_text = text
+        self.update(styled_text(text, app_of(self).text_styles), layout=layout)
+
+    def notify_style_update(self) -> None:
+        super().notify_style_update()
+        if self.is_mounted:
+            self.show_text(self._source_text, layout=False)
 
 
 class CheckedInput(Vertical):
@@ -67,12 +87,10 @@ class CheckedInput(Vertical):
         self._show_problem("")
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        event.stop()
         self._check_text(event.value.strip(), self.Typed)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Check the text again, because its validity can depend on other state."""
-        event.stop()
         self._check_text(event.value.strip(), self.Entered)
 
     def _check_text(self, text: str, message: type[Typed]) -> None:

@@ -1,0 +1,252 @@
+"""Playing a trajectory: reading and checking it, the player process, and what the screen shows of a run."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from msgspec import structs
+
+from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.messages import Message
+from bcapscope.player.arm_limits import limits_for_arm, with_limits
+from bcapscope.player.player_messages import (
+    ControllerInfo,
+    PlayEnded,
+    PlayerMessage,
+    PlayerProblem,
+    PlayerQuestion,
+    PlayPlan,
+    PlayProgress,
+    QuestionTopic,
+    SetPointValues,
+    SlaveModePacing,
+)
+from bcapscope.player.player_process import PlayerProcess
+from bcapscope.player.preflight import PreflightResult, run_preflight, run_preflight_for
+from bcapscope.player.realtime import RealtimeReport
+from bcapscope.player.resampling import resample
+from bcapscope.player.trajectory import Trajectory, TrajectoryError
+from bcapscope.player.trajectory_reader import read_trajectories
+from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode
+from bcapscope.render.color_palette import Palette
+from bcapscope.render.preflight_text import PreflightRenderer, source_lines, trajectory_line
+from bcapscope.tui.reader_language import reader_words
+
+
+@dataclass(frozen=True, slots=True)
+class PlaybackSettings:
+    """The user's settings for playing a trajectory.
+
+    Attributes:
+        index: Number of the trajectory in the file, from 1.
+        interval: Cycle time in ms.
+        speed: Speed as a fraction of the speed in the file.
+        rounds: Number of repetitions; 0 repeats until stopped.
+        always_resample: Whether to resample even if speed and interval are those of the file.
+        limits: Arm limits in the notation of `player.arm_limits.with_limits`.
+    """
+
+    path: str
+    index: int = 1
+    mode: SlaveModePacing | int = SlaveModePacing.SYNC
+    interval: float = float(PERIOD_MS)
+    speed: float = 1.0
+    rounds: int = 1
+    always_resample: bool = False
+    limits: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedTrajectory:
+    """A trajectory that is ready to play. The pre-flight check does not yet know the robot's position."""
+
+    settings: PlaybackSettings
+    all_trajectories: tuple[Trajectory, ...]
+    trajectory: Trajectory
+    preflight: PreflightResult
+
+    def summary_lines(self, palette: Palette, width: int) -> Iterator[str]:
+        """Yield lines on how the file was read, its content, and problems with playing it."""
+        yield from source_lines(self.trajectory, reader_words(), width)
+        if len(self.all_trajectories) > 1:
+            yield from (
+                f"  {trajectory_line(number, each, reader_words())}"
+                for number, each in enumerate(self.all_trajectories, 1)
+            )
+        yield ""
+        yield from PreflightRenderer(palette, width, reader_words()).lines(self.preflight)
+
+    def make_plan(self, target: ControllerTarget, robot: str, armed: bool, record: Path) -> PlayPlan:
+        """Return the plan for the player process.
+
+        Args:
+            armed: Whether the user confirmed that the robot may move.
+            record: Name of a new file for a recording of the whole conversation.
+        """
+        settings, trajectory = self.settings, self.trajectory
+        return PlayPlan(
+            target=target,
+            robot=robot,
+            kind=trajectory.kind,
+            mode=settings.mode,
+            period=round(settings.interval * 1e6),
+            points=list(map(tuple, trajectory.points.tolist())),
+            rounds=settings.rounds,
+            armed=armed,
+            limits=settings.limits,
+            record=str(record),
+        )
+
+
+def prepare_trajectory(settings: PlaybackSettings, type_name: str) -> PreparedTrajectory:
+    """Read a trajectory file, resample the trajectory and check it. This can take long.
+
+    Args:
+        type_name: Type of the robot; empty if unknown.
+
+    Raises:
+        TrajectoryError: The file contains nothing that can be played.
+        ValueError: The limits are invalid.
+    """
+    found = read_trajectories(settings.path)
+    if not 1 <= settings.index <= len(found):
+        raise TrajectoryError(Message("trajectory.no-such-number", count=len(found), number=settings.index))
+    trajectory = found[settings.index - 1]
+    if settings.always_resample or settings.speed != 1:
+        trajectory = resample(trajectory, settings.interval / 1000, speed=settings.speed)
+    limits = with_limits(limits_for_arm(type_name), settings.limits)
+    preflight = run_preflight(trajectory, settings.interval / 1000, limits, loop=settings.rounds != 1)
+    return PreparedTrajectory(settings, found, trajectory, preflight)
+
+
+POLL_SECONDS = 0.1
+"""Maximum time in seconds of one poll for the player's messages."""
+
+
+class PlayerSlot:
+    """Holds at most one player."""
+
+    def __init__(self) -> None:
+        self._player: PlayerProcess | None = None
+        self._ended: PlayEnded | None = None
+        self._read_lock = asyncio.Lock()
+
+    @property
+    def is_playing(self) -> bool:
+        return self._player is not None
+
+    async def start_player(self, plan: PlayPlan) -> None:
+        """Start a player; raises `OSError` if its process cannot be started."""
+        assert self._player is None
+        self._ended = None
+        self._player = await asyncio.to_thread(PlayerProcess, plan)
+
+    async def next_messages(self) -> list[PlayerMessage]:
+        """Wait at most `POLL_SECONDS` seconds for messages of the player, and return those that arrived.
+
+        The last message of a player says how the run ended, even if another caller ended the run.
+        """
+        async with self._read_lock:
+            if self._player is not None:
+                return await asyncio.to_thread(self._player.wait_for_messages, POLL_SECONDS)
+        await asyncio.sleep(POLL_SECONDS)
+        return [] if self._ended is None else [self._ended]
+
+    def answer_question(self, choice: str) -> None:
+        if self._player is not None:
+            self._player.answer(choice)
+
+    def stop(self) -> None:
+        """Tell the player to bring the robot to rest on its path, and then to end in order."""
+        if self._player is not None:
+            self._player.stop()
+
+    def halt(self) -> bool:
+        """Stop the robot without waiting; return whether a player is running. Any thread may call this."""
+        player = self._player
+        if player is not None:
+            player.halt()
+        return player is not None
+
+    async def end_player(self) -> None:
+        """If a player is running, stop it in order and wait until it has ended."""
+        player, self._player = self._player, None
+        if player is not None:
+            player.stop()
+            async with self._read_lock:
+                self._ended = await asyncio.to_thread(player.close)
+
+
+MAX_SAMPLES = 600
+"""Number of readings in the plots: half a minute at twenty readings per second."""
+
+
+@dataclass(slots=True)
+class PlaybackRun:
+    """What the player has reported about one run.
+
+    Attributes:
+        samples: Latest readings, each as elapsed seconds, set point and returned pose.
+        preflight: Pre-flight check against the connected controller; None before the connection.
+        readiness: Text on the real-time settings that the system allows; None until the player reports it.
+    """
+
+    plan: PlayPlan
+    trajectory: Trajectory
+    progress: PlayProgress | None = None
+    samples: deque[tuple[float, SetPointValues, SetPointValues]] = field(
+        default_factory=lambda: deque(maxlen=MAX_SAMPLES)
+    )
+    peer: ControllerInfo | None = None
+    preflight: PreflightResult | None = None
+    readiness: Message | None = None
+    troubles: list[PlayerProblem] = field(default_factory=list)
+    question: PlayerQuestion | None = None
+    ended: PlayEnded | None = None
+
+    def on_message(self, message: PlayerMessage) -> str | None:
+        """Store a message of the player; return the answer to a question that needs no user."""
+        if isinstance(message, PlayProgress):
+            if message.of or self.progress is None:
+                self.progress = message
+            else:
+                self.progress = structs.replace(self.progress, state=message.state)
+            if message.commanded:
+                self.samples.append((message.elapsed, message.commanded, message.returned))
+        elif isinstance(message, ControllerInfo):
+            self.peer = message
+            self.preflight = run_preflight_for(self.trajectory, self.plan, message)
+        elif isinstance(message, RealtimeReport):
+            self.readiness = message.text
+        elif isinstance(message, PlayerProblem):
+            self.troubles.append(message)
+        elif isinstance(message, PlayEnded):
+            self.ended, self.question = message, None
+        elif isinstance(message, PlayerQuestion):
+            if message.topic is QuestionTopic.BEGIN:
+                return "yes" if self.preflight is None or self.preflight.is_playable else "no"
+            self.question = message
+        return None
+
+    @property
+    def mode(self) -> SlaveMode | None:
+        """Slave mode in which the player plays; None until the controller is known."""
+        return None if self.peer is None else self.peer.slave_mode
+
+    @property
+    def buffer_margin(self) -> tuple[int, float, float] | None:
+        """Slots of the controller's buffer, ms that a full buffer lasts, ms left at the longest pause.
+
+        By the model, the controller takes one set point each 8 ms. The margin is None before the first set
+        point, or in a mode in which underflow is no error.
+        """
+        mode, progress = self.mode, self.progress
+        if mode is None or progress is None or not progress.cycle or mode.underflow_is_error is False:
+            return None
+        whole = float(mode.buffer_slots * PERIOD_MS)
+        longest = progress.cycle[-1][1] / 1e6
+        return mode.buffer_slots, whole, whole - max(0.0, longest - PERIOD_MS)

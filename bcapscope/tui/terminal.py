@@ -1,0 +1,158 @@
+"""What lies between Textual and the terminal: the drivers, and the filter of control characters."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
+from typing import IO, Any
+
+from rich.cells import cell_len
+from rich.segment import Segment
+from textual.color import Color
+from textual.driver import Driver
+from textual.drivers.web_driver import WebDriver
+from textual.events import Key
+from textual.filter import LineFilter
+from textual.message import Message
+
+HALT_KEYS = ("f12", "ctrl+backslash")
+"""Keys that stop the robot on every screen."""
+
+
+def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[Driver]:
+    """Return a terminal driver that calls `halt` in its reading thread as soon as it reads a HALT key.
+
+    The driver also discards its output after the terminal has gone, and takes over the terminal again when a
+    stopped program continues.
+    """
+
+    class HaltDriver(driver):  # type: ignore[valid-type, misc]  # the base class varies
+        _must_signal_resume: bool
+
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            file: IO[str] | None = getattr(self, "_file", None)
+            if file is not None:
+                self._file = _HangupSafeFile(file)
+
+        def process_message(self, message: Message) -> None:
+            if isinstance(message, Key) and message.key in HALT_KEYS:
+                halt()
+            super().process_message(message)
+
+        def _sigcont_application(self, *arguments: Any) -> None:
+            """Take over the terminal again; a terminal that hangs up sends SIGCONT after SIGHUP.
+
+            Textual alone would start second threads for reading and writing, and later end only one of each.
+            """
+            if not os.isatty(self.fileno):
+                return
+            if self._auto_restart and not self._must_signal_resume:
+                self.suspend_application_mode()
+                self._must_signal_resume = True  # redraws everything
+            super()._sigcont_application(*arguments)
+
+    return HaltDriver
+
+
+class _HangupSafeFile:
+    """An output file that discards data after the terminal has gone.
+
+    An error would end Textual's writing thread, and the program's shutdown would wait for that thread for
+    ever.
+    """
+
+    def __init__(self, file: IO[str]) -> None:
+        self._file = file
+        self.fileno = file.fileno
+
+    def write(self, text: str) -> None:
+        with suppress(OSError):
+            self._file.write(text)
+
+    def flush(self) -> None:
+        with suppress(OSError):
+            self._file.flush()
+
+
+def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) -> type[Driver]:
+    """Return a browser driver that survives the loss of its server; return any other driver unchanged.
+
+    Textual's browser driver raises an error when the server has gone, or keeps running unseen.
+
+    Args:
+        on_end: Ends the program in order. The event loop calls it when the viewer or the server has gone.
+    """
+    if not issubclass(driver, WebDriver):
+        return driver
+
+    class ServerSafeDriver(driver):  # type: ignore[valid-type, misc]  # mypy cannot know the base class
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            self._write = partial(_write_all, self.fileno)
+            self._end_program = partial(asyncio.get_running_loop().call_soon_threadsafe, on_end)
+
+        def on_meta(self, packet_type: str, payload: dict[str, object]) -> None:
+            """Handle a message from the server; the message `quit` ends the program as Ctrl-Q does."""
+            if packet_type == "quit":
+                self._end_program()
+            else:
+                super().on_meta(packet_type, payload)
+
+        def run_input_thread(self) -> None:
+            """Read keys until the screen closes or the server disconnects."""
+            super().run_input_thread()
+            if not self.exit_event.is_set():
+                self._end_program()
+
+    return ServerSafeDriver
+
+
+def _write_all(fileno: int, data: bytes) -> int:
+    """Write all of `data`, even if a signal interrupts a write; after the server has gone, discard it."""
+    size = len(data)
+    with suppress(OSError):
+        while data:
+            data = data[os.write(fileno, data) :]
+    return size
+
+
+_REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
+_IDEOGRAPHIC_SPACE = "\u3000"
+"""Python counts the ideographic space as not printable, but Japanese texts use it everywhere."""
+
+
+class ControlCharFilter(LineFilter):
+    """Replaces each character that is not visibly printable, after running all other line filters.
+
+    `ControlCharFilter` runs the other filters itself. Textual splits and joins each line once per filter, so
+    a single filter is faster.
+    """
+
+    def __init__(self, earlier_filters: Sequence[LineFilter] = ()) -> None:
+        super().__init__()
+        self.earlier_filters = tuple(earlier_filters)
+
+    def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
+        """Return the segments of a line without control characters; printable segments stay unchanged."""
+        for each in self.earlier_filters:
+            segments = each.apply(segments, background)
+        if all(segment.text.isprintable() for segment in segments):
+            return segments
+        return [
+            segment
+            if segment.text.isprintable()
+            else Segment(_replace_control_chars(segment.text), segment.style)
+            for segment in segments
+        ]
+
+
+def _replace_control_chars(text: str) -> str:
+    """Replace each control character by as many columns as Textual counted for the character."""
+    return "".join(
+        char if char.isprintable() or char == _IDEOGRAPHIC_SPACE else _REPLACEMENT * cell_len(char)
+        for char in text
+    )

@@ -1,0 +1,133 @@
+"""Bars of one line, in which a click on a text runs the action of that text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+from rich.cells import cell_len
+from rich.segment import Segment
+from rich.style import Style
+from rich.text import Text
+from textual.app import RenderResult
+from textual.reactive import var
+from textual.screen import Screen
+from textual.strip import Strip
+from textual.widget import Widget
+
+from bcapscope.messages.message import has_message
+from bcapscope.tui.app import app_of
+from bcapscope.tui.reader_language import label
+
+
+class ClickBar(Widget):
+    """Base class of the bars; a subclass renders its texts in the styles that `style_for` returns."""
+
+    auto_links = var(False)
+    """Textual's own link style is off, because it would draw clickable text in other colours."""
+
+    def style_for(self, name: str, action: str) -> Style:
+        """Return the style of a component class for a text whose click runs `action`."""
+        return self.get_component_rich_style(name) + Style(meta={"@click": action})
+
+
+class TopBar(ClickBar):
+    """Shows the screens with their keys, and `BcapApp.status` at the right; a click opens a screen."""
+
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"topbar--title", "topbar--here", "topbar--there"}
+
+    def on_mount(self) -> None:
+        self.watch(self.app, "status", self._show_status)
+
+    def _show_status(self) -> None:
+        self.refresh()
+
+    def render(self) -> RenderResult:
+        """Render the bar; if there is no room for screens and status, the status takes precedence."""
+        app = app_of(self)
+        status = Text.assemble(*((text, app.text_styles.get(ink, "")) for text, ink in app.status))
+        left = Text(" bcapscope ", style=self.get_component_rich_style("topbar--title"), end="")
+        for entry in app.screen_entries:
+            kind = "topbar--here" if entry.mode == app.current_mode else "topbar--there"
+            style = self.style_for(kind, f"app.switch_mode({entry.mode!r})")
+            left.append(f" {entry.key.upper()} {label(entry.name)} ", style=style)
+        space = self.size.width - left.cell_len - status.cell_len
+        if space < 0:
+            left.truncate(max(0, self.size.width - status.cell_len))
+        return Text.assemble(left, " " * max(0, space), status, no_wrap=True, end="")
+
+
+_ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")
+"""Keys that the bar always shows: HALT, help, the command palette."""
+
+
+class KeyBar(ClickBar):
+    """Shows as many keys and actions as fit, those of the focused widget first; a click runs the action."""
+
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"keybar--key", "keybar--text"}
+
+    def on_mount(self) -> None:
+        assert isinstance(self.screen, Screen)
+        self.screen.bindings_updated_signal.subscribe(self, lambda _: self.refresh())
+
+    def render(self) -> RenderResult:
+        pieces = {
+            key: self._make_piece(key, self.app.get_key_display(active.binding), active.binding.description)
+            for key, active in self.screen.active_bindings.items()
+            if active.binding.show and has_message(active.binding.description)
+        }
+        always = [pieces.pop(key) for key in tuple(pieces) if key in _ALWAYS_SHOWN]
+        room = self.size.width - sum(piece.cell_len for piece in always)
+        bar = Text(no_wrap=True, end="", overflow="ellipsis")
+        for piece in pieces.values():
+            room -= piece.cell_len
+            if room < 0:
+                break
+            bar.append_text(piece)
+        return bar.append_text(Text().join(always))
+
+    def _make_piece(self, key: str, key_text: str, name: str) -> Text:
+        action = f"app.simulate_key({key!r})"
+        return Text.assemble(
+            (f" {key_text} ", self.style_for("keybar--key", action)),
+            (f"{label(name)} ", self.style_for("keybar--text", action)),
+        )
+
+
+class ViewBar(ClickBar):
+    """Shows the views with keys and counts, and the progress at the right; a click shows a view."""
+
+    COMPONENT_CLASSES: ClassVar[set[str]] = {f"viewbar--{part}" for part in ("here", "there", "key", "state")}
+
+    def __init__(self, views: Mapping[str, str], *, id: str | None = None) -> None:
+        """Set the views, each with the label key of its name."""
+        super().__init__(id=id)
+        self._views = views
+        self._current_view = ""
+        self._counts: Mapping[str, str] = {}
+        self._states: Sequence[str] = ()
+
+    def show_counts(self, current_view: str, counts: Mapping[str, str], states: Sequence[str]) -> None:
+        """Show which view is visible, the counts by view, and the first of several state texts that fits."""
+        if (current_view, counts, states) != (self._current_view, self._counts, self._states):
+            self._current_view, self._counts, self._states = current_view, counts, states
+            self.refresh()
+
+    def render_line(self, y: int) -> Strip:
+        """Render the bar, and omit texts that do not fit."""
+        width = self.size.width
+        bar: list[Segment] = []
+        for number, (view, name) in enumerate(self._views.items(), 1):
+            count = self._counts.get(view, "")
+            key_style, text_style = ("here", "here") if view == self._current_view else ("key", "there")
+            for style, text in (
+                (key_style, f" {number} "),
+                (text_style, f"{label(name)} {count} " if count else f"{label(name)} "),
+            ):
+                bar.append(Segment(text, self.style_for(f"viewbar--{style}", f"screen.view({view!r})")))
+        space = width - sum(segment.cell_length for segment in bar)
+        state = next((f"{text} " for text in self._states if cell_len(text) < space), "")
+        if state:
+            bar.append(Segment(" " * (space - cell_len(state)), self.rich_style))
+            bar.append(Segment(state, self.get_component_rich_style("viewbar--state")))
+        return Strip(bar).adjust_cell_length(width, self.rich_style)

@@ -1,0 +1,318 @@
+"""Lists of frames and of calls: every row is drawn only when it is shown, so that a million rows are fast."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from array import array
+from bisect import bisect_left, insort
+from collections.abc import Callable, Collection
+from typing import ClassVar, TypeAlias
+
+from textual.binding import Binding, BindingType
+
+from bcapscope.capture.call_store import CallStore, StoredCall
+from bcapscope.capture.observation_store import ObservationStore
+from bcapscope.protocol.text_format import display_width
+from bcapscope.render.call_text import CallRenderer
+from bcapscope.render.escape import printable
+from bcapscope.render.frame_line import FrameLineRenderer
+from bcapscope.render.timestamp import TimeFormat
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.filter.getters import AnnotatedFrame
+from bcapscope.traffic.observation import Direction, Flow
+from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label, reader_words
+from bcapscope.tui.widgets.lines import Lines
+
+EndpointWriter: TypeAlias = Callable[[Flow], str]
+
+_MAX_CLIENT_LENGTH = 45
+
+
+def direction_arrow(flow: Flow) -> str:
+    return "→" if flow.direction is Direction.REQUEST else "←"
+
+
+def client_and_arrow(flow: Flow) -> str:
+    return f"{printable(str(flow.conversation.client))[:_MAX_CLIENT_LENGTH]:<21} {direction_arrow(flow)}"
+
+
+class RecordList(Lines):
+    """Shows all records, or the records that match a filter, as far as the search has found them.
+
+    Attributes:
+        clock: Format of the times in the lines.
+        matches: Numbers, from 1, of the records that match the filter; None without a filter.
+    """
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self.matches: array[int] | None = None
+        self.clock, self._shows_client, self._origin = TimeFormat.RELATIVE, False, 0
+        self.use_format(self.clock, direction_arrow, 0)
+
+    @abstractmethod
+    def use_format(self, clock: TimeFormat, write_endpoints: EndpointWriter, origin: int) -> None:
+        """Render later lines in a format; `origin` is the zero of relative times."""
+
+    def set_line_format(self, clock: TimeFormat, with_client: bool, origin: int) -> None:
+        """Set the format of times, whether lines show the client, and the zero of relative times."""
+        if (clock, with_client, origin) != (self.clock, self._shows_client, self._origin):
+            self.clock, self._shows_client, self._origin = clock, with_client, origin
+            self.use_format(clock, client_and_arrow if with_client else direction_arrow, origin)
+            self.repaint()
+
+    @property
+    def client_header(self) -> str:
+        """Header of the columns for client and arrow; "" if lines do not show the client."""
+        return f"{left_aligned(label('traffic.head.client'), 21)}   " if self._shows_client else ""
+
+    @abstractmethod
+    def header(self) -> str:
+        """Return the titles of the columns."""
+
+    def row_count(self, total: int) -> int:
+        """Return the number of rows: the number of matches, or `total` without a filter."""
+        return total if self.matches is None else len(self.matches)
+
+    def record_at(self, row: int) -> int:
+        """Return the number, from 1, of the record that a row shows."""
+        return row + 1 if self.matches is None else self.matches[row]
+
+    def row_of(self, number: int) -> int | None:
+        """Return the row that shows a record; None if the filter hides the record."""
+        row = self.nearest_row(number)
+        return row if self.matches is None or number in self.matches[row : row + 1] else None
+
+    def nearest_row(self, number: int) -> int:
+        """Return the row of a record; if the filter hides it, the row of the next record that is shown."""
+        return number - 1 if self.matches is None else bisect_left(self.matches, number)
+
+
+def left_aligned(text: str, width: int) -> str:
+    """Left-align a text in a column; a wide character counts as two columns."""
+    return text + " " * max(0, width - display_width(text))
+
+
+def right_aligned(text: str, width: int) -> str:
+    """Right-align a text in a column; a wide character counts as two columns."""
+    return " " * max(0, width - display_width(text)) + text
+
+
+MARKED, RELATED, EVIDENCE = "●", "┃", "◆"
+"""Marks before a frame: marked by the user, part of the call under the cursor, proof of a finding."""
+
+
+class FrameList(RecordList):
+    """Shows the frames of the journal that `open_journal` sets.
+
+    Attributes:
+        marks: Notes by frame number; "" for a frame that the user marked without a note.
+        related: Numbers of the frames of the call under the cursor.
+        evidence: Numbers of the frames that prove the selected finding.
+    """
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self.marks: dict[int, str] = {}
+        self.related: Collection[int] = ()
+        self.evidence: Collection[int] = ()
+        self._journal: ObservationStore | None = None
+
+    def open_journal(self, journal: ObservationStore, live: bool) -> None:
+        self._journal = journal
+        self.follows_end = live
+
+    def clear_source(self) -> None:
+        self.matches, self.marks, self.related, self.evidence = None, {}, (), ()
+        self._journal = None
+        self.reset_lines()
+
+    def use_format(self, clock: TimeFormat, write_endpoints: EndpointWriter, origin: int) -> None:
+        self._renderer = FrameLineRenderer(clock, INK, write_endpoints=write_endpoints, words=reader_words())
+        self._renderer.set_time_origin(origin)
+
+    @property
+    def count(self) -> int:
+        return self.row_count(len(self._journal)) if self._journal is not None else 0
+
+    @property
+    def frame_number(self) -> int | None:
+        """Number of the frame under the cursor; None if there is none."""
+        return self.record_at(self.cursor) if self.cursor < self.count else None
+
+    def read_frame(self, number: int) -> AnnotatedFrame:
+        assert self._journal is not None
+        return self._journal.read_frame(number)
+
+    def line(self, index: int) -> str:
+        """Return the line of a frame, which begins with the marks of the frame."""
+        number = self.record_at(index)
+        if self.clock is TimeFormat.DELTA and self._journal is not None:
+            self._renderer.set_time_origin(self._journal.time_of(self.record_at(max(0, index - 1))))
+        frame, call_kind, comments = self.read_frame(number)
+        note = self.marks.get(number)
+        if note:
+            comments = (*comments, note)
+        return f"{self._gutter(number)}{self._renderer.line(frame, call_kind, comments)}"
+
+    def line_state(self, index: int) -> str:
+        """Return the marks before a line, because they change the look of the line."""
+        return self._gutter(self.record_at(index))
+
+    def _gutter(self, number: int) -> str:
+        mark = f"{INK.problem}{MARKED}{INK.reset}" if number in self.marks else " "
+        if number in self.evidence:
+            return f"{mark}{INK.bad}{EVIDENCE}{INK.reset}"
+        return f"{mark}{INK.good}{RELATED}{INK.reset}" if number in self.related else f"{mark} "
+
+    def show_related(self, related: Collection[int]) -> None:
+        """Mark the given frames as part of the call under the cursor, and remove earlier such marks."""
+        if related != self.related:
+            changed = [self.row_of(number) for number in {*related, *self.related}]
+            self.related = related
+            self.redraw_lines(*(index for index in changed if index is not None))
+
+    def header(self) -> str:
+        time = {TimeFormat.UTC: 30, TimeFormat.EPOCH: 20}.get(self.clock, 12)
+        client = self.client_header or "  "
+        widths = {"number": 6, "time": time, "serial": 5, "reserved": 5}
+        titles = {name: right_aligned(label(f"traffic.head.{name}"), width) for name, width in widths.items()}
+        head = f"  {titles['number']} {titles['time']} {client}{titles['serial']} {titles['reserved']}"
+        return f"{head}  {label('traffic.head.what')}"
+
+
+class CallList(RecordList):
+    """Shows the calls of the store that `open_calls` sets."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("right", "unfold(True)", "traffic.unfold", show=False),
+        Binding("left", "unfold(False)", "", show=False),
+        Binding("space", "turn", "", show=False),
+    ]
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._calls: CallStore | None = None
+        self._unfolded: list[tuple[int, int]] = []
+
+    def open_calls(self, calls: CallStore, live: bool) -> None:
+        self._calls = calls
+        self.follows_end = live
+
+    def clear_source(self) -> None:
+        self.matches, self._calls = None, None
+        self.show_rows()
+
+    def use_format(self, clock: TimeFormat, write_endpoints: EndpointWriter, origin: int) -> None:
+        self._renderer = CallRenderer(clock, INK, write_endpoints, reader_words())
+        self._renderer.set_time_origin(origin)
+
+    @property
+    def count(self) -> int:
+        return self._call_count() + sum(extra for _, extra in self._unfolded)
+
+    def _call_count(self) -> int:
+        return self.row_count(len(self._calls)) if self._calls is not None else 0
+
+    def show_rows(self) -> None:
+        """Redraw the list after `matches` has changed, with all calls folded."""
+        self._unfolded.clear()
+        self.reset_lines()
+
+    def _locate_line(self, index: int) -> tuple[int, int]:
+        """Return the position of the call at a line, and the number of its frame there (0 for none)."""
+        above = 0
+        for position, extra in self._unfolded:
+            line = position + above
+            if index <= line:
+                break
+            if index <= line + extra:
+                return position, index - line
+            above += extra
+        return index - above, 0
+
+    def _line_of(self, position: int) -> int:
+        return position + sum(extra for each, extra in self._unfolded if each < position)
+
+    def call_row(self, position: int) -> StoredCall:
+        assert self._calls is not None
+        return self._calls.read_call(self.record_at(position) - 1)
+
+    @property
+    def current_call(self) -> tuple[StoredCall, int] | None:
+        """The call under the cursor, and the number of the frame under the cursor; None in an empty list."""
+        if self.cursor >= self.count:
+            return None
+        position, part = self._locate_line(self.cursor)
+        row = self.call_row(position)
+        if isinstance(row.settled, Call):
+            events = row.settled.frames
+            number = (
+                events[part - 1].observation.number if 0 < part <= len(events) else row.settled.request.number
+            )
+            return row, number
+        return row, row.settled.observation.number
+
+    def go_to_call(self, row: int) -> bool:
+        """Select a call by its number from 1; return whether the list shows the call."""
+        position = self.row_of(row)
+        if position is None or position >= self._call_count():
+            return False
+        self.move_cursor_to(self._line_of(position))
+        return True
+
+    def line(self, index: int) -> str:
+        position, part = self._locate_line(index)
+        row = self.call_row(position)
+        call = row.settled
+        if not part:
+            if self.clock is TimeFormat.DELTA:
+                above = self.call_row(max(0, position - 1)).settled
+                first = above.request if isinstance(above, Call) else above.observation
+                self._renderer.set_time_origin(first.time)
+            many = isinstance(call, Call) and bool(call.other_frames)
+            fold = " " if not isinstance(call, Call) else "▾" if self._is_unfolded(position) else "▸"
+            color = INK.problem if many else INK.dim
+            return f"{color}{fold}{INK.reset}{self._renderer.line(call, row.subject)}"
+        if not isinstance(call, Call) or part > len(call.frames):
+            return ""
+        events = call.frames
+        event = events[part - 1]
+        before = events[part - 2].observation.time if part > 1 else call.request.time
+        bracket = "└─" if part == len(events) else "├─"
+        return f"        {INK.dim}{bracket}{INK.reset} {self._renderer.event_line(event, before, call)}"
+
+    def _is_unfolded(self, position: int) -> bool:
+        return any(each == position for each, _ in self._unfolded)
+
+    def action_unfold(self, wanted: bool) -> None:
+        if self.cursor >= self.count:
+            return
+        position, _ = self._locate_line(self.cursor)
+        if self._is_unfolded(position) == wanted:
+            return
+        if wanted:
+            call = self.call_row(position).settled
+            if not isinstance(call, Call):
+                return
+            insort(self._unfolded, (position, len(call.frames)))
+        else:
+            self._unfolded = [each for each in self._unfolded if each[0] != position]
+        self.reset_lines(self._line_of(position))
+
+    def action_turn(self) -> None:
+        if self.cursor < self.count:
+            self.action_unfold(not self._is_unfolded(self._locate_line(self.cursor)[0]))
+
+    def action_choose(self) -> None:
+        if self.cursor < self.count and self._locate_line(self.cursor)[1]:
+            super().action_choose()
+        else:
+            self.action_turn()
+
+    def header(self) -> str:
+        client = self.client_header or "   "
+        call = right_aligned(label("traffic.head.call"), 6)
+        time = right_aligned(label("traffic.head.time"), 12)
+        return f" {call} {time} {client} {label('traffic.head.what')}"
