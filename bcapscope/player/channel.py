@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Protocol
 
 from bcapscope.messages import Message
-from bcapscope.transport.peer_link import Address, BaseLink
+from bcapscope.transport.peer_link import Address, Link
 from bcapscope.transport.receive_timestamps import (
     ANCILLARY_SIZE,
     AncillaryData,
@@ -40,7 +40,7 @@ _CLOCK_TOLERANCE = 100_000
 time."""
 
 
-class Channel(BaseLink, Protocol):
+class Channel(Link, Protocol):
     """A link to the controller that can wait until a given time; times are ns of the clock of `now`."""
 
     @property
