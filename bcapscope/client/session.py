@@ -229,8 +229,8 @@ async def open_session(
 ) -> AsyncIterator[Session]:
     """Open a link. The end of the block releases all objects that calls have opened, even after an error.
 
-    `open_link` is the result of `over_udp` or `over_tcp`. By default, the reserved field follows DENSO's slides
-    on UDP, and is 0 on TCP. `observer` gets every frame, and `listener` gets every event.
+    `open_link` is the result of `over_udp` or `over_tcp`. By default, the reserved field follows DENSO's
+    slides on UDP, and is 0 on TCP. `observer` gets every frame, and `listener` gets every event.
 
     Raises:
         OSError: The controller cannot be reached, or does not listen.

