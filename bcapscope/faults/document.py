@@ -20,7 +20,7 @@ except ImportError:  # PyYAML was built without libyaml
     from yaml import SafeLoader  # type: ignore[assignment]  # the same loader, in Python
 
 from bcapscope.errors import InputError
-from bcapscope.faults.fault import ALIASES, AnyFault
+from bcapscope.faults.fault_kinds import ALIASES, AnyFault
 from bcapscope.faults.quantities import QUANTITIES
 from bcapscope.faults.yaml_events import YamlError, yaml_events
 from bcapscope.messages import Message

@@ -21,11 +21,19 @@ from typing import Any, TypeAlias
 
 from bcapscope.errors import InputError
 from bcapscope.faults.attempt_counter import AttemptCounter
-from bcapscope.faults.fault import AnyFault, CloseMode, Fault
-from bcapscope.faults.fault_effects import EFFECTS, FaultedMessage, FaultEffect
+from bcapscope.faults.fault import CloseMode, Fault
+from bcapscope.faults.fault_kinds import AnyFault
 from bcapscope.faults.fault_matcher import FaultMatcher
 from bcapscope.faults.reply_factory import ReplyFactory
-from bcapscope.faults.wire_message import CloseConnection, FaultOutput, FaultResult, SendBytes, WireMessage
+from bcapscope.faults.rewriter import Rewriter
+from bcapscope.faults.wire_message import (
+    CloseConnection,
+    FaultedMessage,
+    FaultOutput,
+    FaultResult,
+    SendBytes,
+    WireMessage,
+)
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.call_kind import RecentRequests
@@ -44,19 +52,18 @@ _RESPONSE = Direction.RESPONSE
 _FlowKey: TypeAlias = tuple[Conversation, Direction]
 
 
-class ActiveFault:
+class ActiveFault(FaultMatcher):
     """A fault that the injector applies.
 
     Attributes:
-        matcher: Decides which messages the fault hits; has the fault's name, switch and count.
-        effect: Changes the messages that the fault hits.
+        state: What the fault remembers from message to message.
     """
 
-    __slots__ = ("effect", "matcher")
+    fault: AnyFault
 
-    def __init__(self, matcher: FaultMatcher) -> None:
-        self.matcher = matcher
-        self.effect: FaultEffect[Any] = EFFECTS[type(matcher.fault)](matcher.fault)
+    def __init__(self, fault: AnyFault, name: str, seed: int, now: int) -> None:
+        super().__init__(fault, name, seed, now)
+        self.state = fault.initial_state()
 
 
 class _QueuedOutput:
@@ -101,11 +108,9 @@ class FaultInjector:
         self._message_count = 0
         self._templates = FrameTemplates()
         self._needs_pairing = False
-        self._recent_requests, self._attempt_counter, self._reply_factory = (
-            RecentRequests(),
-            AttemptCounter(),
-            ReplyFactory(),
-        )
+        self._recent_requests = RecentRequests()
+        self._attempt_counter = AttemptCounter()
+        self._reply_factory = ReplyFactory()
         self._queue: list[tuple[int, int, _QueuedOutput]] = []
         self._sequence = 0
         self._queued_bytes = 0
@@ -123,11 +128,11 @@ class FaultInjector:
         Raises:
             InputError: Another fault has the same name.
         """
-        names = {rule.matcher.name for rule in self.active_faults}
+        names = {rule.name for rule in self.active_faults}
         if fault.name in names:
             raise InputError(Message("fault.exists", name=fault.name))
         name = fault.name or _generated_name(fault, names)
-        self.active_faults.append(ActiveFault(FaultMatcher(fault, name, self._seed, now)))
+        self.active_faults.append(ActiveFault(fault, name, self._seed, now))
         self._update_needs_pairing()
         return name
 
@@ -146,7 +151,7 @@ class FaultInjector:
         Raises:
             KeyError: There is no fault of this name.
         """
-        self.find(name).matcher.enabled = enabled
+        self.find(name).enabled = enabled
         self._update_needs_pairing()
 
     def find(self, name: str) -> ActiveFault:
@@ -156,34 +161,30 @@ class FaultInjector:
             KeyError: There is no fault of this name.
         """
         for rule in self.active_faults:
-            if rule.matcher.name == name:
+            if rule.name == name:
                 return rule
         raise KeyError(name)
 
     @property
     def hit_counts(self) -> dict[str, int]:
-        return {rule.matcher.name: rule.matcher.hit_count for rule in self.active_faults}
+        return {rule.name: rule.hit_count for rule in self.active_faults}
 
     def is_idle(self, now: int) -> bool:
         """Return whether messages may bypass the injector: no message is held and no fault can hit."""
         return (
             not self._queue
             and not self._half_open
-            and all(not rule.matcher.enabled or rule.matcher.is_over(now) for rule in self.active_faults)
+            and all(not rule.enabled or rule.is_over(now) for rule in self.active_faults)
         )
 
     def needs_frames(self, now: int) -> bool:
         """Return whether streams must be split into frames. Otherwise the bytes may come in any pieces."""
         return any(
-            rule.matcher.fault.needs_frames
-            for rule in self.active_faults
-            if rule.matcher.enabled and not rule.matcher.is_over(now)
+            rule.fault.needs_frames for rule in self.active_faults if rule.enabled and not rule.is_over(now)
         )
 
     def _update_needs_pairing(self) -> None:
-        self._needs_pairing = any(
-            rule.matcher.enabled and rule.matcher.needs_pairing for rule in self.active_faults
-        )
+        self._needs_pairing = any(rule.enabled and rule.needs_pairing for rule in self.active_faults)
 
     # messages
 
@@ -207,11 +208,11 @@ class FaultInjector:
         if self._needs_pairing:
             message.annotate_with_attempts(self._recent_requests, self._attempt_counter)
         self._reply_factory.on_message(flow, data)
-        struck = self._draw_hits(message)
-        if not struck:
+        hits = self._draw_hits(message)
+        if not hits:
             return self._pass_unchanged(flow, data, now, outputs)
-        work = FaultedMessage(message, self._reply_factory)
-        touched = tuple(self._apply_hits(work, struck))
+        work = FaultedMessage(message, self._reply_factory, data)
+        touched = tuple(self._apply_hits(work, hits))
         if work.half_open:
             self._half_open[flow.conversation] = touched[-1]
         if self.is_full and message.is_datagram and not work.is_lost:
@@ -276,7 +277,8 @@ class FaultInjector:
         self._recent_requests.close_conversation(conversation)
         self._attempt_counter.close_conversation(conversation)
         for rule in self.active_faults:
-            rule.effect.close_conversation(conversation)
+            if isinstance(rule.state, Rewriter):
+                rule.state.close_conversation(conversation)
         for direction in Direction:
             self._stream_busy_until.pop((conversation, direction), None)
             self._held_behind.pop((conversation, direction), None)
@@ -290,23 +292,22 @@ class FaultInjector:
         self._queued_bytes = sum(parcel.size for _, _, parcel in self._queue)
 
     def _draw_hits(self, message: WireMessage) -> list[tuple[ActiveFault, Any]]:
-        struck = []
+        hits = []
         for rule in self.active_faults:
-            striker = rule.matcher
-            if striker.matches(message) and striker.draw():
-                drawn = rule.effect.draw(striker.rng, message)
+            if rule.matches(message) and rule.draw():
+                drawn = rule.fault.draw(rule, message)
                 if drawn is not None:
-                    struck.append((rule, drawn))
-        return struck
+                    hits.append((rule, drawn))
+        return hits
 
     def _apply_hits(self, faulted: FaultedMessage, hits: list[tuple[ActiveFault, Any]]) -> Iterable[Message]:
         for rule, drawn in hits:
             if faulted.is_final:
                 return
-            what = rule.effect.apply(faulted, drawn, rule.matcher.ends_at)
+            what = rule.fault.apply(faulted, drawn, rule)
             if what is not None:
-                rule.matcher.count_hit()
-                yield Message("fault.did", name=rule.matcher.name, what=what)
+                rule.count_hit()
+                yield Message("fault.did", name=rule.name, what=what)
 
     def _pass_unchanged(self, flow: Flow, data: bytes, now: int, outputs: list[FaultOutput]) -> FaultResult:
         if not self._queue and not self._held_behind:

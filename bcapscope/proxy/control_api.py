@@ -8,9 +8,8 @@ from typing import Any, NamedTuple, TypeVar
 
 from bcapscope.errors import InputError, message_of
 from bcapscope.faults.document import DocumentError, fault_from, to_plain_data
-from bcapscope.faults.fault_notation import read_fault, write_fault
+from bcapscope.faults.fault_notation import read_fault, rewrite_message, write_fault
 from bcapscope.faults.quantities import DurationQuantity, FrameCondition
-from bcapscope.faults.rewriter import rewrite_message
 from bcapscope.messages import Message
 from bcapscope.messages.message_codec import message_to_data
 from bcapscope.protocol.tables.function_table import function_name
@@ -160,11 +159,9 @@ def _quantity(field: str, kind: type[Q], text: str | None) -> Q | None:
 
 
 def _fault_status(rules: RulePolicy, name: str) -> control.FaultStatus:
-    matcher = rules.shaper.find(name).matcher
-    fault = matcher.fault
-    return control.FaultStatus(
-        name, matcher.enabled, matcher.hit_count, write_fault(fault), to_plain_data(fault)
-    )
+    active = rules.shaper.find(name)
+    rule, data = write_fault(active.fault), to_plain_data(active.fault)
+    return control.FaultStatus(name, active.enabled, active.hit_count, rule, data)
 
 
 def _client_status(client: ClientActivity, upstream: str, now: int) -> control.ClientStatus:

@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 
 from bcapscope.faults import fault_notation
 from bcapscope.faults.document import RuleFile, read_document
-from bcapscope.faults.fault import (
+from bcapscope.faults.fault import CloseMode, JitterDistribution
+from bcapscope.faults.fault_kinds import (
     AnswerFault,
     AnyFault,
     BandwidthFault,
     BurstFault,
     CloseFault,
-    CloseMode,
     CorruptFault,
     DelayFault,
     DropFault,
@@ -22,7 +22,6 @@ from bcapscope.faults.fault import (
     ExecutingFault,
     GarbageFault,
     HalfOpenFault,
-    JitterDistribution,
     PartitionFault,
     PassFault,
     ReorderFault,

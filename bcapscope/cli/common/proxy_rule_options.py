@@ -19,7 +19,7 @@ from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 
 if TYPE_CHECKING:  # local imports, because `tui` also has these options and must open a capture fast
-    from bcapscope.faults.fault import AnyFault
+    from bcapscope.faults.fault_kinds import AnyFault
     from bcapscope.faults.quantities import DurationQuantity, FrameCondition
     from bcapscope.proxy.control_socket import ControlServer
     from bcapscope.proxy.relay import Relay

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 
-from bcapscope.faults.rewriter import rewrite_message
+from bcapscope.faults.fault_notation import rewrite_message
 from bcapscope.protocol.codec.frame import Frame, parse_datagram
 from bcapscope.render.notation_text import untyped_text
 from bcapscope.traffic.observation import Flow
