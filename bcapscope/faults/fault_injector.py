@@ -267,7 +267,7 @@ class FaultInjector:
         self._held_behind.pop(way, None)
         if flow.conversation in self._half_open:
             return []
-        outputs = [parcel.output for _, _, parcel in sorted(found, key=_queue_order)]
+        outputs = [parcel.output for _, _, parcel in sorted(found, key=lambda entry: entry[:2])]
         return [output.data for output in outputs if isinstance(output, SendBytes)]
 
     def close_conversation(self, conversation: Conversation) -> None:
@@ -403,10 +403,6 @@ def _flow_key(flow: Flow) -> _FlowKey:
 
 def _to_client(flow: Flow) -> Flow:
     return flow if flow.direction is _RESPONSE else Flow(flow.conversation, _RESPONSE)
-
-
-def _queue_order(entry: tuple[int, int, _QueuedOutput]) -> tuple[int, int]:
-    return entry[:2]
 
 
 def _is_of(output: FaultOutput | None, key: _FlowKey) -> bool:

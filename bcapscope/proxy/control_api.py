@@ -14,7 +14,7 @@ from bcapscope.messages import Message
 from bcapscope.messages.message_codec import message_to_data
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.proxy import control_messages as control
-from bcapscope.proxy.direction_state import ClientActivity
+from bcapscope.proxy.direction_state import DirectionState
 from bcapscope.proxy.intercept import HeldMessage
 from bcapscope.proxy.rule_policy import RulePolicy
 
@@ -75,7 +75,7 @@ class ControlApi:
                 return control.HeldResponse(held=[_held_status(each, now) for each in rules.intercept.held])
             case control.ListClients():
                 upstream = self._upstream
-                clients = [_client_status(each, upstream(each.number), now) for each in rules.clients()]
+                clients = [_client_status(*pair, upstream(pair[0].client), now) for pair in rules.clients()]
                 return control.ClientsResponse(clients=clients)
             case control.GetStats():
                 return self._stats()
@@ -164,19 +164,19 @@ def _fault_status(rules: RulePolicy, name: str) -> control.FaultStatus:
     return control.FaultStatus(name, active.enabled, active.hit_count, rule, data)
 
 
-def _client_status(client: ClientActivity, upstream: str, now: int) -> control.ClientStatus:
-    conversation = client.conversation
+def _client_status(up: DirectionState, down: DirectionState, upstream: str, now: int) -> control.ClientStatus:
+    conversation = up.flow.conversation
     return control.ClientStatus(
-        client.number,
+        up.client,
         str(conversation.client),
         str(conversation.server),
         conversation.transport,
         upstream,
-        round((now - client.since) / 1e9, 3),
-        client.up,
-        _seconds_ago(client.last_request_at, now),
-        client.down,
-        _seconds_ago(client.last_reply_at, now),
+        round((now - up.connected_at) / 1e9, 3),
+        up.piece_count,
+        _seconds_ago(up.last_piece_at, now),
+        down.piece_count,
+        _seconds_ago(down.last_piece_at, now),
     )
 
 

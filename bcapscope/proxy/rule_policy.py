@@ -21,12 +21,13 @@ from bcapscope.messages.places import joined_clauses
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.proxy.direction_state import (
-    ClientActivity,
     ClientStates,
     DecisionBuilder,
     DirectionState,
     UndecidedMessage,
+    is_stop_request,
     join_untouched_bytes,
+    mark_overtaken,
     split_held_requests,
 )
 from bcapscope.proxy.intercept import HeldMessage, Intercept
@@ -34,7 +35,6 @@ from bcapscope.proxy.message_sender import MessageSender
 from bcapscope.proxy.policy import CloseAction, LateDecision, PolicyAction, PolicyDecision, SendAction
 from bcapscope.proxy.request_guard import RequestGuard
 from bcapscope.proxy.rule_report import names_with_counts, report_lines
-from bcapscope.proxy.script_bypass import is_stop_request, mark_overtaken
 from bcapscope.proxy.script_protocol import ScriptAnswer
 from bcapscope.proxy.script_queue import ScriptDecision, ScriptQueue
 from bcapscope.traffic.call_kind import RecentRequests
@@ -236,8 +236,9 @@ class RulePolicy:
 
     # for the control socket and the screen
 
-    def clients(self) -> Iterator[ClientActivity]:
-        return self._clients.activities()
+    def clients(self) -> Iterator[tuple[DirectionState, DirectionState]]:
+        """Yield the request direction and the response direction of each client."""
+        return self._clients.pairs()
 
     def on_rules_changed(self, now: int) -> None:
         """Handle changed faults or a changed intercept: forward incomplete frames that no rule needs."""
@@ -304,7 +305,7 @@ class RulePolicy:
         decides = scripts.decides(state.flow.direction)
         if not decides or is_stop_request(message):
             if decides:
-                mark_overtaken(message, state, self._clients.requests())
+                mark_overtaken(message, state, (up for up, _ in self._clients.pairs()))
             scripts.show_message(state.client, message, None)
             return message
         if message.is_datagram and not scripts.has_room(state.client):
