@@ -21,7 +21,7 @@ from bcapscope.proxy.poller import READ, make_poller, open_ticker, wait_precisel
 from bcapscope.proxy.relay_session import ClientEndpoints, ClientListener, RelaySession
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind, RingWriter
 from bcapscope.proxy.sockets import should_report
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
+from bcapscope.traffic.observation import Direction, Endpoint, Transport
 from bcapscope.transport.descriptors import SpareDescriptors
 
 Handler: TypeAlias = Callable[[int], None]
@@ -391,7 +391,3 @@ def encode_note(note: Message | None) -> bytes:
 def direction_of(up: bool) -> Direction:
     """Return the direction: requests go up, replies go down."""
     return Direction.REQUEST if up else Direction.RESPONSE
-
-
-def client_conversation(client: Endpoint, controller: Endpoint, transport: Transport) -> Conversation:
-    return Conversation(client, controller, transport, "the proxy")

@@ -10,12 +10,11 @@ from contextlib import suppress
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.poller import ERROR, HANG_UP, READ, WRITE
-from bcapscope.proxy.relay import Relay, client_conversation, encode_note
-from bcapscope.proxy.relay_session import ClientEndpoints
+from bcapscope.proxy.relay import Relay, encode_note
+from bcapscope.proxy.relay_session import ClientEndpoints, RelaySession
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.sockets import SocketAddress, endpoint_of, keep_alive
 from bcapscope.traffic.observation import Endpoint, Transport
-from bcapscope.transport.first_frame_queue import source_network
 from bcapscope.transport.tcp_link import close_with_reset
 
 CONNECT_TIMEOUT_NS = 10_000_000_000
@@ -70,8 +69,8 @@ class _HalfConnection:
         self.source_ended = self.sink_shut = False
 
 
-class TcpSession:
-    """A TCP client and its connection to the controller; `RelaySession` describes the attributes."""
+class TcpSession(RelaySession):
+    """A TCP client and its connection to the controller."""
 
     def __init__(
         self,
@@ -86,18 +85,15 @@ class TcpSession:
         `ends` holds the sockets toward the client and the controller. `first` holds the bytes that the client
         has sent so far, and their receipt in ns since 1970.
         """
+        super().__init__(relay, Transport.TCP, address, to)
         client, server = ends
         for sock in ends:
             sock.setblocking(False)
             with suppress(OSError):  # macOS refuses options for a connection that the client has closed
                 sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 keep_alive(sock)
-        self.number = relay.next_number()
-        self.conversation = client_conversation(endpoint_of(address), to, Transport.TCP)
-        self.source = source_network(address[0])
-        self.last_heard = self._last_activity = relay.now
+        self._last_activity = relay.now
         self._first = first
-        self._relay = relay
         self._to = to
         self._client = client
         self._controller = server

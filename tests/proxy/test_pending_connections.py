@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from typing import cast
 
 import pytest
 
@@ -13,6 +14,7 @@ from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.proxy.admission import MAX_CLIENTS, MAX_PER_SOURCE
 from bcapscope.proxy.pending_connections import PendingConnections
+from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.sockets import SocketAddress
 from bcapscope.traffic.observation import Endpoint
@@ -106,7 +108,7 @@ class Scene:
         self.handlers: dict[int, Callable[[int], None]] = {}
         self.denied: list[str] = []
         self.admitted: list[bytes] = []
-        self.entrance = PendingConnections(self)
+        self.entrance = PendingConnections(cast(Relay, self))
 
     def watch(self, descriptor: int, handler: Callable[[int], None]) -> None:
         self.handlers[descriptor] = handler

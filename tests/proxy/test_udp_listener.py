@@ -288,7 +288,7 @@ def test_full_buffers_of_the_system_are_counted() -> None:
             server.recv(100)
             port = proxy.relay._listeners[0]
             assert isinstance(port, udp_listener.UdpListener)
-            port.listening_socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+            port.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
             for _ in range(50):
                 for _ in range(200):
                     client.send(bytes(1000))
