@@ -53,8 +53,7 @@ class ControlClient:
         self._socket: socket.socket | None = None
 
     def request(self, request: control.ControlRequest, kind: type[R]) -> R:
-        """Send a request and return the response as an object of type `kind`, within `ANSWERS_WITHIN`
-        seconds.
+        """Send a request and return the response as an object of type `kind`.
 
         Raises:
             ControlError: No program listens on the address, or the program is no proxy of this version.
@@ -77,22 +76,19 @@ class ControlClient:
         try:
             line = self._send_and_receive(control.encode_line(request), limit)
             head = control.decode_response(line, control.ErrorResponse)
-        except (
-            ConnectionError
-        ) as error:  # the connection broke during the request; connecting raises ControlError
+        except (OSError, ValueError) as error:
             self.close()
-            raise ControlError(Message("control.ended", address=self._address)) from error
-        except OSError as error:
-            self.close()
-            raise ControlError(
-                Message("control.failed", address=self._address, reason=os_reason(error))
-            ) from error
-        except ValueError as error:
-            self.close()
-            raise ControlError(Message("control.not-a-proxy", address=self._address)) from error
+            raise ControlError(self._failure_reason(error)) from error
         if not head.ok:
             raise ControlRefused(head.reason, line)
         return line
+
+    def _failure_reason(self, error: OSError | ValueError) -> Message:
+        if isinstance(error, ConnectionError):  # during the request; connecting raises `ControlError`
+            return Message("control.ended", address=self._address)
+        if isinstance(error, OSError):
+            return Message("control.failed", address=self._address, reason=os_reason(error))
+        return Message("control.not-a-proxy", address=self._address)
 
     def close(self) -> None:
         if self._socket is not None:

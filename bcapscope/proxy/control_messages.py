@@ -62,27 +62,21 @@ class AddFault(_Request, frozen=True, tag="add"):
 
 
 class RemoveFault(_Request, frozen=True, tag="remove"):
-    """Request to remove a fault."""
-
     name: str
 
 
 class EnableFault(_Request, frozen=True, tag="on"):
-    """Request to switch a fault on."""
-
     name: str
 
 
 class DisableFault(_Request, frozen=True, tag="off"):
-    """Request to switch a fault off."""
-
     name: str
 
 
 class SetIntercept(_Request, frozen=True, tag="intercept", rename={"condition": "if"}):
     """Request to hold messages that match another filter from now on; without a filter, hold none.
 
-    Without `patience`, the maximum time that a message is held stays as it is.
+    Without `patience`, the maximum hold time does not change.
     """
 
     condition: str | None = None
@@ -94,8 +88,6 @@ class ListHeld(_Request, frozen=True, tag="held"):
 
 
 class ForwardHeld(_Request, frozen=True, tag="forward"):
-    """Request to forward a held message unchanged."""
-
     number: int
 
 
@@ -108,8 +100,6 @@ class EditHeld(_Request, frozen=True, tag="edit"):
 
 
 class DropHeld(_Request, frozen=True, tag="drop"):
-    """Request to drop a held message."""
-
     number: int
 
 
