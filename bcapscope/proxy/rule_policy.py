@@ -57,7 +57,7 @@ class RulePolicy:
         shaper: FaultInjector,
         guard: RequestGuard | None = None,
         intercept: Intercept | None = None,
-        scripts: ScriptQueue[UndecidedMessage] | None = None,
+        scripts: ScriptQueue | None = None,
         *,
         epoch: int = 0,
     ) -> None:
@@ -318,9 +318,7 @@ class RulePolicy:
         scripts.show_message(state.client, message, UndecidedMessage(state, work))
         return None
 
-    def _apply_script_decisions(
-        self, decisions: Iterable[ScriptDecision[UndecidedMessage]], now: int
-    ) -> None:
+    def _apply_script_decisions(self, decisions: Iterable[ScriptDecision], now: int) -> None:
         for decision in decisions:
             (state, builder), message, work = decision.token, decision.message, DecisionBuilder()
             if decision.answer is None:

@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Generic, Protocol, TypeVar
+from typing import Protocol
 
 from bcapscope.faults.wire_message import WireMessage
 from bcapscope.messages import Message
 from bcapscope.messages.places import joined_clauses
 from bcapscope.protocol.tables.command_catalogue import call_name
+from bcapscope.proxy.direction_state import UndecidedMessage
 from bcapscope.proxy.script_protocol import (
     ClientConnected,
     ClientGone,
@@ -28,8 +29,6 @@ from bcapscope.proxy.script_protocol import (
     pack,
 )
 from bcapscope.traffic.observation import Conversation, Direction, Flow
-
-T = TypeVar("T")
 
 TIME_LIMIT_NS = 100_000_000
 """Default time limit in ns of the scripts for one message."""
@@ -90,7 +89,7 @@ class ScriptLink(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class PendingOrder(Generic[T]):
+class PendingOrder:
     """An order to the scripts that has no answer yet.
 
     Attributes:
@@ -106,7 +105,7 @@ class PendingOrder(Generic[T]):
     client: int = 0
     size: int = 0
     message: WireMessage | None = None
-    token: T | None = None
+    token: UndecidedMessage | None = None
 
     def __str__(self) -> str:
         """Return the name of the hook, and the call in the message that the hook received."""
@@ -117,7 +116,7 @@ class PendingOrder(Generic[T]):
 
 
 @dataclass(frozen=True, slots=True)
-class ScriptDecision(Generic[T]):
+class ScriptDecision:
     """A decision about a message.
 
     Attributes:
@@ -126,11 +125,11 @@ class ScriptDecision(Generic[T]):
     """
 
     message: WireMessage
-    token: T
+    token: UndecidedMessage
     answer: ScriptAnswer | None
 
 
-class ScriptQueue(Generic[T]):
+class ScriptQueue:
     """Shows messages to the scripts, in order, and returns their decisions.
 
     The queue switches the scripts off if they exceed the time limit for one message, or if their process ends
@@ -153,7 +152,7 @@ class ScriptQueue(Generic[T]):
         self._link = link
         self._limit = limit
         self._hooks: frozenset[str] = frozenset()
-        self._queue: deque[PendingOrder[T]] = deque()
+        self._queue: deque[PendingOrder] = deque()
         self._answers: FrameUnpacker[ScriptStatement] = FrameUnpacker(ScriptStatement)
         self._counts: Counter[int] = Counter()  # number of messages that wait for a decision, by client
         self._sizes: Counter[int] = Counter()
@@ -192,7 +191,7 @@ class ScriptQueue(Generic[T]):
             ClientConnected(client, ends, conversation.transport), PendingOrder("connected", now, client)
         )
 
-    def show_message(self, client: int, message: WireMessage, token: T | None) -> None:
+    def show_message(self, client: int, message: WireMessage, token: UndecidedMessage | None) -> None:
         """Show a message to the scripts. A message with a token waits, and its decision returns the token."""
         up = message.flow.direction is Direction.REQUEST
         if token is None:
@@ -220,7 +219,7 @@ class ScriptQueue(Generic[T]):
 
     # answers of the scripts
 
-    def on_data(self, data: bytes, now: int) -> Iterator[ScriptDecision[T]]:
+    def on_data(self, data: bytes, now: int) -> Iterator[ScriptDecision]:
         """Process bytes from the process of the scripts. Yield the decisions in them."""
         if not self.is_on:
             return
@@ -234,7 +233,7 @@ class ScriptQueue(Generic[T]):
             self._switch_off(Message("script.invalid", reason=error.message), now)
             yield from self._flush_undecided()
 
-    def on_process_ended(self, now: int) -> Iterator[ScriptDecision[T]]:
+    def on_process_ended(self, now: int) -> Iterator[ScriptDecision]:
         """Switch the scripts off because their process ended or its connection broke. Yield the decisions."""
         if self.is_on:
             why = Message("script.ended-between")
@@ -251,7 +250,7 @@ class ScriptQueue(Generic[T]):
             return min(self._head_since + self._limit, longest) + self._relay_delay
         return self._expire_at if self._has_open_calls else None
 
-    def advance(self, now: int, time: int) -> Iterator[ScriptDecision[T]]:
+    def advance(self, now: int, time: int) -> Iterator[ScriptDecision]:
         """Check the time limit and the end of calls. Yield the decisions that result.
 
         `now` is in ns of the monotonic clock, and `time` is the same moment in ns since 1970.
@@ -269,7 +268,7 @@ class ScriptQueue(Generic[T]):
             yield from self.on_data(self._link.receive(), now)
             yield from self._check_time_limit(now)
 
-    def _check_time_limit(self, now: int) -> Iterator[ScriptDecision[T]]:
+    def _check_time_limit(self, now: int) -> Iterator[ScriptDecision]:
         """Switch the scripts off if they take too long, unless the relay may have held them up once."""
         due = self.due()
         if not self.is_on or not self._queue or due is None or now < due:
@@ -305,12 +304,12 @@ class ScriptQueue(Generic[T]):
                 self._queue[place] = replace(each, token=None)
         return found
 
-    def _send_order(self, order: ScriptOrder, waiting: PendingOrder[T]) -> None:
+    def _send_order(self, order: ScriptOrder, waiting: PendingOrder) -> None:
         if self.is_on:
             self._enqueue(waiting)
             self._link.send(pack(order))
 
-    def _enqueue(self, waiting: PendingOrder[T]) -> None:
+    def _enqueue(self, waiting: PendingOrder) -> None:
         waiting = (
             replace(waiting, sent_at=waiting.sent_at - self._relay_delay) if self._relay_delay else waiting
         )
@@ -323,7 +322,7 @@ class ScriptQueue(Generic[T]):
             self._sizes[waiting.client] += waiting.size
             self._waiting_size += waiting.size
 
-    def _on_answer(self, answer: ScriptAnswer, now: int) -> Iterator[ScriptDecision[T]]:
+    def _on_answer(self, answer: ScriptAnswer, now: int) -> Iterator[ScriptDecision]:
         waiting = self._queue.popleft()
         self._size -= waiting.size
         self._release(waiting)
@@ -337,7 +336,7 @@ class ScriptQueue(Generic[T]):
                 self.notify(notice.message)
         yield from _decided(waiting, answer)
 
-    def _release(self, waiting: PendingOrder[T]) -> None:
+    def _release(self, waiting: PendingOrder) -> None:
         if waiting.token is not None:
             self._counts[waiting.client] -= 1
             self._sizes[waiting.client] -= waiting.size
@@ -345,7 +344,7 @@ class ScriptQueue(Generic[T]):
             if not self._counts[waiting.client]:
                 del self._counts[waiting.client], self._sizes[waiting.client]
 
-    def _flush_undecided(self) -> Iterator[ScriptDecision[T]]:
+    def _flush_undecided(self) -> Iterator[ScriptDecision]:
         self._counts.clear()
         self._sizes.clear()
         self._size = self._waiting_size = 0
@@ -382,11 +381,11 @@ class ScriptQueue(Generic[T]):
         return not self._queue
 
 
-def _is_of(waiting: PendingOrder[T], flow: Flow) -> bool:
+def _is_of(waiting: PendingOrder, flow: Flow) -> bool:
     """Return whether an order shows a message of this flow that waits for a decision."""
     return waiting.token is not None and waiting.message is not None and waiting.message.flow is flow
 
 
-def _decided(waiting: PendingOrder[T], answer: ScriptAnswer | None) -> Iterator[ScriptDecision[T]]:
+def _decided(waiting: PendingOrder, answer: ScriptAnswer | None) -> Iterator[ScriptDecision]:
     if waiting.message is not None and waiting.token is not None:
         yield ScriptDecision(waiting.message, waiting.token, answer)

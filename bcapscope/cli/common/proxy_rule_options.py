@@ -72,13 +72,12 @@ class RuleOptions:
         if not (self.faults or self.guard or self.intercept or self.scripts or self.control):
             return None
         from bcapscope.faults.fault_injector import FaultInjector
-        from bcapscope.proxy.direction_state import UndecidedMessage
         from bcapscope.proxy.intercept import Intercept
         from bcapscope.proxy.rule_policy import RulePolicy
         from bcapscope.proxy.script_queue import TIME_LIMIT_NS, ScriptQueue
 
         now, since_1970 = time.monotonic_ns(), time.time_ns()
-        queue: ScriptQueue[UndecidedMessage] | None = None
+        queue: ScriptQueue | None = None
         if scripts is not None:
             queue = ScriptQueue(scripts.names, scripts, self.script_limit_ns or TIME_LIMIT_NS)
         epoch = since_1970 - now
