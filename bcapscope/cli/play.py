@@ -48,21 +48,17 @@ def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) 
     callback=_parse_mode,
     metavar="MODE",
     default=SlaveModePacing.SYNC.value,
-    show_default=True,
     help="Use this slave mode. sync: the controller sets the pace (Sync on RC7, mode 2 on later "
     "controllers). async: `play` sets the pace. Or give the number for slvChangeMode, such as 0x202.",
 )
-@click.option("--robot", default=DEFAULT_ROBOT, show_default=True, help="Open the robot with this name.")
-@click.option(
-    "--task", default=ROBSLAVE, show_default=True, help="Start this task, which RC7 needs for slave mode."
-)
+@click.option("--robot", default=DEFAULT_ROBOT, help="Open the robot with this name.")
+@click.option("--task", default=ROBSLAVE, help="Start this task, which RC7 needs for slave mode.")
 @click.option("--move-to-start", is_flag=True, help="Move to the first set point without confirmation.")
 @click.option(
     "--approach",
     metavar="PERCENT",
     type=options.NumberRange(0.1, 100),
     default=10.0,
-    show_default=True,
     help="Move to the first set point at this speed, in percent.",
 )
 @click.option("--arm", is_flag=True, help="Energise and move a robot without confirmation.")

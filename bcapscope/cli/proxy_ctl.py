@@ -123,19 +123,12 @@ def _add(ctl: _ControlCommand, rule: str) -> None:
         echo(printable(response.name))
 
 
-def _duration_text(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
-    try:
-        return None if value is None else DurationQuantity.read(value).text
-    except ValueError as error:
-        raise click.BadParameter(f"{error}", context, parameter) from None
-
-
 @command.command("intercept", short_help="Change which messages are held.")
 @click.argument("expression", required=False)
 @click.option(
     "--hold",
     metavar="TIME",
-    callback=_duration_text,
+    callback=options.parsed_by(lambda text: DurationQuantity.read(text).text),
     help="Hold messages at most this long, such as 60s (default: as before); see `proxy --hold`.",
 )
 @click.pass_obj

@@ -91,7 +91,6 @@ _MAX_LISTED = 8
     metavar="SECONDS",
     type=options.NumberRange(0),
     default=5.0,
-    show_default=True,
     help="As client: shorten pauses between calls to this many seconds.",
 )
 @click.option(
@@ -101,7 +100,6 @@ _MAX_LISTED = 8
     "--listen",
     metavar="ADDRESS",
     default="127.0.0.1",
-    show_default=True,
     help="As server: listen on this address of this machine.",
 )
 @options.record_option("As server: record the traffic to a new capture.")

@@ -82,7 +82,6 @@ from bcapscope.simulator.simulator_server import SimulatorServer
     "--listen",
     metavar="HOST",
     default="127.0.0.1",
-    show_default=True,
     help="Listen on this address of this machine.",
 )
 @click.option(
@@ -90,7 +89,6 @@ from bcapscope.simulator.simulator_server import SimulatorServer
     "--port",
     type=options.IntegerRange(0, 65535),
     default=5007,
-    show_default=True,
     help="Listen on this port, UDP and TCP; 0 chooses a free port.",
 )
 @options.record_option("Record the traffic to a new capture.")

@@ -63,18 +63,17 @@ class TesterTarget(NamedTuple):
     metavar="NAME|FILE.yaml",
     help="Play this scenario in the simulator; `bcapscope sim --scenarios` lists all.",
 )
-@click.option("--tcp/--udp", "tcp", help="Connect to the controller over TCP or UDP (default: UDP).")
+@click.option("--tcp/--udp", "tcp", help="Connect to the controller over TCP or UDP.")
 @click.option(
     "--option",
     metavar="TEXT",
     default="",
-    help="Connect with these options, such as Timeout=300; empty by default.",
+    help="Connect with these options, such as Timeout=300.",
 )
 @click.option(
     "--profile",
     type=click.Choice(["rc7", "rc8", "rc9", "cserver"]),
     default="rc7",
-    show_default=True,
     help="Let the built-in simulator imitate this kind of controller. With --sim, the default is that of "
     "`bcapscope sim`.",
 )

@@ -175,23 +175,15 @@ def _make_rule_options(
 
 
 def _parsing_callback(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a click callback that parses the value of an option, or each value of a repeatable option."""
+    """Return a click callback that parses the values of an option with `read`, and stores the typed words."""
+    parse = options.parsed_by(read)
 
     def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
         if context.get_parameter_source(parameter.name or "") is not ParameterSource.DEFAULT:
+            values = value if isinstance(value, tuple) else (value,)
             typed = context.meta.setdefault(_TYPED, [])
-            typed += [
-                word
-                for each in (value if isinstance(value, tuple) else (value,))
-                for word in (parameter.opts[0], str(each))
-            ]
-        try:
-            if isinstance(value, tuple):
-                return tuple(read(each) for each in value)
-            return None if value is None else read(value)
-        except ValueError as error:
-            separator = "\n" if "\n" in str(error) else ""
-            raise click.BadParameter(f"{separator}{error}", context, parameter) from None
+            typed += [word for each in values for word in (parameter.opts[0], str(each))]
+        return parse(context, parameter, value)
 
     return convert
 
