@@ -22,8 +22,7 @@ from bcapscope.cli.common.arming_prompt import (
 from bcapscope.cli.common.call_reading import read_filtered_calls
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.data_output import echo
-from bcapscope.cli.common.exit_codes import ExitCode, exit_with
-from bcapscope.cli.common.serving import exit_if_not_listening
+from bcapscope.cli.common.exit_codes import ExitCode, exit_on, exit_with
 from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, optional_target_options
 from bcapscope.client.action_log import LoggedConnection
 from bcapscope.client.armed_call_logger import ArmedCallLogger
@@ -53,6 +52,7 @@ from bcapscope.replay.set_point_runs import (
     preflight_run,
     set_point_runs,
 )
+from bcapscope.simulator.listening_sockets import SimulatorListenError
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 
@@ -176,7 +176,7 @@ def _serve(
 ) -> None:
     """Answer clients like the recorded controller until the user ends the command."""
     standin = RecordedController(script, serving.log.on_call, delays=delays)
-    with exit_if_not_listening(), serving.listen(standin, *address) as server:
+    with exit_on(SimulatorListenError, ExitCode.UNREADABLE), serving.listen(standin, *address) as server:
         host, port = server.address
         print_stderr(words("replay.answers", host=host, port=port, reach=reachability(host)))
         serving.serve(server)

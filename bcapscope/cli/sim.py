@@ -13,17 +13,17 @@ import msgspec
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.attended import announce_ready, attended_option
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, exit_on
 from bcapscope.cli.common.scenario_options import (
     choose_scenario,
     list_behaviours,
     list_scenarios,
     scenario_introduction,
 )
-from bcapscope.cli.common.serving import exit_if_not_listening
 from bcapscope.live.server_runner import ServerRunner, reachability
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import Message, MessageFormatter
+from bcapscope.simulator.listening_sockets import SimulatorListenError
 from bcapscope.simulator.profile import PROFILES, NoArgument
 from bcapscope.simulator.scenario import ProfileName, Scenario, ServerDefect
 from bcapscope.simulator.scenario_runner import ScenarioRunner
@@ -131,7 +131,10 @@ def command(
         if scenario is None
         else ScenarioRunner(played, simulator, now, seed=seed, on_news=serving.log.add_note)
     )
-    with exit_if_not_listening(), serving.listen(stage or simulator, listen, port) as server:
+    with (
+        exit_on(SimulatorListenError, ExitCode.UNREADABLE),
+        serving.listen(stage or simulator, listen, port) as server,
+    ):
         print_stderr(words.text(_greeting(simulator, server)))
         print_stderr(words("sim.commands"))
         if scenario is not None:

@@ -27,8 +27,7 @@ from bcapscope.protocol.tables.command_catalogue import call_name, command_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, function_by_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.transport.peer_link import Link, LinkReceiver
-from bcapscope.transport.tcp_link import open_tcp
-from bcapscope.transport.udp_link import open_udp
+from bcapscope.transport.socket_link import open_tcp, open_udp
 
 LinkOpener: TypeAlias = Callable[[LinkReceiver], Awaitable[Link]]
 

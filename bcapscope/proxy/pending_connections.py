@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from bcapscope.messages import Message
 from bcapscope.proxy.sockets import SocketAddress, endpoint_of
 from bcapscope.transport.first_frame_queue import FirstFrameQueue
-from bcapscope.transport.tcp_link import close_with_reset
+from bcapscope.transport.socket_link import close_with_reset
 
 if TYPE_CHECKING:
     from bcapscope.proxy.relay import Relay

@@ -177,25 +177,17 @@ class Relay:
             case = "client.denied.datagrams" if is_datagram else "client.denied.connection"
             self.notify(Message(case, client=str(client), reason=why))
 
-    def free_newcomer_descriptor(self) -> bool:
-        """Free a file descriptor for a TCP client that may send a stop. Return whether one was freed."""
+    def free_descriptor(self, *, is_admitted: bool = True) -> bool:
+        """Free a file descriptor for a client that was admitted, or for a TCP client that may send a stop.
+
+        Return whether a descriptor was freed.
+        """
         return (
-            self.spares.release_one(keep=1)
+            (not is_admitted and self.spares.release_one(keep=1))
             or self.pending_connections.drop_lowest_priority()
             or self.spares.release_one()
-            or self._end_oldest_stop()
+            or any(slots.end_oldest_stop() for slots in self.slots.values())
         )
-
-    def free_descriptor(self) -> bool:
-        """Free a file descriptor for a client that must be admitted. Return whether one was freed."""
-        return (
-            self.pending_connections.drop_lowest_priority()
-            or self.spares.release_one()
-            or self._end_oldest_stop()
-        )
-
-    def _end_oldest_stop(self) -> bool:
-        return any(places.end_oldest_stop() for places in self.slots.values())
 
     def add_client(self, session: RelaySession, ends: ClientEndpoints, received_at: int) -> None:
         """Register a new client, whose first bytes arrived at `received_at` in ns since 1970."""

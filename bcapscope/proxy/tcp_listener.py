@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import socket
+from functools import partial
 
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
@@ -15,7 +16,7 @@ from bcapscope.proxy.sockets import SocketAddress, endpoint_of
 from bcapscope.proxy.tcp_session import TcpSession
 from bcapscope.traffic.observation import Transport
 from bcapscope.transport.descriptors import accept_connection
-from bcapscope.transport.tcp_link import close_with_reset
+from bcapscope.transport.socket_link import close_with_reset
 
 _MAX_ACCEPTED = 16
 """Maximum number of clients that are accepted before other sockets are served."""
@@ -44,7 +45,7 @@ class TcpListener(ClientListener):
         """Accept a client. Return whether another client may be waiting."""
         relay = self.relay
         try:
-            accepted = accept_connection(self.socket, relay.free_newcomer_descriptor)
+            accepted = accept_connection(self.socket, partial(relay.free_descriptor, is_admitted=False))
         except OSError as error:
             self._pause_accepting(error)
             return False

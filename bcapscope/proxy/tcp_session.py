@@ -15,7 +15,7 @@ from bcapscope.proxy.relay_session import ClientEndpoints, RelaySession
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.sockets import SocketAddress, endpoint_of, keep_alive
 from bcapscope.traffic.observation import Endpoint, Transport
-from bcapscope.transport.tcp_link import close_with_reset
+from bcapscope.transport.socket_link import close_with_reset
 
 CONNECT_TIMEOUT_NS = 10_000_000_000
 """Maximum time in ns for connecting to the controller."""

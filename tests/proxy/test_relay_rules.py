@@ -17,7 +17,7 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.proxy import relay
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.rule_policy import RulePolicy
-from bcapscope.transport.tcp_link import close_with_reset
+from bcapscope.transport.socket_link import close_with_reset
 from tests.english import decoded
 from tests.faults.traffic import MS, reply, request
 from tests.proxy.relaying import PATIENCE, Running, datagrams, eventually, listening, port_of, running
