@@ -21,19 +21,19 @@ MAX_CLIENTS = 256
 """Maximum number of clients per transport; DENSO's C server has 20 (orin_bcap C/src/bcap_server.c)."""
 
 MAX_PER_SOURCE = 192
-"""Maximum number of clients per address, since one address may stand for a whole plant.
+"""Maximum number of clients per address, since a whole plant may share one address behind NAT.
 
-The other slots are enough for three controllers.
+The remaining 64 slots are enough for three controllers.
 """
 
 RESERVED_SLOTS = 4
-"""Number of additional slots per transport for stops. A new client replaces the oldest in these slots."""
+"""Number of additional slots per transport for stops. A new stop evicts the oldest client in them."""
 
 REPLACE_INTERVAL_NS = 5_000_000
-"""Time in ns between two evictions of fresh clients, which limits the cost of a flood from new UDP ports."""
+"""Time in ns between two evictions of fresh clients; limits the cost of a flood from new UDP ports."""
 
 REPLACE_BURST = 64
-"""Number of evictions of fresh clients without that delay, after a quiet time."""
+"""Number of fresh clients that may be evicted without a delay after a quiet time."""
 
 TOO_MANY_CLIENTS = Message("client.silent.too-many")
 """Reason that the user sees when a client is evicted for another client."""
@@ -85,7 +85,7 @@ class ClientSlots:
         """Give a client the slot that `find_slot` found.
 
         Args:
-            slot: Kind of slot; a client with `ClientSlot.RESERVED` must not stay long.
+            slot: Kind of slot that `find_slot` returned.
             is_fresh: True if the client has sent one datagram so far and may never send another.
         """
         number = session.number
@@ -121,7 +121,7 @@ class ClientSlots:
         return True
 
     def _evict_one(self, source: str | None, now: int) -> bool:
-        """Evict a client of one source, or of any source, if one may be evicted. Return whether one was."""
+        """Evict a client of one source, or of any source, if possible. Return whether one was evicted."""
         victim = self._oldest_replaceable(source, now) or self._longest_idle(source, now)
         if victim is None:
             return False

@@ -1,4 +1,4 @@
-"""TCP clients that have connected but not sent their first frame, which decides about their slot."""
+"""TCP clients that have connected but not sent their first frame, which decides whether they get a slot."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bcapscope.proxy.relay import Relay
 
 Admit: TypeAlias = Callable[[socket.socket, SocketAddress, bytes, int], None]
-"""Function that admits a client: socket, address, bytes so far, and time of the last ones in ns since 1970.
+"""Function that admits a client: socket, address, bytes so far, and time of the last bytes in ns since 1970.
 """
 
 _AT_ONCE = 4096
@@ -24,7 +24,7 @@ _AT_ONCE = 4096
 
 
 class PendingConnections:
-    """Connected clients that have not sent a complete frame yet, and are unknown to the controller."""
+    """Connected clients that have not sent a complete frame yet. The controller does not know them."""
 
     def __init__(self, relay: Relay) -> None:
         self._relay = relay

@@ -84,7 +84,7 @@ def make_poller() -> Poller:
 
 
 def wait_precisely(poller: Poller, seconds: float) -> list[tuple[int, int]]:
-    """Wait as `poller.poll` does, but with a resolution of microseconds; epoll alone has milliseconds."""
+    """Wait like `poller.poll`, but with a resolution of microseconds; epoll only has milliseconds."""
     if isinstance(poller, SelectPoller):
         return poller.poll(seconds)
     assert isinstance(poller, select.epoll)

@@ -28,7 +28,7 @@ Handler: TypeAlias = Callable[[int], None]
 """Function that is called with the events of a file descriptor, as bits such as `READ`."""
 
 POLL_INTERVAL = 0.05
-"""Maximum time in seconds that the relay waits for events. Then it writes pending records and may stop."""
+"""Time in seconds between two ticks. At a tick, the relay writes pending records, and may stop."""
 
 _SWEEP_EVERY = 20
 """Number of ticks between two checks for silent clients and full buffers, which cause no event."""
@@ -40,8 +40,8 @@ _LONGEST_CUT_NOTE = 600
 """Number of characters kept of a note that is too long. Each character takes at most six bytes."""
 
 _SPARE_DESCRIPTORS = 4
-"""Number of file descriptors kept for clients that send a stop when no others are free: two for a TCP client,
-one for a UDP client, and one for a client that has not sent a complete frame yet.
+"""Number of spare file descriptors for clients that send a stop when no other descriptor is free: two for a
+TCP client, one for a UDP client, and one for a client without a complete frame.
 """
 
 
@@ -55,7 +55,7 @@ class Relay:
         sessions: Open sessions by client number.
         slots: Admission of clients, by transport.
         pending_connections: TCP clients that have not sent a complete frame yet.
-        spares: File descriptors kept for clients that send a stop.
+        spares: Spare file descriptors for clients that send a stop.
         buffer: Receive buffer, which all streams share because one thread reads them.
         now: Time of a monotonic clock in ns, at most about `POLL_INTERVAL` old.
     """
@@ -148,8 +148,8 @@ class Relay:
     def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
         """Call `handler` for every event of a file descriptor.
 
-        The system may reuse the number of a descriptor closed a moment ago. Then calls start with the next
-        poll, because the events of this poll belong to the closed descriptor.
+        The system may reuse the number of a descriptor that was just closed. The events of the current poll
+        belong to the closed descriptor, so `handler` is called from the next poll on.
         """
         handlers = self._new_handlers if descriptor in self._just_unwatched else self._handlers
         handlers[descriptor] = handler
@@ -165,7 +165,7 @@ class Relay:
             self._poller.unregister(descriptor)
 
     def pause(self, descriptor: int) -> None:
-        """Ignore a file descriptor for about a second, because its events cannot be handled now."""
+        """Ignore the events of a file descriptor for about a second."""
         self._poller.modify(descriptor, 0)
         self._paused.add(descriptor)
 
@@ -359,7 +359,7 @@ class Relay:
             session.sweep(self.now)
 
     def _adopt_new_handlers(self) -> None:
-        """Forget the removed file descriptors, and activate the handlers that reuse their numbers."""
+        """Activate the handlers of new file descriptors that have the numbers of closed ones."""
         self._just_unwatched.clear()
         self._handlers.update(self._new_handlers)
         self._new_handlers.clear()
@@ -373,7 +373,7 @@ class _Arrival(NamedTuple):
 
 
 def encode_note(note: Message | None) -> bytes:
-    """Encode a note for the ring; None gives b"". A note that is too long becomes shortened English text."""
+    """Encode a note for the ring; None gives b"". A note that is too long is cut to English text."""
     if note is None:
         return b""
     data = encode_message(note)

@@ -29,7 +29,7 @@ class ClientDeniedError(BcapError):
 
 
 class RelaySession(ABC):
-    """The relay's session with one client: it forwards between the client and the controller.
+    """The relay's session with one client, which forwards data between the client and the controller.
 
     Attributes:
         number: Number of the client, never used twice.

@@ -1,8 +1,8 @@
 """A ring buffer in shared memory, through which the relay passes its traffic to the watcher process.
 
 A write takes about a microsecond, makes no system call and never waits. A record that finds no room is lost
-and counted. One process writes and one process reads. A poll of the reader returns only what was written
-before the previous poll, because a processor may store the data after the position that announces it.
+and counted. One process writes and one process reads. A processor may store a record later than the position
+that announces the record. So each poll returns only the records written before the previous poll.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from typing import NamedTuple, TypeAlias
 from bcapscope.transport.receive_timestamps import AncillaryData, kernel_timestamp
 
 HEADER_SIZE = 4096
-"""Number of bytes before the records: positions of writer and reader, urgency, counters and figures."""
+"""Size of the header in bytes: positions of writer and readers, urgency, counters and figures."""
 
 SET_POINT_DEADLINE_NS = 2_000_000
 """Time in ns in which a set point must be answered (DENSO Wave 2009, How to use the Slave mode)."""
 
 BATCH_SIZE = 16
-"""Number of datagrams that are written to the ring together. Other datagrams may wait during a write."""
+"""Number of datagrams that are written to the ring together. New datagrams wait while the relay writes."""
 
 DELAY_FIGURES = 9
 """Number of figures that the watcher writes for the relay: the fields of `RelayDelays`, in order."""
@@ -46,7 +46,7 @@ class RingRecordKind(IntEnum):
     CLIENT_OPENED = 2
     """A new client; `data` holds its `ClientEndpoints` as JSON."""
     END = 3
-    """A FIN that the relay received or sent. `data` is the reason if the relay sent it on its own."""
+    """A FIN that the relay received or sent. `data` is the reason if the relay ended the stream itself."""
     CLIENT_CLOSED = 4
     """The relay removed a client; `data` is the encoded reason."""
     NOTICE = 5
@@ -54,7 +54,7 @@ class RingRecordKind(IntEnum):
     RESET = 6
     """An RST, which ends both directions of the connection; otherwise like `END`."""
     HOLE = 7
-    """Bytes of a stream that found no room in the ring before the client's next record; see `hole_sizes`."""
+    """Bytes of a stream that are missing because the ring was full; see `hole_sizes`."""
 
 
 class RelayCounter(IntEnum):
@@ -114,13 +114,13 @@ class RingRecord(NamedTuple):
 
 
 def hole_sizes(record: RingRecord) -> tuple[int, int]:
-    """Return how many bytes a record of the kind `HOLE` stands for: bytes received and bytes sent."""
+    """Return how many received bytes and how many sent bytes a record of the kind `HOLE` replaces."""
     came, left = _HOLE.unpack(record.data)
     return came, left
 
 
 class _Hole(NamedTuple):
-    """Numbers of bytes of one direction that found no room, and the times of the last ones in ns."""
+    """Numbers of lost bytes of one direction, and the times of the last lost bytes in ns."""
 
     received: int = 0
     sent: int = 0
@@ -166,7 +166,7 @@ _Entry: TypeAlias = "tuple[RingRecordKind, bool, int, int, int, bytes | memoryvi
 """Fields of a `RingRecord` that will be written."""
 
 PendingDatagram: TypeAlias = tuple[bool, int, AncillaryData, int, bytes]
-"""Pending datagram: up, client number, ancillary data, time of sending in ns (0 if not sent), bytes."""
+"""Datagram that is not in the ring yet: up, client number, ancillary data, time sent in ns or 0, bytes."""
 
 
 class RingWriter(_Ring):
@@ -175,8 +175,8 @@ class RingWriter(_Ring):
     Attributes:
         counts: Counters of the relay, indexed by `RelayCounter`; the relay increases them in place.
         figures: Delays that the watcher measured; see `DELAY_FIGURES`.
-        pending_datagrams: Datagrams not in the ring yet. After appending number `BATCH_SIZE`, the caller
-            calls `flush`.
+        pending_datagrams: Datagrams that are not in the ring yet. The caller appends them, and calls `flush`
+            when there are `BATCH_SIZE`.
         streams: Numbers of the TCP clients; the ring records the holes in their streams.
     """
 
@@ -219,7 +219,7 @@ class RingWriter(_Ring):
 
     @property
     def bytes_read(self) -> int:
-        """Number of bytes that the foremost reader has read so far."""
+        """Number of bytes that the reader ahead of the other has read so far."""
         return max(self._marks[_READ], self._marks[_AHEAD])
 
     def detach_reader(self) -> None:
@@ -260,7 +260,7 @@ class RingWriter(_Ring):
         return True
 
     def _count_lost(self, entry: _Entry) -> None:
-        """Count a record that found no room, and remember the hole that it leaves in a stream."""
+        """Count a lost record, and remember how many bytes are missing in the client's stream."""
         kind, up, client, came, left, data, _ = entry
         self.counts[RelayCounter.UNWATCHED] += 1
         if kind is RingRecordKind.DATA and client in self.streams and not self._is_reader_detached:
@@ -273,9 +273,10 @@ class RingWriter(_Ring):
             )
 
     def _write_holes(self, client: int, size: int) -> bool:
-        """Write the holes of a client's streams. Return whether the holes and the next record found room.
+        """Write the holes of a client's streams. Return whether there was room for the holes and the next
+        record.
 
-        If only the holes found room, many short holes would follow instead of one long hole.
+        With room for only the holes, many short holes would follow instead of one long hole.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:
@@ -324,10 +325,10 @@ class RingWriter(_Ring):
         sent_at: int = 0,
         up: bool = False,
     ) -> None:
-        """Write a record that must not be lost, at once or when there is room. Later records wait behind it.
+        """Write a record that must not be lost, as soon as there is room. Later records wait for this record.
 
-        The number of waiting records is limited, even if the reader stops. Records of a client that opens and
-        closes meanwhile are discarded, and excess notices are lost.
+        If the reader stops, the number of waiting records stays limited: the records of a client that comes
+        and goes are discarded, and further notices are lost.
         """
         self.flush()
         if self._is_reader_detached or (
@@ -377,7 +378,7 @@ class RingReader(_Ring):
     """
 
     def __init__(self, memory: memoryview, *, ahead: bool = False) -> None:
-        """Read from the beginning. If `ahead` is True, another reader follows, which frees the memory."""
+        """Read from the beginning. A reader that is `ahead` of the other frees no memory."""
         super().__init__(memory)
         self.position = self._ready = 0
         self._position_field = _AHEAD if ahead else _READ

@@ -34,10 +34,10 @@ does not read.
 """
 
 ANSWERED_IDLE_NS = 1_000_000_000
-"""Idle time in ns for eviction of a session whose client ended its side and has received bytes since."""
+"""Idle time in ns for evicting a session whose client ended its side and has received bytes since."""
 
 MAX_PENDING = 1 << 18
-"""Number of bytes from rules that wait for a slow receiver before the session stops reading.
+"""Number of bytes that may wait for a slow receiver, if there are rules, before the session stops reading.
 
 Without rules, the session stops reading as soon as any bytes wait.
 """
@@ -55,8 +55,8 @@ class _HalfConnection:
         source: Socket from which the bytes are read.
         sink: Socket to which the bytes are written.
         pending: Bytes that the sink has not accepted yet.
-        source_ended: True after the end of the bytes was read from the source.
-        sink_shut: True after that end was forwarded to the sink.
+        source_ended: True after the source has ended.
+        sink_shut: True after the end was forwarded to the sink.
     """
 
     __slots__ = ("pending", "sink", "sink_shut", "source", "source_ended", "up")

@@ -31,13 +31,13 @@ from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timest
 EXPIRE_AFTER_NS = 600_000_000_000
 """Silence in ns after which the relay forgets a client.
 
-The time is long, because the controller takes a forgotten client that sends again for a new client, and
-because the socket of a silent client costs nothing.
+The time is long, because a forgotten client that sends again looks like a new client to the controller. The
+socket of a silent client costs nothing.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""Silence in ns after which a new client may evict a client if all slots are taken, as in DENSO's C server
-(orin_bcap C/src/bcap_server.c).
+"""Silence in ns after which a client may be evicted for a new client if all slots are taken, as in DENSO's C
+server (orin_bcap C/src/bcap_server.c).
 """
 
 _MAX_OLD = 10_000
@@ -69,7 +69,7 @@ class UdpListener(ClientListener):
         self._dropped = self._unreachable_count = 0
 
     def open(self) -> None:
-        """Start to accept clients. Discard the datagrams received before, because they may be old."""
+        """Start to accept clients. Discard datagrams that arrived earlier, because they may be old."""
         with suppress(OSError):
             for _ in range(_MAX_OLD):
                 self.socket.recv(LARGEST_DATAGRAM)
@@ -261,7 +261,7 @@ class UdpSession(RelaySession):
             self._relay.notify(Message("client.refuses-datagrams", controller=str(self._listener.to)))
 
     def _count_send_failure(self, data: bytes, error: OSError) -> int:
-        """Count a datagram that cannot be sent. Report the 1st, 2nd, 4th, 8th … to the user. Return 0."""
+        """Count a datagram that cannot be sent, and return 0. Report the 1st, 2nd, 4th, 8th … to the user."""
         relay = self._relay
         relay.counts[RelayCounter.FULL] += 1
         if should_report(relay.counts[RelayCounter.FULL]):
@@ -281,7 +281,7 @@ def _datagram_handler(
     """Return a handler that forwards the datagrams of a socket, or passes them to the rules.
 
     If `session` is given, the socket receives replies for that session; else it receives requests. The
-    handler runs for each datagram, so it finds everything in local variables.
+    handler runs for each datagram. For speed, it uses only local variables.
     """
     receive, known, up = receive_function(sock), listener.sessions.get, session is None
     relay, ring, has_rules = listener.relay, listener.relay.ring, listener.relay.policy is not None
