@@ -21,8 +21,8 @@ ANSWERS_WITHIN = 10.0
 """Maximum time in seconds that a whole response may take."""
 
 LARGEST_LIST = 16 << 20
-"""Maximum number of bytes of a list of held messages, enough for a thousand messages of 8,000 bytes. Other
-responses have `LONGEST_LINE`.
+"""Maximum number of bytes of a list of held messages, enough for a thousand messages of 8,000 bytes. For
+other responses, the maximum is `LONGEST_LINE`.
 """
 
 _LONGEST_REASON = 1000
@@ -45,7 +45,7 @@ class ControlRefused(BcapError):
 
 
 class ControlClient:
-    """A control connection to a proxy, which opens with the first request and again after a failure."""
+    """A control connection to a proxy. The first request opens it, and so does the next one after a failure."""
 
     def __init__(self, address: str) -> None:
         """Set the address that the proxy got with ``--control``."""

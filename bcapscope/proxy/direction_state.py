@@ -159,8 +159,7 @@ def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> SplitRe
     """Choose the held requests that are still sent: those that stop the robot or release something.
 
     A motion that starts when its client no longer waits does harm. A stop never does harm. On a stream, the
-    rest of a partly sent frame is sent first, because the controller would otherwise take the stop for that
-    rest.
+    rest of a partly sent frame is sent first. Otherwise the controller would read the stop as that rest.
     """
     if not state.is_stream:
         split = [_split_frames(parse_datagram(data)) for data in held]

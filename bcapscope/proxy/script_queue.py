@@ -41,14 +41,13 @@ no longer waits.
 """
 
 LONGEST_WAIT = 1_000_000_000
-"""Maximum total time in ns that a message waits, behind other messages too, unless the time limit is longer.
-"""
+"""Maximum time in ns from a message's arrival to its decision, unless the time limit is longer."""
 
 MAX_WAITING = 64
-"""Maximum number of waiting datagrams of one client, which sends at most eight attempts of one call."""
+"""Maximum number of waiting datagrams per client. A call has at most eight attempts."""
 
 MAX_BYTES = 1 << 16
-"""Maximum number of waiting bytes per client, beyond which streams are not read and datagrams are dropped."""
+"""Maximum number of waiting bytes per client. Beyond it, streams are not read and datagrams are dropped."""
 
 MAX_BYTES_IN_ALL = 1 << 22
 """Maximum number of waiting bytes of all clients.
@@ -57,13 +56,13 @@ Beyond this maximum, messages that need no decision are not shown to the scripts
 """
 
 _LATE = 20_000_000
-"""Delay in ns of the relay's check of the time limit. A longer delay may have held up the scripts as well."""
+"""If the relay checks the time limit later than this many ns, it may have held up the scripts as well."""
 
-_LOOKS_BACK = 50_000_000
+_LOCATED_WITHIN_NS = 50_000_000
 """Time in ns that the process of the scripts has to report its place in the scripts before it is killed."""
 
 _EXPIRE_INTERVAL_NS = 50_000_000
-"""Time in ns between two checks for calls that expire, as in the tracker."""
+"""Time in ns between two checks for expired calls."""
 
 _MAX_NOTICES = 200
 """Maximum number of messages from the scripts that the user gets."""
@@ -269,7 +268,7 @@ class ScriptQueue:
             yield from self._check_time_limit(now)
 
     def _check_time_limit(self, now: int) -> Iterator[ScriptDecision]:
-        """Switch the scripts off if they take too long, unless the relay may have held them up once."""
+        """Switch the scripts off if they take too long. Once, allow more time if the relay itself was late."""
         due = self.due()
         if not self.is_on or not self._queue or due is None or now < due:
             return
@@ -361,7 +360,7 @@ class ScriptQueue:
     def _switch_off(self, why: Message, now: int) -> None:
         self.is_on = False
         self.off_because = why
-        self._end_at = now + _LOOKS_BACK
+        self._end_at = now + _LOCATED_WITHIN_NS
         self._link.locate()
 
     def _end_process(self) -> None:
