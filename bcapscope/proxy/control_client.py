@@ -45,7 +45,7 @@ class ControlRefused(BcapError):
 
 
 class ControlClient:
-    """A control connection to a proxy. The first request opens it, and so does the next one after a failure."""
+    """A control connection to a proxy. It opens at the first request, and again after a failure."""
 
     def __init__(self, address: str) -> None:
         """Set the address that the proxy got with ``--control``."""

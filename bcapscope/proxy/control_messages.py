@@ -168,7 +168,8 @@ class FaultsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class ClientStatus(msgspec.Struct, frozen=True):
-    """A client of the proxy. `up` and `down` count datagrams, or reads of a stream. Times are None for never."""
+    """A client of the proxy. `up` and `down` count datagrams or reads of a stream; a time of None is never.
+    """
 
     number: JsonCount
     client: str

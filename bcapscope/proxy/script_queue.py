@@ -268,7 +268,7 @@ class ScriptQueue:
             yield from self._check_time_limit(now)
 
     def _check_time_limit(self, now: int) -> Iterator[ScriptDecision]:
-        """Switch the scripts off if they take too long. Once, allow more time if the relay itself was late."""
+        """Switch the scripts off if they take too long. Once, allow more time if the relay was late."""
         due = self.due()
         if not self.is_on or not self._queue or due is None or now < due:
             return
