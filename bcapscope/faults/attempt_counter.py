@@ -21,7 +21,7 @@ class AttemptedCall:
     """A call. Two `AttemptedCall` objects are equal only if they are the same object.
 
     Attributes:
-        content: Bytes of each request of the call from the function id on, or their hash if there are many.
+        content: Bytes that all requests of the call share, from the function id on; a hash if there are many.
         attempts: Number of attempts so far.
     """
 
@@ -93,7 +93,7 @@ class AttemptCounter:
 
 
 class _AttemptsBySerial:
-    """Attempts of one conversation by serial. Of two generations, the older one expires as a whole."""
+    """Attempts of one conversation by serial, in two generations. The older one is discarded as a whole."""
 
     __slots__ = ("earlier", "latest")
 

@@ -22,7 +22,7 @@ MAX_REMEMBERED = 4096
 """Maximum number of messages remembered for a `step`, oldest forgotten first; a session has a few dozen."""
 
 MAX_BYTES = 1 << 20
-"""Maximum number of decompressed bytes of remembered messages; values may take a hundred times as much."""
+"""Maximum number of decompressed bytes of remembered messages; their values take up to 100 times as much."""
 
 _Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None]]
 
@@ -42,7 +42,7 @@ class _LastMessage(NamedTuple):
     Attributes:
         raw: Bytes of the message as received.
         values: Arguments of the message as forwarded.
-        step_base: Values that limit those of the next message, by index of the step.
+        step_base: Values to which the next message is compared, by index of the step.
         size: Number of bytes of the frame, decompressed.
     """
 
@@ -119,7 +119,7 @@ class Rewriter:
         return _encode_or_keep(frame, (head.serial, head.reserved, head.code), values)
 
     def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
-        """Limit the change of numbers against the previous message of the series.
+        """Limit the change of numbers relative to the previous message of the series.
 
         A retry gets the same values as the first attempt. Otherwise a controller would execute the retry as a
         new call.

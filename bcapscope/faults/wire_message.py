@@ -1,4 +1,4 @@
-"""A message in transit, which is decoded only if a fault needs it, and the possible results."""
+"""A message in transit, decoded only if a fault needs its frames, and what faults do to it."""
 
 from __future__ import annotations
 

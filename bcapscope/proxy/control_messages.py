@@ -168,8 +168,7 @@ class FaultsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class ClientStatus(msgspec.Struct, frozen=True):
-    """A client of the proxy. `up` and `down` count datagrams or reads of a stream; a time of None is never.
-    """
+    """A client of the proxy. `up` and `down` count datagrams or stream reads; a time of None means never."""
 
     number: JsonCount
     client: str

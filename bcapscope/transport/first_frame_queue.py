@@ -26,7 +26,9 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 def source_network(host: str) -> str:
-    """Return the network that limits count by: the IPv4 address, or the /64 network of the IPv6 address."""
+    """Return the network whose clients are counted together: the IPv4 address, or the /64 network of the IPv6
+    address.
+    """
     return host if ":" not in host else str(ip_network((host.partition("%")[0], 64), strict=False))
 
 
