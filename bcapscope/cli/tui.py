@@ -158,7 +158,9 @@ def _exit_without_folder() -> Iterator[None]:
         exit_with(printable(full_error_text(error)), ExitCode.UNWRITABLE)
 
 
-def _show_tester(requests: Path | None, host: str, port: int, tcp: bool, option: str, profile: str) -> None:
+def _show_tester(
+    requests: Path | None, host: str, port: int, *, tcp: bool, option: str, profile: str
+) -> None:
     from bcapscope.client.action_log import default_folder
     from bcapscope.live.background_recorder import BackgroundRecorder
     from bcapscope.live.recorder import Recorder

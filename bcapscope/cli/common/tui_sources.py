@@ -128,9 +128,8 @@ def show_simulator(port: int, words: Sequence[str]) -> None:
             (address,) = child.listen_addresses
             ports = (int(address.rpartition(":")[2]),)
             with closing(TrafficFeed(path=record, follow=True, ports=ports)) as feed:
-                run_app(
-                    ScreenEntry("traffic", "f3", "traffic", lambda: SimulatorScreen(feed, address, child))
-                )
+                screen = partial(SimulatorScreen, feed, address, child)
+                run_app(ScreenEntry("traffic", "f3", "traffic", screen))
 
 
 def _proxy_screen(
