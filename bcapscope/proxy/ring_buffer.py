@@ -14,8 +14,17 @@ from typing import NamedTuple, TypeAlias
 
 from bcapscope.transport.receive_timestamps import AncillaryData, kernel_timestamp
 
-HEADER_SIZE = 4096
-"""Size of the header in bytes: positions of writer and readers, urgency, counters and figures."""
+RING_OVERHEAD = 1 << 17
+"""Size in bytes of the memory besides the ring: a header, and a margin behind the end of the ring."""
+
+_HEADER_SIZE = 4096
+"""Size in bytes of the header: positions of writer and readers, urgency, counters and figures."""
+
+_MARGIN = RING_OVERHEAD - _HEADER_SIZE
+"""Number of bytes behind the end of the ring, into which a write may reach, so that no record is split.
+
+Together with the header, a multiple of every page size, so that all processes see the same size.
+"""
 
 SET_POINT_DEADLINE_NS = 2_000_000
 """Time in ns in which a set point must be answered (DENSO Wave 2009, How to use the Slave mode)."""
@@ -30,7 +39,6 @@ MAX_WAITING_NOTICES = 1024
 """Maximum number of messages for the user that wait for room. Further messages are lost and counted."""
 
 _HEAD = struct.Struct("=IBBHIIqq")
-_PAD = struct.Struct("=IB3x")
 _HOLE = struct.Struct("=QQ")
 _WRITTEN, _READ, _AHEAD, _URGENCY, _COUNTS, _FIGURES = 0, 1, 2, 3, 8, 64  # header indices, 8 bytes each
 _PADDING = tuple(bytes(-length % 8) for length in range(8))
@@ -39,21 +47,19 @@ _PADDING = tuple(bytes(-length % 8) for length in range(8))
 class RingRecordKind(IntEnum):
     """Kind of event that a record describes."""
 
-    PAD = 0
-    """Padding: the rest of the memory is too small for the next record."""
-    DATA = 1
+    DATA = 0
     """A datagram, or bytes of a stream, that the relay received, sent, or both."""
-    CLIENT_OPENED = 2
+    CLIENT_OPENED = 1
     """A new client; `data` holds its `ClientEndpoints` as JSON."""
-    END = 3
+    END = 2
     """A FIN that the relay received or sent. `data` is the reason if the relay ended the stream itself."""
-    CLIENT_CLOSED = 4
+    CLIENT_CLOSED = 3
     """The relay removed a client; `data` is the encoded reason."""
-    NOTICE = 5
+    NOTICE = 4
     """A message for the user, encoded with `encode_message`."""
-    RESET = 6
+    RESET = 5
     """An RST, which ends both directions of the connection; otherwise like `END`."""
-    HOLE = 7
+    HOLE = 6
     """Bytes of a stream that are missing because the ring was full; see `hole_sizes`."""
 
 
@@ -130,10 +136,10 @@ class _Hole(NamedTuple):
 
 class _Ring:
     def __init__(self, memory: memoryview) -> None:
-        """Use shared memory of `HEADER_SIZE` bytes plus a multiple of 8 bytes, all of them initially zero."""
-        self._marks = memory[:HEADER_SIZE].cast("Q")
-        self._space = memory[HEADER_SIZE:]
-        self._size = len(self._space)
+        """Use shared memory of `RING_OVERHEAD` bytes plus a multiple of 8 bytes, all initially zero."""
+        self._marks = memory[:_HEADER_SIZE].cast("Q")
+        self._space = memory[_HEADER_SIZE:]
+        self._size = len(memory) - RING_OVERHEAD
         self.counts = self._marks[_COUNTS : _COUNTS + len(RelayCounter)]
         self.figures = self._marks[_FIGURES : _FIGURES + DELAY_FIGURES]
 
@@ -281,8 +287,8 @@ class RingWriter(_Ring):
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:
             return True
-        needed = size + _HEAD.size + len(holes) * (_HEAD.size + _HOLE.size)
-        if self._written + 2 * needed - self._marks[_READ] > self._size:  # twice, to allow for padding
+        needed = size + 7 + _HEAD.size + len(holes) * (_HEAD.size + _HOLE.size)  # 7: alignment
+        if self._written + needed - self._marks[_READ] > self._size:
             return False
         for up, hole in holes:
             data = _HOLE.pack(hole.received, hole.sent)
@@ -295,17 +301,10 @@ class RingWriter(_Ring):
         kind, up, client, came, left, data, note = entry
         length = len(data)
         need = 39 + length + len(note) & ~7
-        size, written = self._size, self._written
-        place = written % size
-        rest = size - place
-        pad = rest if need > rest else 0
-        if written + pad + need - self._marks[_READ] > size:
+        written, space = self._written, self._space
+        if need > _MARGIN or written + need - self._marks[_READ] > self._size:
             return False
-        space = self._space
-        if pad:
-            _PAD.pack_into(space, place, pad, RingRecordKind.PAD)
-            written += pad
-            place = 0
+        place = written % self._size
         _HEAD.pack_into(space, place, need, kind, up, len(note), client, length, came, left)
         place += 32
         end = place + length
@@ -398,20 +397,15 @@ class RingReader(_Ring):
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position
         ready = self._ready if until is None else until
-        whole = size - _HEAD.size
         new, head = tuple.__new__, _HEAD.unpack_from
         while read < ready and len(records) < limit:
             place = read % size
-            if place > whole:  # padding whose header does not fit before the end of the memory
-                read += size - place
-                continue
             need, kind, up, noted, client, length, came, left = head(space, place)
             read += need
-            if kind:
-                end = place + 32 + length
-                data = bytes(space[place + 32 : end])
-                note = bytes(space[end : end + noted]) if noted else b""
-                records.append(new(RingRecord, (_KINDS[kind], up == 1, client, came, left, data, note)))
+            end = place + 32 + length
+            data = bytes(space[place + 32 : end])
+            note = bytes(space[end : end + noted]) if noted else b""
+            records.append(new(RingRecord, (_KINDS[kind], up == 1, client, came, left, data, note)))
         self.position = read
         self._marks[self._position_field] = read
         if read >= self._ready:

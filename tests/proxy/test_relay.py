@@ -16,7 +16,7 @@ from bcapscope.proxy import relay as relay_module
 from bcapscope.proxy.policy import CloseAction, PolicyAction, PolicyDecision, SendAction
 from bcapscope.proxy.poller import SelectPoller
 from bcapscope.proxy.relay import Relay
-from bcapscope.proxy.ring_buffer import HEADER_SIZE, RelayCounter, RingRecordKind, RingWriter
+from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RelayCounter, RingRecordKind, RingWriter
 from bcapscope.proxy.tcp_session import MAX_PENDING, TcpSession
 from bcapscope.traffic.observation import Conversation, Direction
 from tests.english import decoded
@@ -255,7 +255,7 @@ def test_without_epoll_and_timers(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_happened_to_a_file_descriptor_is_not_told_to_the_next_of_its_number() -> None:
-    relay = Relay(RingWriter(memoryview(bytearray(HEADER_SIZE + 4096))))
+    relay = Relay(RingWriter(memoryview(bytearray(RING_OVERHEAD + 4096))))
     told: list[str] = []
     with ExitStack() as stack:
         pairs = [stack.enter_context(each) for _ in range(2) for each in socket.socketpair()]
