@@ -76,7 +76,7 @@ def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) 
 @options.language
 def command(
     *,
-    way: TrajectoryOptions,
+    motion: TrajectoryOptions,
     target: ControllerTarget,
     mode: SlaveModePacing | int,
     robot: str,
@@ -111,20 +111,20 @@ def command(
     stopped or halted.
     """
     _check_platform_and_files(log, record)
-    trajectory = way.read_trajectory()
+    trajectory = motion.read_trajectory()
     view = PlayOutput(as_json, choose_palette(color), shutil.get_terminal_size().columns, words)
     view.show_source(trajectory)
-    _check_motion(trajectory, way, view)
+    _check_motion(trajectory, motion, view)
     plan = PlayPlan(
         target=target,
         robot=robot,
         task=task,
         kind=trajectory.kind,
         mode=mode,
-        period=round(way.interval * 1e6),
+        period=round(motion.interval * 1e6),
         points=list(map(tuple, trajectory.points.tolist())),
-        limits=way.limits,
-        rounds=way.rounds,
+        limits=motion.limits,
+        rounds=motion.rounds,
         approach=approach,
         may_approach=move_to_start,
         armed=arm,
@@ -144,10 +144,10 @@ def _check_platform_and_files(*new_files: Path | None) -> None:
             check_output_path(path)
 
 
-def _check_motion(trajectory: Trajectory, way: TrajectoryOptions, view: PlayOutput) -> None:
+def _check_motion(trajectory: Trajectory, motion: TrajectoryOptions, view: PlayOutput) -> None:
     """Exit if the set points fail the pre-flight check with only the limits from --limit."""
     before = run_preflight(
-        trajectory, way.interval / 1000, with_limits(UNKNOWN_ARM, way.limits), loop=way.rounds != 1
+        trajectory, motion.interval / 1000, with_limits(UNKNOWN_ARM, motion.limits), loop=motion.rounds != 1
     )
     if not before.is_playable:
         view.show_preflight(before)

@@ -24,7 +24,7 @@ def command(arguments: FigureArguments) -> None:
 
     The cycle time runs from the first request of one set point to the first request of the next. Jitter is
     the deviation of a cycle from the time grid. Latency runs from the first request to the accepted reply.
-    The round trip runs from the request that the accepted reply answers to this reply.
+    The round trip starts at the attempt that was answered and ends at the accepted reply.
 
     The controller's buffer cannot be observed. `slave` estimates its level with a model and lists the
     model's assumptions.

@@ -129,6 +129,5 @@ _OPTIONS = (
     options.limit_option("Check against this limit of the arm"),
 )
 
-trajectory_options = options.bundled("way", TrajectoryOptions, _OPTIONS)
-"""Decorator that adds the argument FILE and the options, passed as one argument `way`, a `TrajectoryOptions`.
-"""
+trajectory_options = options.bundled("motion", TrajectoryOptions, _OPTIONS)
+"""Decorator that adds the argument FILE and the options, passed as one `TrajectoryOptions`, `motion`."""
