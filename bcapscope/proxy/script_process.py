@@ -35,8 +35,6 @@ Python needs 20 MB. NumPy needs 200 MB on 4 processors, and more on more process
 threads count.
 """
 
-LEAST_MEMORY, MAX_MEMORY = 64, 65536
-
 LOADS_WITHIN = 30.0
 """Maximum time in seconds in which the scripts must load."""
 

@@ -221,15 +221,6 @@ def _script_limit(text: str) -> int:
     return limit
 
 
-def _script_memory(text: str) -> int:
-    from bcapscope.proxy.script_process import LEAST_MEMORY, MAX_MEMORY
-
-    megabytes = int(text) if text.isdecimal() and len(text) <= len(str(MAX_MEMORY)) else 0
-    if not LEAST_MEMORY <= megabytes <= MAX_MEMORY:
-        raise ValueError(f"{text!r} is not a number of megabytes from {LEAST_MEMORY} to {MAX_MEMORY}")
-    return megabytes
-
-
 def _rule_file(path: str) -> tuple[AnyFault, ...]:
     from bcapscope.faults.document import LONGEST_DOCUMENT, DocumentError, RuleFile, read_document
 
@@ -338,8 +329,9 @@ _OPTIONS = (
         "--script-memory",
         "script_memory_mb",
         metavar="MEGABYTES",
-        callback=_parsing_callback(_script_memory),
-        help="Let the scripts allocate this much memory, 64 to 65536 megabytes (default: 512).",
+        type=options.IntegerRange(64, 65536),
+        callback=_parsing_callback(int),
+        help="Let the scripts allocate this many megabytes (default: 512).",
     ),
     click.option(
         "--control",
