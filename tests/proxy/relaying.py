@@ -73,8 +73,8 @@ class Running:
         """Return the bytes of one direction."""
         return [record.data for record in self.of(RingRecordKind.DATA) if record.up is up]
 
-    def told(self) -> str:
-        """Return all sentences."""
+    def notices(self) -> str:
+        """Return the messages for the user."""
         return "\n".join(decoded(record.data) for record in self.of(RingRecordKind.NOTICE))
 
 

@@ -92,8 +92,8 @@ def test_the_oldest_silent_client_makes_room_and_who_speaks_is_served() -> None:
         silent = [connect(proxy, stack) for _ in range(MAX_PENDING)]
         client = admit(door, proxy, stack)
         assert is_cut_off(silent[0])
-        told = "was silent, and other clients wanted to connect; its connection is closed"
-        eventually(lambda: told in proxy.told())
+        notices = "was silent, and other clients wanted to connect; its connection is closed"
+        eventually(lambda: notices in proxy.notices())
         assert proxy.relay.counts[RelayCounter.DENIED] == 1
         silent[1].sendall(START)
         stack.enter_context(door.accept()[0])
@@ -182,7 +182,7 @@ def test_a_stop_gets_through_when_all_places_are_taken() -> None:
         late = connect(proxy, stack, "127.0.0.3")
         late.sendall(START)
         assert is_cut_off(late)
-        eventually(lambda: "is one client too many; its connection is closed" in proxy.told())
+        eventually(lambda: "is one client too many; its connection is closed" in proxy.notices())
         for host in ("127.0.0.1", "127.0.0.3") * 4:
             client = connect(proxy, stack, host)
             client.sendall(HALT)
