@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import NamedTuple, TypeAlias
 
 from msgspec.structs import replace
 
@@ -18,6 +18,8 @@ from bcapscope.protocol.guard import always_passes
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID
 from bcapscope.proxy.policy import CloseAction, SendAction
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
+
+_SplitRequests: TypeAlias = tuple[list[bytes], list[Frame | bytes]]
 
 _HALTS = frozenset((ID["Robot_Halt"], ID["Robot_Hold"]))
 
@@ -109,6 +111,7 @@ class ClientStates:
         return [state for pair in self.pairs() for state in pair if state.splitter is not None]
 
 
+@dataclass(eq=False, slots=True)
 class DecisionBuilder:
     """Collects the rules' decision about received data: actions in order, and notes.
 
@@ -118,12 +121,10 @@ class DecisionBuilder:
         ticket: Number that identifies the data while a message in it waits; 0 if none has waited.
     """
 
-    __slots__ = ("actions", "notes", "ticket", "waiting")
-
-    def __init__(self) -> None:
-        self.actions: list[SendAction | CloseAction] = []
-        self.notes: list[Message] = []
-        self.waiting = self.ticket = 0
+    actions: list[SendAction | CloseAction] = field(default_factory=list)
+    notes: list[Message] = field(default_factory=list)
+    waiting: int = 0
+    ticket: int = 0
 
     @property
     def note(self) -> Message | None:
@@ -143,38 +144,26 @@ class UndecidedMessage(NamedTuple):
     builder: DecisionBuilder
 
 
-class SplitRequests(NamedTuple):
-    """Requests that were held when their client or the proxy ended.
-
-    Attributes:
-        forwarded: Datagrams or pieces of a stream that are still sent to the controller.
-        dropped: Frames that are not sent any more, and bytes that are not a frame.
-    """
-
-    forwarded: list[bytes]
-    dropped: list[Frame | bytes]
-
-
-def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> SplitRequests:
+def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitRequests:
     """Choose the held requests that are still sent: those that stop the robot or release something.
+
+    Return the bytes to send, and the frames and other bytes that are dropped.
 
     A motion that starts when its client no longer waits does harm. A stop never does harm. On a stream, the
     rest of a partly sent frame is sent first. Otherwise the controller would read the stop as that rest.
     """
     if not state.is_stream:
-        split = [_split_frames(parse_datagram(data)) for data in held]
-        going = [data for each in split for data in each.forwarded]
-        return SplitRequests(going, [lost for each in split for lost in each.dropped])
+        return _split_frames([item for data in held for item in parse_datagram(data)])
     splitter = StreamSplitter(synchronized=False)
     items = [piece.item for piece in (*splitter.feed(b"".join(held)), *splitter.close())]
     going, lost = _split_frames(items)
     if going and lost and not (isinstance(items[0], Frame) and not items[0].problems):
         going.insert(0, items[0].raw)
         del lost[0]
-    return SplitRequests(going, lost)
+    return going, lost
 
 
-def _split_frames(items: Iterable[Frame | Malformed]) -> SplitRequests:
+def _split_frames(items: Iterable[Frame | Malformed]) -> _SplitRequests:
     going: list[bytes] = []
     lost: list[Frame | bytes] = []
     for item in items:
@@ -184,7 +173,7 @@ def _split_frames(items: Iterable[Frame | Malformed]) -> SplitRequests:
             going.append(item.raw)
         else:
             lost.append(item)
-    return SplitRequests(going, lost)
+    return going, lost
 
 
 def _only_stops(request: Frame) -> bool:

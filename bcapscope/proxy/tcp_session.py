@@ -6,6 +6,7 @@ import errno
 import socket
 import time
 from contextlib import suppress
+from dataclasses import dataclass, field
 
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
@@ -48,6 +49,7 @@ _RESETS = errno.ECONNRESET, errno.EPIPE
 """Error numbers of a connection that the other end has reset."""
 
 
+@dataclass(eq=False, slots=True)
 class _HalfConnection:
     """One direction of a connection.
 
@@ -59,14 +61,12 @@ class _HalfConnection:
         sink_shut: True after the end was forwarded to the sink.
     """
 
-    __slots__ = ("pending", "sink", "sink_shut", "source", "source_ended", "up")
-
-    def __init__(self, up: bool, source: socket.socket, sink: socket.socket) -> None:
-        self.up = up
-        self.source = source
-        self.sink = sink
-        self.pending = bytearray()
-        self.source_ended = self.sink_shut = False
+    up: bool
+    source: socket.socket
+    sink: socket.socket
+    pending: bytearray = field(default_factory=bytearray)
+    source_ended: bool = False
+    sink_shut: bool = False
 
 
 class TcpSession(RelaySession):
