@@ -162,10 +162,8 @@ class _Ring:
         self._marks[_URGENCY] = value
 
     def release(self) -> None:
-        self.counts.release()
-        self.figures.release()
-        self._marks.release()
-        self._space.release()
+        for view in (self.counts, self.figures, self._marks, self._space):
+            view.release()
 
 
 _Entry: TypeAlias = "tuple[RingRecordKind, bool, int, int, int, bytes | memoryview, bytes]"

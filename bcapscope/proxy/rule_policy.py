@@ -14,8 +14,7 @@ from msgspec.structs import replace
 
 from bcapscope.faults.fault import CloseMode
 from bcapscope.faults.fault_injector import FaultInjector
-from bcapscope.faults.wire_message import FaultOutput, WireMessage
-from bcapscope.faults.wire_message import SendBytes as Sent
+from bcapscope.faults.wire_message import FaultOutput, SendBytes, WireMessage
 from bcapscope.messages import Message
 from bcapscope.messages.places import joined_clauses
 from bcapscope.protocol.codec.frame import Frame
@@ -46,6 +45,7 @@ class RulePolicy:
 
     Attributes:
         shaper: Applies the faults to messages.
+        guard: Refuses requests; None without a guard.
         intercept: Holds messages until the user decides about them.
         scripts: Queue of messages that the user's scripts have yet to answer; None without scripts.
         dropped_held: Number of held requests that were dropped because their client no longer waited.
@@ -69,16 +69,13 @@ class RulePolicy:
         self.notify: Callable[[Message], None] = lambda message: None
         self._epoch = epoch
         self._clients = ClientStates()
+        self.guard = guard
         self._sender = MessageSender(guard)
         self._outbox: list[PolicyAction] = []
         self._messages = 0
         self._recent_requests = RecentRequests()
         self._templates = FrameTemplates()
         self._tickets = 0
-
-    @property
-    def guard(self) -> RequestGuard | None:
-        return self._sender.guard
 
     @property
     def refused_requests(self) -> int:
@@ -376,19 +373,14 @@ class RulePolicy:
     def _intercept_and_fault(
         self, state: DirectionState, message: WireMessage, now: int, work: DecisionBuilder
     ) -> None:
-        going = self._apply_intercept(state, message, work)
-        if going is not None:
-            self._apply_faults(state, going, now, work)
-
-    def _apply_intercept(
-        self, state: DirectionState, message: WireMessage, work: DecisionBuilder
-    ) -> bytes | None:
         passed = self.intercept.hold_or_pass(state.client, message)
         self._mark_abandoned(state)
-        if passed is None:
-            return message.data
-        work.notes.append(passed.note)
-        return passed.data
+        data: bytes | None = message.data
+        if passed is not None:
+            work.notes.append(passed.note)
+            data = passed.data
+        if data is not None:
+            self._apply_faults(state, data, now, work)
 
     def _forward_held(
         self, held: HeldMessage, data: bytes, note: Message, now: int, work: DecisionBuilder
@@ -414,7 +406,7 @@ class RulePolicy:
     def _carry_out(self, outputs: Sequence[FaultOutput], work: DecisionBuilder) -> None:
         for output in outputs:
             note = joined_clauses(output.fault_notes)
-            if isinstance(output, Sent):
+            if isinstance(output, SendBytes):
                 flow = output.flow
                 client = self._clients.number_of(flow.conversation)
                 state = self._clients.directions(client)[flow.direction]
