@@ -71,7 +71,7 @@ class PendingConnections:
             return
         except OSError:
             data = b""
-        came = time.time_ns()
+        received_at = time.time_ns()
         if not data:
             self._lobby.remove(descriptor)
             self._remove(descriptor)[0].close()
@@ -79,7 +79,7 @@ class PendingConnections:
         first = self._lobby.feed_bytes(descriptor, data, self._relay.now)
         if first is not None:
             self._remove(descriptor)
-            admit(client, address, first, came)
+            admit(client, address, first, received_at)
 
     def _remove(self, descriptor: int) -> tuple[socket.socket, SocketAddress, Admit]:
         self._relay.unwatch(descriptor)

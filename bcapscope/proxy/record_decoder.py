@@ -96,16 +96,17 @@ class RecordDecoder:
         """
         clients = self._clients
         for record, packet in zip(records, packets or repeat(0), strict=False):
-            kind, up, number, came, left, data, encoded = record
+            kind, up, number, received_at, sent_at, data, encoded = record
             note = decode_message(encoded) if encoded else None
             if kind is RingRecordKind.CLIENT_OPENED:
-                clients[number] = _Client(read_endpoints(record.data), came, self._budget, self._templates)
+                endpoints = read_endpoints(record.data)
+                clients[number] = _Client(endpoints, received_at, self._budget, self._templates)
                 continue
             client = clients.get(number)
             if client is None:
                 continue
             if kind is RingRecordKind.DATA:
-                time = came if up else left
+                time = received_at if up else sent_at
                 if not time:
                     continue
                 if up:
@@ -148,19 +149,19 @@ class RecordDecoder:
             del stream.arrival_times[1 : _MAX_MARKS // 2]
 
     def _decode_hole(self, stream: _DirectionStream, record: RingRecord) -> Iterator[NotedObservation]:
-        came, left = hole_sizes(record)
-        size, when = (came, record.received_at) if record.up else (left, record.sent_at)
+        received, sent = hole_sizes(record)
+        size, when = (received, record.received_at) if record.up else (sent, record.sent_at)
         if size:
             stream.arrival_times.append((stream.size, when))
             stream.size += size
             yield from self._make_observations(stream, stream.splitter.add_gap(size), when, None)
 
     def _decode_end(self, client: _Client, record: RingRecord) -> Iterator[NotedObservation]:
-        _, up, _, came, left, *_ = record
-        if came:  # otherwise the proxy itself ended the connection
+        _, up, _, received_at, sent_at, *_ = record
+        if received_at:  # otherwise the proxy itself ended the connection
             is_reset = record.kind is RingRecordKind.RESET
-            client.conversation.record_end(client.streams[up].flow.direction, is_reset, came)
-        if time := came if up else left:
+            client.conversation.record_end(client.streams[up].flow.direction, is_reset, received_at)
+        if time := received_at if up else sent_at:
             yield from self._flush_direction(client.streams[up], time)
 
     def _flush_direction(self, stream: _DirectionStream, time: int) -> Iterator[NotedObservation]:

@@ -239,15 +239,15 @@ class Relay:
     def _record_and_perform(
         self, arrival: _Arrival, note: Message | None, actions: Sequence[SendAction | CloseAction]
     ) -> None:
-        session, up, data, came = arrival
+        session, up, data, received_at = arrival
         if note is None and len(actions) == 1:
             action = actions[0]
             if action == SendAction(session.number, direction_of(up), data):
-                left = session.send(up, data)
-                self.ring.write_record(up, session.number, came, left, data)
+                sent_at = session.send(up, data)
+                self.ring.write_record(up, session.number, received_at, sent_at, data)
                 return
         self.counts[RelayCounter.RULED] += note is not None  # without a note, no rule changed the data
-        self.ring.write_record(up, session.number, came, 0, data, note=encode_note(note))
+        self.ring.write_record(up, session.number, received_at, 0, data, note=encode_note(note))
         self._perform(actions)
 
     def on_stream_end(self, session: RelaySession, up: bool) -> bool:
@@ -294,10 +294,10 @@ class Relay:
                     self._record_and_perform(arrival, action.note, action.actions)
             elif isinstance(action, SendAction):
                 up = action.toward is Direction.REQUEST
-                left = session.send(up, action.data)
-                if left:
+                sent_at = session.send(up, action.data)
+                if sent_at:
                     self.ring.write_record(
-                        up, session.number, 0, left, action.data, note=encode_note(action.note)
+                        up, session.number, 0, sent_at, action.data, note=encode_note(action.note)
                     )
             else:
                 client = str(session.conversation.client)

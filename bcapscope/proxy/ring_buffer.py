@@ -89,7 +89,7 @@ class RelayCounter(IntEnum):
     """Datagrams and pieces of streams on which a rule acted."""
 
 
-_CAME, _LEFT = (
+_RECEIVED, _SENT = (
     (int(RelayCounter.CAME_DOWN), int(RelayCounter.CAME_UP)),
     (int(RelayCounter.LEFT_DOWN), int(RelayCounter.LEFT_UP)),
 )
@@ -121,8 +121,8 @@ class RingRecord(NamedTuple):
 
 def hole_sizes(record: RingRecord) -> tuple[int, int]:
     """Return how many received bytes and how many sent bytes a record of the kind `HOLE` replaces."""
-    came, left = _HOLE.unpack(record.data)
-    return came, left
+    received, sent = _HOLE.unpack(record.data)
+    return received, sent
 
 
 class _Hole(NamedTuple):
@@ -195,31 +195,32 @@ class RingWriter(_Ring):
 
     def flush(self) -> None:
         """Write the pending datagrams to the ring, and count them."""
-        notes = self.pending_datagrams
-        if not notes:
+        datagrams = self.pending_datagrams
+        if not datagrams:
             return
         counts, size = self.counts, 0
         parts: list[bytes] = []
-        for up, client, control, left, data in notes:
+        for up, client, control, sent_at, data in datagrams:
             length = len(data)
             need = 39 + length & ~7
             size += need
-            came = kernel_timestamp(control, left)
-            parts += (_HEAD.pack(need, _DATA, up, 0, client, length, came, left), data, _PADDING[length & 7])
-            counts[_CAME[up]] += 1
-            if left:
-                counts[_LEFT[up]] += 1
+            received_at = kernel_timestamp(control, sent_at)
+            head = _HEAD.pack(need, _DATA, up, 0, client, length, received_at, sent_at)
+            parts += (head, data, _PADDING[length & 7])
+            counts[_RECEIVED[up]] += 1
+            if sent_at:
+                counts[_SENT[up]] += 1
         written = self._written
         place = written % self._size
         if self._required or place + size > self._size or written + size - self._marks[_READ] > self._size:
-            for up, client, control, left, data in notes:
+            for up, client, control, sent_at, data in datagrams:
                 self._write_or_count(
-                    (RingRecordKind.DATA, up, client, kernel_timestamp(control, left), left, data, b"")
+                    (RingRecordKind.DATA, up, client, kernel_timestamp(control, sent_at), sent_at, data, b"")
                 )
         else:
             self._space[place : place + size] = b"".join(parts)
             self._marks[_WRITTEN] = self._written = written + size
-        notes.clear()
+        datagrams.clear()
 
     @property
     def bytes_read(self) -> int:
@@ -265,15 +266,15 @@ class RingWriter(_Ring):
 
     def _count_lost(self, entry: _Entry) -> None:
         """Count a lost record, and remember how many bytes are missing in the client's stream."""
-        kind, up, client, came, left, data, _ = entry
+        kind, up, client, received_at, sent_at, data, _ = entry
         self.counts[RelayCounter.UNWATCHED] += 1
         if kind is RingRecordKind.DATA and client in self.streams and not self._is_reader_detached:
             hole, size = self._holes.get((client, up), _Hole()), len(data)
             self._holes[client, up] = _Hole(
-                hole.received + (size if came else 0),
-                hole.sent + (size if left else 0),
-                came or hole.received_at,
-                left or hole.sent_at,
+                hole.received + (size if received_at else 0),
+                hole.sent + (size if sent_at else 0),
+                received_at or hole.received_at,
+                sent_at or hole.sent_at,
             )
 
     def _write_holes(self, client: int, size: int) -> bool:
@@ -296,14 +297,14 @@ class RingWriter(_Ring):
 
     def _write(self, entry: _Entry) -> bool:
         """Write a record to the ring. Return whether there was room for the record."""
-        kind, up, client, came, left, data, note = entry
+        kind, up, client, received_at, sent_at, data, note = entry
         length = len(data)
         need = 39 + length + len(note) & ~7
         written, space = self._written, self._space
         if need > _MARGIN or written + need - self._marks[_READ] > self._size:
             return False
         place = written % self._size
-        _HEAD.pack_into(space, place, need, kind, up, len(note), client, length, came, left)
+        _HEAD.pack_into(space, place, need, kind, up, len(note), client, length, received_at, sent_at)
         place += 32
         end = place + length
         space[place:end] = data
@@ -398,12 +399,12 @@ class RingReader(_Ring):
         new, head = tuple.__new__, _HEAD.unpack_from
         while read < ready and len(records) < limit:
             place = read % size
-            need, kind, up, noted, client, length, came, left = head(space, place)
+            need, kind, up, noted, client, length, received_at, sent_at = head(space, place)
             read += need
             end = place + 32 + length
             data = bytes(space[place + 32 : end])
             note = bytes(space[end : end + noted]) if noted else b""
-            records.append(new(RingRecord, (_KINDS[kind], up == 1, client, came, left, data, note)))
+            records.append(new(RingRecord, (_KINDS[kind], up == 1, client, received_at, sent_at, data, note)))
         self.position = read
         self._marks[self._position_field] = read
         if read >= self._ready:

@@ -156,8 +156,8 @@ class RulePolicy:
             if self.hides_end(client):
                 continue
             if direction is Direction.REQUEST and held:
-                held, left = split_held_requests(state, held)
-                lost += left
+                held, dropped = split_held_requests(state, held)
+                lost += dropped
             for data in held:
                 self._sender.send(state, data, Message("held.sent-at-end"), work)
         if lost:
@@ -284,9 +284,9 @@ class RulePolicy:
             )
             message.annotate(self._recent_requests)
             self._sender.on_message(state.flow, data)
-            left = self._show_to_scripts(state, message, work)
-            if left is not None:
-                self._intercept_and_fault(state, left, now, work)
+            passing = self._show_to_scripts(state, message, work)
+            if passing is not None:
+                self._intercept_and_fault(state, passing, now, work)
         else:
             self._apply_faults(state, data, now, work)
 
@@ -319,13 +319,13 @@ class RulePolicy:
         for decision in decisions:
             (state, builder), message, work = decision.token, decision.message, DecisionBuilder()
             if decision.answer is None:
-                left = self._pass_without_scripts(state, message, work)
+                passing = self._pass_without_scripts(state, message, work)
             else:
-                left = self._apply_script_answer(state, message, decision.answer, work)
-                if left is not None and message.number < state.overtaken_by:
-                    left = self._without_motion(state, left, Message("script.overtaken"), work)
-            if left is not None:
-                self._intercept_and_fault(state, left, now, work)
+                passing = self._apply_script_answer(state, message, decision.answer, work)
+                if passing is not None and message.number < state.overtaken_by:
+                    passing = self._without_motion(state, passing, Message("script.overtaken"), work)
+            if passing is not None:
+                self._intercept_and_fault(state, passing, now, work)
             builder.waiting -= 1
             builder.notes += work.notes
             if builder.waiting:

@@ -60,7 +60,7 @@ class TcpListener(ClientListener):
             relay.deny(endpoint_of(address), Message("client.not-allowed"))
         return True
 
-    def _admit(self, client: socket.socket, address: SocketAddress, first: bytes, came: int) -> None:
+    def _admit(self, client: socket.socket, address: SocketAddress, first: bytes, received_at: int) -> None:
         """Give a client a slot and a connection to the controller, after the client's first frame."""
         relay = self.relay
         try:
@@ -77,7 +77,7 @@ class TcpListener(ClientListener):
             return
         server.setblocking(False)
         problem = server.connect_ex(self.controller[1])
-        session = TcpSession(relay, self.to, (client, server), address, (first, came))
+        session = TcpSession(relay, self.to, (client, server), address, (first, received_at))
         relay.slots[Transport.TCP].occupy(session, slot, is_fresh=False)
         if problem not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
             session.fail(problem)

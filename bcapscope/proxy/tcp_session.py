@@ -125,10 +125,10 @@ class TcpSession(RelaySession):
         if self._closed:
             return 0
         half = self._up if up else self._down
-        left, sent = self._write(half, memoryview(data))
+        sent_at, sent = self._write(half, memoryview(data))
         if 0 < sent < len(data):
-            self._relay.ring.write_record(up, self.number, 0, left, data[:sent])
-        return left if sent == len(data) else 0
+            self._relay.ring.write_record(up, self.number, 0, sent_at, data[:sent])
+        return sent_at if sent == len(data) else 0
 
     def on_nothing_held(self, up: bool) -> None:
         """Forward the end of a direction whose source has ended, and resume reading."""
@@ -184,15 +184,15 @@ class TcpSession(RelaySession):
 
     def _send_last(self, half: _HalfConnection) -> None:
         """Write the pending bytes that the system accepts at once. Report the rest as lost."""
-        left, sent, when = len(half.pending), 0, time.time_ns()
+        rest, sent, when = len(half.pending), 0, time.time_ns()
         with suppress(OSError):
             sent = half.sink.send(half.pending)
         if sent:
             self._relay.ring.write_record(half.up, self.number, 0, when, bytes(half.pending[:sent]))
-        left -= sent
-        if left:
+        rest -= sent
+        if rest:
             case = "client.lost-at-controller" if half.up else "client.lost-at-client"
-            self._relay.notify(Message(case, client=str(self.conversation.client), size=left))
+            self._relay.notify(Message(case, client=str(self.conversation.client), size=rest))
 
     def evictable_idle_ns(self, now: int) -> int | None:
         """Return the idle time in ns if it is long enough to evict the session, else None."""
@@ -237,10 +237,10 @@ class TcpSession(RelaySession):
                 self.fail(problem)
             elif happened & WRITE:
                 self._connected = True
-                first, came = self._first
+                first, received_at = self._first
                 self._first = b"", 0
                 if first:
-                    self._on_bytes(self._up, first, came)
+                    self._on_bytes(self._up, first, received_at)
                 self._update_masks()
         else:
             self._handle(happened, self._controller, self._down, self._up)
@@ -272,17 +272,17 @@ class TcpSession(RelaySession):
         except OSError as error:
             self._on_source_broken(half, error.errno or 0)
             return
-        came = time.time_ns()
+        received_at = time.time_ns()
         self._last_activity = relay.now
         if half.up:
             self.last_heard = relay.now
         elif self._up.source_ended:
             self._is_answered = True
         if not size:
-            self._record_end(RingRecordKind.END, half, received_at=came)
+            self._record_end(RingRecordKind.END, half, received_at=received_at)
             self._on_source_end(half)
         else:
-            self._on_bytes(half, memoryview(relay.buffer)[:size], came)
+            self._on_bytes(half, memoryview(relay.buffer)[:size], received_at)
 
     def _on_bytes(self, half: _HalfConnection, data: bytes | memoryview, received_at: int) -> None:
         relay = self._relay
@@ -303,18 +303,18 @@ class TcpSession(RelaySession):
 
     def _forward_bytes(self, half: _HalfConnection, data: memoryview, received_at: int) -> None:
         ring = self._relay.ring
-        left, sent = self._write(half, data)
+        sent_at, sent = self._write(half, data)
         if sent == len(data):
-            ring.write_record(half.up, self.number, received_at, left, data)
+            ring.write_record(half.up, self.number, received_at, sent_at, data)
         else:
             ring.write_record(half.up, self.number, received_at, 0, data)
             if sent:
-                ring.write_record(half.up, self.number, 0, left, data[:sent])
+                ring.write_record(half.up, self.number, 0, sent_at, data[:sent])
 
     def _write(self, half: _HalfConnection, data: memoryview) -> tuple[int, int]:
         """Write bytes that the sink accepts. Return the time of writing and the number of bytes written."""
         sent = 0
-        left = time.time_ns()
+        sent_at = time.time_ns()
         if not half.pending:
             try:
                 sent = half.sink.send(data)
@@ -327,19 +327,19 @@ class TcpSession(RelaySession):
         if sent < len(data):
             half.pending += data[sent:]
             self._update_masks()
-        return left, sent
+        return sent_at, sent
 
     def _flush(self, half: _HalfConnection) -> None:
         data = bytes(half.pending[:_AT_ONCE])
         half.pending, pending = bytearray(), half.pending
-        left, sent = self._write(half, memoryview(data))
+        sent_at, sent = self._write(half, memoryview(data))
         if self._closed:
             return
         half.pending = pending
         del half.pending[:sent]
         if sent:
             self._last_activity = self._relay.now
-            self._relay.ring.write_record(half.up, self.number, 0, left, data[:sent])
+            self._relay.ring.write_record(half.up, self.number, 0, sent_at, data[:sent])
         self._shut_sink_when_flushed(half)
         self._update_masks()
 

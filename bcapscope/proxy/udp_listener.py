@@ -182,14 +182,14 @@ class UdpSession(RelaySession):
 
     def send(self, up: bool, data: bytes) -> int:
         """Send and count a datagram. Return the time in ns since 1970; 0 if the system refused to send."""
-        left = self.forward(up, data)
-        if left:
+        sent_at = self.forward(up, data)
+        if sent_at:
             self._relay.counts[RelayCounter.LEFT_UP if up else RelayCounter.LEFT_DOWN] += 1
-        return left
+        return sent_at
 
     def forward(self, up: bool, data: bytes) -> int:
         """Send a datagram. Return the time in ns since 1970; 0 if the system refused to send."""
-        left = time.time_ns()
+        sent_at = time.time_ns()
         try:
             if up:
                 self._send_up(data)
@@ -199,12 +199,12 @@ class UdpSession(RelaySession):
             if not up or not isinstance(error, ConnectionRefusedError):
                 return self._count_send_failure(data, error)
             self.notify_refused()  # the error concerns an earlier datagram; this one was not sent
-            left = time.time_ns()
+            sent_at = time.time_ns()
             try:
                 self._send_up(data)
             except OSError as again:
                 return self._count_send_failure(data, again)
-        return left
+        return sent_at
 
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
         """Send requests in the client's place, each after the previous reply. Return how many were answered.
@@ -220,9 +220,9 @@ class UdpSession(RelaySession):
     def _request(self, request: bytes) -> bool:
         """Send a request and wait for its reply. Return whether the reply came in time."""
         relay = self._relay
-        left = self.send(True, request)
+        sent_at = self.send(True, request)
         note = encode_note(Message("session.closing"))
-        relay.ring.write_record(True, self.number, 0, left, request, note=note)
+        relay.ring.write_record(True, self.number, 0, sent_at, request, note=note)
         until = time.monotonic() + _PATIENCE
         while (rest := until - time.monotonic()) > 0 and wait_readable(self._upstream.fileno(), rest):
             try:
