@@ -11,7 +11,7 @@ import pytest
 
 from bcapscope.errors import LocalProtocolError
 from bcapscope.faults.document import DocumentError, RuleFile, read_document
-from bcapscope.faults.fault import ACTIONS
+from bcapscope.faults.fault_kinds import ACTIONS
 from bcapscope.faults.fault_notation import read_fault
 from bcapscope.player.arm_limits import MAX_LIMIT, UNKNOWN_ARM, with_limits
 from bcapscope.player.trajectory import TrajectoryError

@@ -85,7 +85,7 @@ class _LazyGroup(click.Group):
             formatter.write_dl(list(_COMMANDS.items()))
 
 
-@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
 @click.version_option(__version__, prog_name="bcapscope", message="%(prog)s %(version)s")
 def cli() -> None:
     """Decode, explain, test and simulate b-CAP, the protocol of DENSO robot controllers.

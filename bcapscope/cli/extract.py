@@ -75,7 +75,7 @@ def command(
     controller refused are left out. Set points without a captured reply are included.
 
     Each slave-mode session gets a file: FILE.csv if there is one session; FILE-1.csv, FILE-2.csv and so on
-    if there are several. The number in a file name is that of the slave-mode session in the capture. Existing
+    if there are several. The number in a file name is the number of the session in the capture. Existing
     files are not overwritten without --force.
 
     Exit codes: 0: everything was written; 2: invalid command line; 3: a capture is damaged or incomplete,

@@ -48,21 +48,17 @@ def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) 
     callback=_parse_mode,
     metavar="MODE",
     default=SlaveModePacing.SYNC.value,
-    show_default=True,
     help="Use this slave mode. sync: the controller sets the pace (Sync on RC7, mode 2 on later "
     "controllers). async: `play` sets the pace. Or give the number for slvChangeMode, such as 0x202.",
 )
-@click.option("--robot", default=DEFAULT_ROBOT, show_default=True, help="Open the robot with this name.")
-@click.option(
-    "--task", default=ROBSLAVE, show_default=True, help="Start this task, which RC7 needs for slave mode."
-)
+@click.option("--robot", default=DEFAULT_ROBOT, help="Open the robot with this name.")
+@click.option("--task", default=ROBSLAVE, help="Start this task, which RC7 needs for slave mode.")
 @click.option("--move-to-start", is_flag=True, help="Move to the first set point without confirmation.")
 @click.option(
     "--approach",
     metavar="PERCENT",
     type=options.NumberRange(0.1, 100),
     default=10.0,
-    show_default=True,
     help="Move to the first set point at this speed, in percent.",
 )
 @click.option("--arm", is_flag=True, help="Energise and move a robot without confirmation.")
@@ -80,7 +76,7 @@ def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) 
 @options.language
 def command(
     *,
-    way: TrajectoryOptions,
+    motion: TrajectoryOptions,
     target: ControllerTarget,
     mode: SlaveModePacing | int,
     robot: str,
@@ -115,20 +111,20 @@ def command(
     stopped or halted.
     """
     _check_platform_and_files(log, record)
-    trajectory = way.read_trajectory()
+    trajectory = motion.read_trajectory()
     view = PlayOutput(as_json, choose_palette(color), shutil.get_terminal_size().columns, words)
     view.show_source(trajectory)
-    _check_motion(trajectory, way, view)
+    _check_motion(trajectory, motion, view)
     plan = PlayPlan(
         target=target,
         robot=robot,
         task=task,
         kind=trajectory.kind,
         mode=mode,
-        period=round(way.interval * 1e6),
+        period=round(motion.interval * 1e6),
         points=list(map(tuple, trajectory.points.tolist())),
-        limits=way.limits,
-        rounds=way.rounds,
+        limits=motion.limits,
+        rounds=motion.rounds,
         approach=approach,
         may_approach=move_to_start,
         armed=arm,
@@ -148,10 +144,10 @@ def _check_platform_and_files(*new_files: Path | None) -> None:
             check_output_path(path)
 
 
-def _check_motion(trajectory: Trajectory, way: TrajectoryOptions, view: PlayOutput) -> None:
+def _check_motion(trajectory: Trajectory, motion: TrajectoryOptions, view: PlayOutput) -> None:
     """Exit if the set points fail the pre-flight check with only the limits from --limit."""
     before = run_preflight(
-        trajectory, way.interval / 1000, with_limits(UNKNOWN_ARM, way.limits), loop=way.rounds != 1
+        trajectory, motion.interval / 1000, with_limits(UNKNOWN_ARM, motion.limits), loop=motion.rounds != 1
     )
     if not before.is_playable:
         view.show_preflight(before)

@@ -44,15 +44,6 @@ if TYPE_CHECKING:
     from bcapscope.proxy.script_process import ScriptProcess
 
 
-def _parse_ring(
-    context: click.Context, parameter: click.Parameter, value: str | None
-) -> RotationLimits | None:
-    try:
-        return None if value is None else parse_rotation(value)
-    except ValueError as error:
-        raise click.BadParameter(f"{error}", context, parameter) from None
-
-
 @click.group(invoke_without_command=True, short_help="Proxy: watch, record and disturb live traffic.")
 @click.option(
     "--listen",
@@ -66,7 +57,6 @@ def _parse_ring(
     "--transport",
     type=click.Choice(["udp", "tcp", "both"]),
     default="both",
-    show_default=True,
     help="Listen on this transport if --listen has no prefix.",
 )
 @click.option(
@@ -79,7 +69,7 @@ def _parse_ring(
 @click.option(
     "--ring",
     metavar="RING",
-    callback=_parse_ring,
+    callback=options.parsed_by(parse_rotation),
     help="Record to a ring of files, such as 10x100MB, 24x1h or 24x1h,500MB; the oldest file is removed.",
 )
 @click.option(
@@ -87,7 +77,6 @@ def _parse_ring(
     metavar="SECONDS",
     type=options.NumberRange(1),
     default=600.0,
-    show_default=True,
     help="Forget UDP clients that were silent for this many seconds.",
 )
 @click.option(
@@ -116,7 +105,6 @@ def _parse_ring(
     "--filter",
     "wanted",
     metavar="EXPRESSION",
-    default="",
     help="Show only what matches this filter; `bcapscope fields` lists the fields.",
 )
 @options.time_format
@@ -140,7 +128,7 @@ def command(
     low_latency: bool,
     calls: bool,
     form: TrafficFormat | None,
-    wanted: str,
+    wanted: str | None,
     clock: str,
     color: str,
     words: MessageFormatter,
@@ -179,7 +167,7 @@ def command(
     if ring is not None and record is None:
         raise click.UsageError("--ring needs --record FILE.pcapng")
     shown = None if quiet else RecordKind.CALL if calls else RecordKind.FRAME
-    view = ViewOptions(shown, form or TrafficFormat.LINE, wanted, TimeFormat(clock), words.language)
+    view = ViewOptions(shown, form or TrafficFormat.LINE, wanted or "", TimeFormat(clock), words.language)
     listeners = _parse_listeners(listen, to, transport, allow)
     _check_filter(context, view)
     if record is not None and ring is None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import click
 import msgspec
@@ -31,6 +31,9 @@ R = TypeVar("R", bound=control.DoneResponse)
 _INDENTED = re.compile(r"\n(?=  )")
 """Matches the line breaks before the indented lines of an error message, which show the position in a rule.
 """
+
+_NAME = click.argument("name")
+_NUMBER = click.argument("number", type=options.IntegerRange(1, options.LARGEST_COUNT))
 
 
 @click.group("ctl", short_help="Control a running proxy.")
@@ -120,43 +123,12 @@ def _add(ctl: _ControlCommand, rule: str) -> None:
         echo(printable(response.name))
 
 
-@command.command("remove", short_help="Remove a fault.")
-@click.argument("name")
-@click.pass_obj
-def _remove(ctl: _ControlCommand, name: str) -> None:
-    """Remove a fault."""
-    ctl.request(control.RemoveFault(name), control.FaultResponse)
-
-
-@command.command("on", short_help="Switch a fault on.")
-@click.argument("name")
-@click.pass_obj
-def _on(ctl: _ControlCommand, name: str) -> None:
-    """Switch a fault on."""
-    ctl.request(control.EnableFault(name), control.FaultResponse)
-
-
-@command.command("off", short_help="Switch a fault off.")
-@click.argument("name")
-@click.pass_obj
-def _off(ctl: _ControlCommand, name: str) -> None:
-    """Switch a fault off."""
-    ctl.request(control.DisableFault(name), control.FaultResponse)
-
-
-def _duration_text(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
-    try:
-        return None if value is None else DurationQuantity.read(value).text
-    except ValueError as error:
-        raise click.BadParameter(f"{error}", context, parameter) from None
-
-
 @command.command("intercept", short_help="Change which messages are held.")
 @click.argument("expression", required=False)
 @click.option(
     "--hold",
     metavar="TIME",
-    callback=_duration_text,
+    callback=options.parsed_by(lambda text: DurationQuantity.read(text).text),
     help="Hold messages at most this long, such as 60s (default: as before); see `proxy --hold`.",
 )
 @click.pass_obj
@@ -191,16 +163,8 @@ def _held_lines(held: control.HeldStatus, words: MessageFormatter) -> list[str]:
     ]
 
 
-@command.command("forward", short_help="Send a held message.")
-@click.argument("number", type=options.IntegerRange(1, options.LARGEST_COUNT))
-@click.pass_obj
-def _forward(ctl: _ControlCommand, number: int) -> None:
-    """Send a held message unchanged."""
-    ctl.request(control.ForwardHeld(number), control.DoneResponse)
-
-
 @command.command("edit", short_help="Change a held message and send it.")
-@click.argument("number", type=options.IntegerRange(1, options.LARGEST_COUNT))
+@_NUMBER
 @click.argument("changes", nargs=-1)
 @click.option(
     "--hex", "data", metavar="BYTES", help="Send these bytes, given in hex, instead of the held message."
@@ -209,14 +173,6 @@ def _forward(ctl: _ControlCommand, number: int) -> None:
 def _edit(ctl: _ControlCommand, number: int, changes: tuple[str, ...], data: str | None) -> None:
     """Send a held message with CHANGES, in the notation of the fault `rewrite`: set arg[2][0]=10."""
     ctl.request(control.EditHeld(number, data or "", " ".join(changes)), control.DoneResponse)
-
-
-@command.command("drop", short_help="Drop a held message.")
-@click.argument("number", type=options.IntegerRange(1, options.LARGEST_COUNT))
-@click.pass_obj
-def _drop(ctl: _ControlCommand, number: int) -> None:
-    """Drop a held message."""
-    ctl.request(control.DropHeld(number), control.DoneResponse)
 
 
 @command.command("clients", short_help="List the clients.")
@@ -248,3 +204,22 @@ def _figure_text(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return "none" if value is None else str(value)
+
+
+def _add_change_command(
+    name: str, help_: str, argument: options.Decorator, make: Callable[..., control.ControlRequest]
+) -> None:
+    """Add a command that sends the request `make(ARGUMENT)` and prints nothing."""
+
+    @command.command(name, help=help_)
+    @argument
+    @click.pass_obj
+    def change(ctl: _ControlCommand, /, **typed: Any) -> None:
+        ctl.request(make(**typed), control.DoneResponse)
+
+
+_add_change_command("remove", "Remove a fault.", _NAME, control.RemoveFault)
+_add_change_command("on", "Switch a fault on.", _NAME, control.EnableFault)
+_add_change_command("off", "Switch a fault off.", _NAME, control.DisableFault)
+_add_change_command("forward", "Send a held message unchanged.", _NUMBER, control.ForwardHeld)
+_add_change_command("drop", "Drop a held message.", _NUMBER, control.DropHeld)

@@ -22,8 +22,7 @@ from bcapscope.cli.common.arming_prompt import (
 from bcapscope.cli.common.call_reading import read_filtered_calls
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.data_output import echo
-from bcapscope.cli.common.exit_codes import ExitCode, exit_with
-from bcapscope.cli.common.serving import exit_if_not_listening
+from bcapscope.cli.common.exit_codes import ExitCode, exit_on, exit_with
 from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, optional_target_options
 from bcapscope.client.action_log import LoggedConnection
 from bcapscope.client.armed_call_logger import ArmedCallLogger
@@ -53,6 +52,7 @@ from bcapscope.replay.set_point_runs import (
     preflight_run,
     set_point_runs,
 )
+from bcapscope.simulator.listening_sockets import SimulatorListenError
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 
@@ -91,7 +91,6 @@ _MAX_LISTED = 8
     metavar="SECONDS",
     type=options.NumberRange(0),
     default=5.0,
-    show_default=True,
     help="As client: shorten pauses between calls to this many seconds.",
 )
 @click.option(
@@ -101,7 +100,6 @@ _MAX_LISTED = 8
     "--listen",
     metavar="ADDRESS",
     default="127.0.0.1",
-    show_default=True,
     help="As server: listen on this address of this machine.",
 )
 @options.record_option("As server: record the traffic to a new capture.")
@@ -180,7 +178,7 @@ def _serve(
 ) -> None:
     """Answer clients like the recorded controller until the user ends the command."""
     standin = RecordedController(script, serving.log.on_call, delays=delays)
-    with exit_if_not_listening(), serving.listen(standin, *address) as server:
+    with exit_on(SimulatorListenError, ExitCode.UNREADABLE), serving.listen(standin, *address) as server:
         host, port = server.address
         print_stderr(words("replay.answers", host=host, port=port, reach=reachability(host)))
         serving.serve(server)

@@ -13,17 +13,17 @@ import msgspec
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.attended import announce_ready, attended_option
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, exit_on
 from bcapscope.cli.common.scenario_options import (
     choose_scenario,
     list_behaviours,
     list_scenarios,
     scenario_introduction,
 )
-from bcapscope.cli.common.serving import exit_if_not_listening
 from bcapscope.live.server_runner import ServerRunner, reachability
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import Message, MessageFormatter
+from bcapscope.simulator.listening_sockets import SimulatorListenError
 from bcapscope.simulator.profile import PROFILES, NoArgument
 from bcapscope.simulator.scenario import ProfileName, Scenario, ServerDefect
 from bcapscope.simulator.scenario_runner import ScenarioRunner
@@ -82,7 +82,6 @@ from bcapscope.simulator.simulator_server import SimulatorServer
     "--listen",
     metavar="HOST",
     default="127.0.0.1",
-    show_default=True,
     help="Listen on this address of this machine.",
 )
 @click.option(
@@ -90,7 +89,6 @@ from bcapscope.simulator.simulator_server import SimulatorServer
     "--port",
     type=options.IntegerRange(0, 65535),
     default=5007,
-    show_default=True,
     help="Listen on this port, UDP and TCP; 0 chooses a free port.",
 )
 @options.record_option("Record the traffic to a new capture.")
@@ -135,7 +133,10 @@ def command(
         if scenario is None
         else ScenarioRunner(played, simulator, now, seed=seed, on_news=serving.log.add_note)
     )
-    with exit_if_not_listening(), serving.listen(stage or simulator, listen, port) as server:
+    with (
+        exit_on(SimulatorListenError, ExitCode.UNREADABLE),
+        serving.listen(stage or simulator, listen, port) as server,
+    ):
         print_stderr(words.text(_greeting(simulator, server)))
         print_stderr(words("sim.commands"))
         if scenario is not None:

@@ -4,35 +4,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import click
 from click.core import ParameterSource
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.data_output import require_terminal
 from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.proxy_rule_options import RuleOptions, rule_options
 from bcapscope.cli.common.serve_options import ServeOptions, serve_options, serve_screen
-from bcapscope.cli.common.tui_sources import ProxyScreenOptions, choose_language, show_proxy, show_simulator
+from bcapscope.cli.common.tui_sources import choose_language, run_app, show_proxy, show_simulator
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import MessageFormatter
 from bcapscope.render.escape import printable
 
 _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
 """File suffixes: an argument that ends in one of them is a file, not a host name."""
-
-
-class TesterTarget(NamedTuple):
-    """The controller to test, in the fields of `tui.screens.tester_screen.TesterOptions`."""
-
-    host: str
-    port: int
-    tcp: bool
-    option: str
-    profile: str
 
 
 @click.command(short_help="Open the screen: test a controller, show live traffic or a capture.")
@@ -63,18 +52,17 @@ class TesterTarget(NamedTuple):
     metavar="NAME|FILE.yaml",
     help="Play this scenario in the simulator; `bcapscope sim --scenarios` lists all.",
 )
-@click.option("--tcp/--udp", "tcp", help="Connect to the controller over TCP or UDP (default: UDP).")
+@click.option("--tcp/--udp", "tcp", help="Connect to the controller over TCP or UDP.")
 @click.option(
     "--option",
     metavar="TEXT",
     default="",
-    help="Connect with these options, such as Timeout=300; empty by default.",
+    help="Connect with these options, such as Timeout=300.",
 )
 @click.option(
     "--profile",
     type=click.Choice(["rc7", "rc8", "rc9", "cserver"]),
     default="rc7",
-    show_default=True,
     help="Let the built-in simulator imitate this kind of controller. With --sim, the default is that of "
     "`bcapscope sim`.",
 )
@@ -133,36 +121,27 @@ def command(
     if serve.is_wanted:
         serve_screen(serve)
     choose_language(context, words)
-    if proxy is not None:
-        with _exit_without_folder():
-            show_proxy(ProxyScreenOptions(proxy, listen, to, record, rules))
-        return
-    if sim:
-        _show_simulator(context, _server_port(ports), profile, scenario)
-        return
     is_file = bool(path) and Path(path or "").exists()
     if path and not is_file and (os.sep in path or Path(path).suffix in _SUFFIXES):
         exit_with(words("tui.no-file", path=printable(path)), ExitCode.UNREADABLE)
     with _exit_without_folder():
-        if is_file or interface:
+        if proxy is not None:
+            show_proxy(proxy, listen, to, record, rules)
+        elif sim:
+            is_typed = context.get_parameter_source("profile") is ParameterSource.COMMANDLINE
+            arguments = ["--profile", profile] if is_typed else []
+            show_simulator(_server_port(ports), [*arguments, *(("--scenario", scenario) if scenario else ())])
+        elif is_file or interface:
             _show_traffic(path or "", interface or "", ports)
         else:
-            _show_tester(TesterTarget(path or "", _server_port(ports), tcp, option, profile), requests)
-
-
-def _show_simulator(context: click.Context, port: int, profile: str, scenario: str | None) -> None:
-    is_typed = context.get_parameter_source("profile") is ParameterSource.COMMANDLINE
-    arguments = ["--profile", profile] if is_typed else []
-    arguments += ["--scenario", scenario] if scenario else []
-    with _exit_without_folder():
-        show_simulator(port, arguments)
+            _show_tester(requests, path or "", _server_port(ports), tcp=tcp, option=option, profile=profile)
 
 
 def _server_port(ports: tuple[int, ...]) -> int:
     """Return the given port, or the default port of b-CAP."""
     from bcapscope.client.retry_policies import (
-        DEFAULT_PORT,  # imported here because it loads the client, which showing a capture does not need
-    )
+        DEFAULT_PORT,
+    )  # loads the client, which a capture does not need
 
     return ports[0] if ports else DEFAULT_PORT
 
@@ -179,11 +158,13 @@ def _exit_without_folder() -> Iterator[None]:
         exit_with(printable(full_error_text(error)), ExitCode.UNWRITABLE)
 
 
-def _show_tester(wanted: TesterTarget, requests: Path | None) -> None:
+def _show_tester(
+    requests: Path | None, host: str, port: int, *, tcp: bool, option: str, profile: str
+) -> None:
     from bcapscope.client.action_log import default_folder
     from bcapscope.live.background_recorder import BackgroundRecorder
     from bcapscope.live.recorder import Recorder
-    from bcapscope.tui.app import BcapApp, ScreenEntry
+    from bcapscope.tui.app import ScreenEntry
     from bcapscope.tui.controller_access import saved_requests
     from bcapscope.tui.screens.tester_screen import TesterOptions, TesterScreen
     from bcapscope.tui.screens.traffic_screen import TrafficScreen
@@ -191,32 +172,20 @@ def _show_tester(wanted: TesterTarget, requests: Path | None) -> None:
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
-    with TemporaryFolder() as folder:
-        own = folder.path / "own.pcapng"
-        recorder = BackgroundRecorder(Recorder(own, lambda message: None))
-        start = TesterOptions(
-            requests or saved_requests.default_requests_folder(),
-            default_folder(),
-            *wanted,
-            recorder.on_observation,
-        )
-        tester = ScreenEntry("tester", "f2", "tester.name.screen", lambda: TesterScreen(start))
-        traffic = ScreenEntry(
-            "traffic",
-            "f3",
-            "traffic",
-            lambda: TrafficScreen(
-                TrafficFeed(ReadJob(path=str(own), follow=True, own_clients=True)), wanted.host
-            ),
-        )
-        try:
-            require_terminal()
+    folder, log_folder = requests or saved_requests.default_requests_folder(), default_folder()
+    with TemporaryFolder() as temporary:
+        own = temporary.path / "own.pcapng"
+        with closing(BackgroundRecorder(Recorder(own, lambda message: None))) as recorder:
+            tap = recorder.on_observation
+            start = TesterOptions(folder, log_folder, host, port, tcp, option, profile, tap)
+            traffic = partial(TrafficFeed, ReadJob(path=str(own), follow=True, own_clients=True))
             try:
-                BcapApp([tester, traffic]).run_until_closed()
+                run_app(
+                    ScreenEntry("tester", "f2", "tester.name.screen", lambda: TesterScreen(start)),
+                    ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(traffic(), host)),
+                )
             finally:
-                print_stderr(f"The action log is in {start.log_folder}.")
-        finally:
-            recorder.close()
+                print_stderr(f"The action log is in {log_folder}.")
 
 
 def _show_traffic(path: str, interface: str, ports: tuple[int, ...]) -> None:
@@ -224,15 +193,9 @@ def _show_traffic(path: str, interface: str, ports: tuple[int, ...]) -> None:
     from bcapscope.tui.traffic_processes.process_messages import ReadJob
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
-    feed = TrafficFeed(ReadJob(path=path, interface=interface, ports=ports))
-    try:
-        from bcapscope.tui.app import BcapApp, ScreenEntry
+    with closing(TrafficFeed(ReadJob(path=path, interface=interface, ports=ports))) as feed:
+        from bcapscope.tui.app import ScreenEntry
         from bcapscope.tui.screens.traffic_screen import TrafficScreen
 
-        require_terminal()
         title = Path(path).name or interface
-        BcapApp(
-            [ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(feed, title))]
-        ).run_until_closed()
-    finally:
-        feed.close()
+        run_app(ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(feed, title)))

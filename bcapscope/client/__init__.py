@@ -21,7 +21,7 @@ from bcapscope.client.remote_objects import (
 )
 from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES, RetryPolicies
 from bcapscope.client.service import Service, connect
-from bcapscope.client.session import Session, open_session, over_link, over_tcp, over_udp
+from bcapscope.client.session import Session, open_session, over_tcp, over_udp
 
 __all__ = [
     "DEFAULT_RETRY_POLICIES",
@@ -39,7 +39,6 @@ __all__ = [
     "Variable",
     "connect",
     "open_session",
-    "over_link",
     "over_tcp",
     "over_udp",
 ]

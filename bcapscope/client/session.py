@@ -26,10 +26,8 @@ from bcapscope.protocol.retry.reserved_convention import ReservedConvention, cli
 from bcapscope.protocol.tables.command_catalogue import call_name, command_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, function_by_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
-from bcapscope.transport.memory_link import MemoryLink
-from bcapscope.transport.peer_link import BaseLink, Link, LinkReceiver
-from bcapscope.transport.tcp_link import open_tcp
-from bcapscope.transport.udp_link import open_udp
+from bcapscope.transport.peer_link import Link, LinkReceiver
+from bcapscope.transport.socket_link import open_tcp, open_udp
 
 LinkOpener: TypeAlias = Callable[[LinkReceiver], Awaitable[Link]]
 
@@ -47,21 +45,11 @@ def over_tcp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
     return lambda receiver: open_tcp(host, port, receiver)
 
 
-def over_link(link: MemoryLink) -> LinkOpener:
-    """Return a link opener for a controller in this process, to which `link` leads."""
-
-    async def open_it(receiver: LinkReceiver) -> Link:
-        link.receiver = receiver
-        return link
-
-    return open_it
-
-
 class BaseCaller(Protocol):
     """Interface that a session uses to make its calls, such as a `Caller`."""
 
     @property
-    def link(self) -> BaseLink: ...
+    def link(self) -> Link: ...
 
     async def perform_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy
@@ -241,8 +229,8 @@ async def open_session(
 ) -> AsyncIterator[Session]:
     """Open a link. The end of the block releases all objects that calls have opened, even after an error.
 
-    `open_link` is the result of `over_udp`, `over_tcp` or `over_link`. By default, the reserved field follows
-    DENSO's slides on UDP, and is 0 on TCP. `observer` gets every frame, and `listener` gets every event.
+    `open_link` is the result of `over_udp` or `over_tcp`. By default, the reserved field follows DENSO's
+    slides on UDP, and is 0 on TCP. `observer` gets every frame, and `listener` gets every event.
     `fails_if_refused`: see `Caller`.
 
     Raises:

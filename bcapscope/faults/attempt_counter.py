@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import NamedTuple
 
@@ -17,19 +18,17 @@ MAX_ATTEMPTS = 16
 _LONGEST_KEPT = 512  # bytes of a request's content; real sessions contain few longer requests
 
 
+@dataclass(eq=False, slots=True)
 class AttemptedCall:
     """A call. Two `AttemptedCall` objects are equal only if they are the same object.
 
     Attributes:
-        content: Bytes of each request of the call from the function id on, or their hash if there are many.
+        content: Bytes that all requests of the call share, from the function id on; a hash if there are many.
         attempts: Number of attempts so far.
     """
 
-    __slots__ = ("attempts", "content")
-
-    def __init__(self, content: bytes, attempts: int) -> None:
-        self.content = content
-        self.attempts = attempts
+    content: bytes
+    attempts: int
 
 
 class CallAttempt(NamedTuple):
@@ -92,14 +91,12 @@ class AttemptCounter:
         self._conversations.pop(conversation, None)
 
 
+@dataclass(eq=False, slots=True)
 class _AttemptsBySerial:
-    """Attempts of one conversation by serial. Of two generations, the older one expires as a whole."""
+    """Attempts of one conversation by serial, in two generations. The older one is discarded as a whole."""
 
-    __slots__ = ("earlier", "latest")
-
-    def __init__(self) -> None:
-        self.latest: dict[int, CallAttempt] = {}
-        self.earlier: dict[int, CallAttempt] = {}
+    latest: dict[int, CallAttempt] = field(default_factory=dict)
+    earlier: dict[int, CallAttempt] = field(default_factory=dict)
 
     def find(self, serial: int) -> CallAttempt | None:
         return self.latest.get(serial) or self.earlier.get(serial)

@@ -7,9 +7,9 @@ tuple[AnyFault, ...]``. An error names the line and the field.
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Hashable, Iterable
 from enum import Enum
-from typing import Any, NamedTuple, TypeVar, get_args, get_type_hints
+from typing import Any, TypeAlias, TypeVar, get_args, get_type_hints
 
 import msgspec
 import yaml
@@ -20,7 +20,7 @@ except ImportError:  # PyYAML was built without libyaml
     from yaml import SafeLoader  # type: ignore[assignment]  # the same loader, in Python
 
 from bcapscope.errors import InputError
-from bcapscope.faults.fault import ALIASES, AnyFault
+from bcapscope.faults.fault_kinds import ALIASES, AnyFault
 from bcapscope.faults.quantities import QUANTITIES
 from bcapscope.faults.yaml_events import YamlError, yaml_events
 from bcapscope.messages import Message
@@ -33,6 +33,8 @@ LONGEST_DOCUMENT = 1 << 20
 """Maximum number of characters of a document; documents that people write have at most ten thousand."""
 
 T = TypeVar("T")
+
+_Struct: TypeAlias = type[msgspec.Struct]
 
 _AT = re.compile(r" - at `([^`]*)`$")
 _PATH_STEP = re.compile(r"\.([^.\[]+)|\[([0-9]+)\]")
@@ -187,18 +189,6 @@ def _parse(text: str) -> tuple[yaml.Node | None, object]:
         raise DocumentError((), 0, Message("yaml.invalid", reason=str(error))) from error
 
 
-class _ErrorPlace(NamedTuple):
-    """Location of an error in the data.
-
-    Attributes:
-        path: Names and indexes that lead from the document to the error.
-        kinds: Type of the struct that contains the error, or all candidates if the type is unknown.
-    """
-
-    path: tuple[str | int, ...]
-    kinds: tuple[type[msgspec.Struct], ...]
-
-
 def _document_error(error: msgspec.ValidationError, data: object, kind: Any) -> DocumentError:
     text = str(error)
     match = _AT.search(text)
@@ -210,92 +200,77 @@ def _document_error(error: msgspec.ValidationError, data: object, kind: Any) -> 
         return DocumentError((*path, *cause.path), 0, cause.message)
     if isinstance(cause, InputError):
         return DocumentError(path, 0, cause.message)
-    place = _ErrorPlace(path, _kinds_at(path, data, kind))
-    return DocumentError(path, 0, _readable_reason(reason, place, data))
+    return DocumentError(path, 0, _readable_reason(reason, path, data, kind))
 
 
-def _readable_reason(reason: str, place: _ErrorPlace, data: object) -> Message:
+def _readable_reason(reason: str, path: tuple[str | int, ...], data: object, kind: Any) -> Message:
+    structs, types = _types_at(path, data, kind)
     field = _FIELD.search(reason)
     if field:
-        return _field_reason(field[1], "missing" in reason, place)
-    last = place.path[-1] if place.path else ""
-    if last == "action" and reason.startswith("Invalid value"):
-        word = str(_value_at(place.path, data))
-        unknown = Message("fault.no-such-action", name=f"{shortened(word, 40)!r}")
-        return with_nearest(unknown, ALIASES.get(word, word), _actions(place.kinds))
+        return _field_reason(field[1], "missing" in reason, structs)
+    wrong = data
+    for step in path:
+        wrong = _child(wrong, step)
+    shown = f"{shortened(str(wrong), 40)!r}"
+    if path and path[-1] == "action" and reason.startswith("Invalid value"):
+        unknown = Message("fault.no-such-action", name=shown)
+        return with_nearest(unknown, ALIASES.get(str(wrong), str(wrong)), _actions(structs))
     if reason.startswith("Invalid enum value"):
-        wrong = _value_at(place.path, data)
-        name = next((step for step in reversed(place.path) if isinstance(step, str)), "")
-        values = ", ".join(_enum_values(place.kinds, name))
-        return Message("document.none-of", value=f"{shortened(str(wrong), 40)!r}", values=values)
+        values = [str(each.value) for kind in types if issubclass(kind, Enum) for each in kind]
+        return Message("document.none-of", value=shown, values=", ".join(values))
     if reason.startswith("Expected `str` matching regex"):
         return Message("fault.name")
-    types = _EXPECTED.fullmatch(reason)
-    if types:
-        return Message("document.other-type", expected=types[1], found=types[2])
+    expected = _EXPECTED.fullmatch(reason)
+    if expected:
+        return Message("document.other-type", expected=expected[1], found=expected[2])
     return foreign_text(reason.replace("`", ""))
 
 
-def _field_reason(name: str, is_missing: bool, place: _ErrorPlace) -> Message:
+def _field_reason(name: str, is_missing: bool, structs: Iterable[_Struct]) -> Message:
     if not is_missing:
-        fields = [field for kind in place.kinds for field in kind.__struct_encode_fields__]
+        fields = [field for struct in structs for field in struct.__struct_encode_fields__]
         unknown = Message("input.no-such-field", name=f"{shortened(name, 40)!r}")
         return with_nearest(unknown, name, fields)
     missing = Message("document.missing", name=name)
     if name != "action":
         return missing
-    actions = ", ".join(sorted(_actions(place.kinds)))
-    return Message("document.missing-action", reason=missing, actions=actions)
+    return Message("document.missing-action", reason=missing, actions=", ".join(sorted(_actions(structs))))
 
 
-def _actions(kinds: Iterable[type[msgspec.Struct]]) -> list[str]:
-    return [str(kind.__struct_config__.tag) for kind in kinds]
+def _actions(structs: Iterable[_Struct]) -> list[str]:
+    return [str(struct.__struct_config__.tag) for struct in structs]
 
 
-def _kinds_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[type[msgspec.Struct], ...]:
-    """Return the possible types of the struct into which a path leads."""
-    found = _matching_structs(_structs(kind), data)
-    inside = found
+def _types_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[list[_Struct], list[type]]:
+    """Return the possible types of the innermost struct on a path, and of the last field on the path."""
+    types = _parts(kind)
+    structs = _matching_structs(types, data)
     for step in path:
         data = _child(data, step)
         if isinstance(step, str):
-            inside = tuple(one for each in found for one in _structs(_field_type(each, step)))
-        if isinstance(data, dict) and inside:
-            found = _matching_structs(inside, data)
-    return found
+            types = [part for struct in structs for part in _parts(_field_type(struct, step))]
+        if isinstance(data, dict):
+            structs = _matching_structs(types, data) or structs
+    return structs, types
 
 
-def _structs(hint: Any) -> tuple[type[msgspec.Struct], ...]:
-    """Return the structs in a type hint, such as the members of a union or the element types of a tuple."""
-    return tuple(_types(hint, msgspec.Struct))
+def _parts(hint: Any) -> list[type]:
+    """Return the classes in a type hint, such as the members of a union or the element types of a tuple."""
+    inner = [part for each in get_args(hint) for part in _parts(each)]
+    return [hint, *inner] if isinstance(hint, type) else inner
 
 
-def _types(hint: Any, base: type[T]) -> Iterator[type[T]]:
-    if isinstance(hint, type) and issubclass(hint, base):
-        yield hint
-    for part in get_args(hint):
-        yield from _types(part, base)
-
-
-def _matching_structs(
-    structs: tuple[type[msgspec.Struct], ...], data: object
-) -> tuple[type[msgspec.Struct], ...]:
+def _matching_structs(types: Iterable[type], data: object) -> list[_Struct]:
     """Return the struct that the data's ``action`` names; all structs if the data names none."""
+    structs = [each for each in types if issubclass(each, msgspec.Struct)]
     action = data.get("action") if isinstance(data, dict) else None
-    named = tuple(each for each in structs if each.__struct_config__.tag == action)
-    return named or structs
+    return [each for each in structs if each.__struct_config__.tag == action] or structs
 
 
-def _field_type(kind: type[msgspec.Struct], written: str) -> Any:
+def _field_type(struct: _Struct, written: str) -> Any:
     """Return the type of a field by its name in documents; None for an unknown field."""
-    names = dict(zip(kind.__struct_encode_fields__, kind.__struct_fields__, strict=True))
-    return get_type_hints(kind).get(names.get(written, ""))
-
-
-def _value_at(path: Iterable[str | int], data: object) -> object:
-    for step in path:
-        data = _child(data, step)
-    return data
+    names = dict(zip(struct.__struct_encode_fields__, struct.__struct_fields__, strict=True))
+    return get_type_hints(struct).get(names.get(written, ""))
 
 
 def _child(data: object, step: str | int) -> object:
@@ -304,15 +279,6 @@ def _child(data: object, step: str | int) -> object:
     if isinstance(data, list) and isinstance(step, int) and step < len(data):
         return data[step]
     return None
-
-
-def _enum_values(kinds: Iterable[type[msgspec.Struct]], name: str) -> list[str]:
-    return [
-        str(member.value)
-        for kind in kinds
-        for each in _types(_field_type(kind, name), Enum)
-        for member in each
-    ]
 
 
 def _line(root: yaml.Node | None, error: DocumentError) -> int:

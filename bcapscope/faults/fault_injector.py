@@ -21,11 +21,19 @@ from typing import Any, TypeAlias
 
 from bcapscope.errors import InputError
 from bcapscope.faults.attempt_counter import AttemptCounter
-from bcapscope.faults.fault import AnyFault, CloseMode, Fault
-from bcapscope.faults.fault_effects import EFFECTS, FaultedMessage, FaultEffect
+from bcapscope.faults.fault import CloseMode, Fault
+from bcapscope.faults.fault_kinds import AnyFault
 from bcapscope.faults.fault_matcher import FaultMatcher
 from bcapscope.faults.reply_factory import ReplyFactory
-from bcapscope.faults.wire_message import CloseConnection, FaultOutput, FaultResult, SendBytes, WireMessage
+from bcapscope.faults.rewriter import Rewriter
+from bcapscope.faults.wire_message import (
+    CloseConnection,
+    FaultedMessage,
+    FaultOutput,
+    FaultResult,
+    SendBytes,
+    WireMessage,
+)
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.call_kind import RecentRequests
@@ -34,8 +42,8 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow, Transpo
 MAX_WAITING = 16 << 20
 """Maximum number of bytes that faults hold, with `_OUTPUT_COST` bytes added per message.
 
-This maximum is a second of traffic on a full line of 100 Mbit/s. Beyond it, datagrams that would be held are
-dropped, as in a queue of tc-netem(8).
+This is one second of traffic on a full line of 100 Mbit/s. Beyond this maximum, datagrams that would be held
+are dropped, as in a queue of tc-netem(8).
 """
 
 _OUTPUT_COST = 300
@@ -44,26 +52,25 @@ _RESPONSE = Direction.RESPONSE
 _FlowKey: TypeAlias = tuple[Conversation, Direction]
 
 
-class ActiveFault:
+class ActiveFault(FaultMatcher):
     """A fault that the injector applies.
 
     Attributes:
-        matcher: Decides which messages the fault hits; has the fault's name, switch and count.
-        effect: Changes the messages that the fault hits.
+        state: What the fault remembers from message to message.
     """
 
-    __slots__ = ("effect", "matcher")
+    fault: AnyFault
 
-    def __init__(self, matcher: FaultMatcher) -> None:
-        self.matcher = matcher
-        self.effect: FaultEffect[Any] = EFFECTS[type(matcher.fault)](matcher.fault)
+    def __init__(self, fault: AnyFault, name: str, seed: int, now: int) -> None:
+        super().__init__(fault, name, seed, now)
+        self.state = fault.initial_state()
 
 
 class _QueuedOutput:
     """An output that waits for its time.
 
     Attributes:
-        output: Output that waits; None if another entry of the queue has taken the output over.
+        output: Output that waits; None if the output was moved to another entry of the queue.
         behind: Number of messages of the flow that must overtake first; 0 if the output waits only for its
             time.
         size: Number of bytes by which the output fills the queue.
@@ -90,7 +97,7 @@ class FaultInjector:
         Args:
             faults: Faults in the order in which they apply.
             now: Current time in ns, on the clock of all methods. `after` of each fault starts at this time.
-            epoch: Number of ns to add to that clock to get ns since 1970-01-01 UTC, which filters compare.
+            epoch: Number of ns to add to `now` to get ns since 1970-01-01 UTC, for filters.
 
         Raises:
             InputError: Two faults have the same name.
@@ -101,11 +108,9 @@ class FaultInjector:
         self._message_count = 0
         self._templates = FrameTemplates()
         self._needs_pairing = False
-        self._recent_requests, self._attempt_counter, self._reply_factory = (
-            RecentRequests(),
-            AttemptCounter(),
-            ReplyFactory(),
-        )
+        self._recent_requests = RecentRequests()
+        self._attempt_counter = AttemptCounter()
+        self._reply_factory = ReplyFactory()
         self._queue: list[tuple[int, int, _QueuedOutput]] = []
         self._sequence = 0
         self._queued_bytes = 0
@@ -123,11 +128,11 @@ class FaultInjector:
         Raises:
             InputError: Another fault has the same name.
         """
-        names = {rule.matcher.name for rule in self.active_faults}
+        names = {active.name for active in self.active_faults}
         if fault.name in names:
             raise InputError(Message("fault.exists", name=fault.name))
         name = fault.name or _generated_name(fault, names)
-        self.active_faults.append(ActiveFault(FaultMatcher(fault, name, self._seed, now)))
+        self.active_faults.append(ActiveFault(fault, name, self._seed, now))
         self._update_needs_pairing()
         return name
 
@@ -146,7 +151,7 @@ class FaultInjector:
         Raises:
             KeyError: There is no fault of this name.
         """
-        self.find(name).matcher.enabled = enabled
+        self.find(name).enabled = enabled
         self._update_needs_pairing()
 
     def find(self, name: str) -> ActiveFault:
@@ -155,35 +160,29 @@ class FaultInjector:
         Raises:
             KeyError: There is no fault of this name.
         """
-        for rule in self.active_faults:
-            if rule.matcher.name == name:
-                return rule
+        for active in self.active_faults:
+            if active.name == name:
+                return active
         raise KeyError(name)
 
     @property
     def hit_counts(self) -> dict[str, int]:
-        return {rule.matcher.name: rule.matcher.hit_count for rule in self.active_faults}
+        return {active.name: active.hit_count for active in self.active_faults}
 
     def is_idle(self, now: int) -> bool:
         """Return whether messages may bypass the injector: no message is held and no fault can hit."""
         return (
             not self._queue
             and not self._half_open
-            and all(not rule.matcher.enabled or rule.matcher.is_over(now) for rule in self.active_faults)
+            and not any(active.can_hit(now) for active in self.active_faults)
         )
 
     def needs_frames(self, now: int) -> bool:
         """Return whether streams must be split into frames. Otherwise the bytes may come in any pieces."""
-        return any(
-            rule.matcher.fault.needs_frames
-            for rule in self.active_faults
-            if rule.matcher.enabled and not rule.matcher.is_over(now)
-        )
+        return any(active.fault.needs_frames for active in self.active_faults if active.can_hit(now))
 
     def _update_needs_pairing(self) -> None:
-        self._needs_pairing = any(
-            rule.matcher.enabled and rule.matcher.needs_pairing for rule in self.active_faults
-        )
+        self._needs_pairing = any(active.enabled and active.needs_pairing for active in self.active_faults)
 
     # messages
 
@@ -191,7 +190,7 @@ class FaultInjector:
         """Decide what happens to a message that has just arrived.
 
         Args:
-            flow: Conversation and direction. All messages of a direction need the same object.
+            flow: Conversation and direction. All messages of a direction must have the same `Flow` object.
             data: A datagram, or one piece of a stream: a frame, or bytes that are not a frame.
             now: Current time in ns, which is never less than in the previous call.
         """
@@ -207,11 +206,11 @@ class FaultInjector:
         if self._needs_pairing:
             message.annotate_with_attempts(self._recent_requests, self._attempt_counter)
         self._reply_factory.on_message(flow, data)
-        struck = self._draw_hits(message)
-        if not struck:
+        hits = self._draw_hits(message)
+        if not hits:
             return self._pass_unchanged(flow, data, now, outputs)
-        work = FaultedMessage(message, self._reply_factory)
-        touched = tuple(self._apply_hits(work, struck))
+        work = FaultedMessage(message, self._reply_factory, data)
+        touched = tuple(self._apply_hits(work, hits))
         if work.half_open:
             self._half_open[flow.conversation] = touched[-1]
         if self.is_full and message.is_datagram and not work.is_lost:
@@ -232,12 +231,12 @@ class FaultInjector:
         """Return the outputs that are due at `now`, in the order in which to send them."""
         outputs: list[FaultOutput] = []
         while self._queue and self._queue[0][0] <= now:
-            parcel = heapq.heappop(self._queue)[2]
-            self._queued_bytes -= parcel.size
-            if parcel.output is not None:
-                outputs.append(parcel.output)
-                if parcel.behind:
-                    self._remove_held_behind(parcel)
+            queued = heapq.heappop(self._queue)[2]
+            self._queued_bytes -= queued.size
+            if queued.output is not None:
+                outputs.append(queued.output)
+                if queued.behind:
+                    self._remove_held_behind(queued)
         return outputs
 
     def holds(self, flow: Flow) -> bool:
@@ -246,7 +245,7 @@ class FaultInjector:
         This is so while faults hold messages of the flow, and always if the conversation is half-open.
         """
         return not self.passes_close(flow.conversation) or any(
-            _is_of(parcel.output, _flow_key(flow)) for _, _, parcel in self._queue
+            _is_of(queued.output, _flow_key(flow)) for _, _, queued in self._queue
         )
 
     def passes_close(self, conversation: Conversation) -> bool:
@@ -258,15 +257,15 @@ class FaultInjector:
 
         A half-open conversation returns no messages.
         """
-        way = _flow_key(flow)
-        found = [entry for entry in self._queue if _is_of(entry[2].output, way)]
-        self._queue = [entry for entry in self._queue if not _is_of(entry[2].output, way)]
+        key = _flow_key(flow)
+        found = [entry for entry in self._queue if _is_of(entry[2].output, key)]
+        self._queue = [entry for entry in self._queue if not _is_of(entry[2].output, key)]
         self._rebuild_queue()
-        self._stream_busy_until.pop(way, None)
-        self._held_behind.pop(way, None)
+        self._stream_busy_until.pop(key, None)
+        self._held_behind.pop(key, None)
         if flow.conversation in self._half_open:
             return []
-        outputs = [parcel.output for _, _, parcel in sorted(found, key=_queue_order)]
+        outputs = [queued.output for _, _, queued in sorted(found, key=lambda entry: entry[:2])]
         return [output.data for output in outputs if isinstance(output, SendBytes)]
 
     def close_conversation(self, conversation: Conversation) -> None:
@@ -275,8 +274,9 @@ class FaultInjector:
         self._reply_factory.close_conversation(conversation)
         self._recent_requests.close_conversation(conversation)
         self._attempt_counter.close_conversation(conversation)
-        for rule in self.active_faults:
-            rule.effect.close_conversation(conversation)
+        for active in self.active_faults:
+            if isinstance(active.state, Rewriter):
+                active.state.close_conversation(conversation)
         for direction in Direction:
             self._stream_busy_until.pop((conversation, direction), None)
             self._held_behind.pop((conversation, direction), None)
@@ -287,26 +287,25 @@ class FaultInjector:
 
     def _rebuild_queue(self) -> None:
         heapq.heapify(self._queue)
-        self._queued_bytes = sum(parcel.size for _, _, parcel in self._queue)
+        self._queued_bytes = sum(queued.size for _, _, queued in self._queue)
 
     def _draw_hits(self, message: WireMessage) -> list[tuple[ActiveFault, Any]]:
-        struck = []
-        for rule in self.active_faults:
-            striker = rule.matcher
-            if striker.matches(message) and striker.draw():
-                drawn = rule.effect.draw(striker.rng, message)
+        hits = []
+        for active in self.active_faults:
+            if active.matches(message) and active.draw():
+                drawn = active.fault.draw(active, message)
                 if drawn is not None:
-                    struck.append((rule, drawn))
-        return struck
+                    hits.append((active, drawn))
+        return hits
 
     def _apply_hits(self, faulted: FaultedMessage, hits: list[tuple[ActiveFault, Any]]) -> Iterable[Message]:
-        for rule, drawn in hits:
+        for active, drawn in hits:
             if faulted.is_final:
                 return
-            what = rule.effect.apply(faulted, drawn, rule.matcher.ends_at)
+            what = active.fault.apply(faulted, drawn, active)
             if what is not None:
-                rule.matcher.count_hit()
-                yield Message("fault.did", name=rule.matcher.name, what=what)
+                active.count_hit()
+                yield Message("fault.did", name=active.name, what=what)
 
     def _pass_unchanged(self, flow: Flow, data: bytes, now: int, outputs: list[FaultOutput]) -> FaultResult:
         if not self._queue and not self._held_behind:
@@ -331,9 +330,9 @@ class FaultInjector:
             self._enqueue_send(flow, send, now + faulted.delay)
         else:
             behind, patience = faulted.held_behind
-            parcel = _QueuedOutput(send, behind)
-            self._held_behind.setdefault(_flow_key(flow), []).append(parcel)
-            self._enqueue(now + faulted.delay + patience, parcel)
+            queued = _QueuedOutput(send, behind)
+            self._held_behind.setdefault(_flow_key(flow), []).append(queued)
+            self._enqueue(now + faulted.delay + patience, queued)
         for late in faulted.copy_delays:
             self._enqueue_send(flow, send, now + faulted.delay + late)
 
@@ -354,16 +353,16 @@ class FaultInjector:
 
     def _enqueue_send(self, flow: Flow, send: SendBytes, due: int) -> None:
         """Queue bytes for the time `due`, or after earlier bytes of a stream. Release overtaken messages."""
-        way = _flow_key(flow)
+        key = _flow_key(flow)
         if flow.conversation.transport is Transport.TCP:
-            self._stream_busy_until[way] = due = max(due, self._stream_busy_until.get(way, due))
+            self._stream_busy_until[key] = due = max(due, self._stream_busy_until.get(key, due))
         self._enqueue(due, _QueuedOutput(send))
-        for parcel in list(self._held_behind.get(way, ())):
-            parcel.behind -= 1
-            if not parcel.behind:
-                self._remove_held_behind(parcel)
-                self._enqueue(due, _QueuedOutput(parcel.output))
-                parcel.output = None
+        for queued in list(self._held_behind.get(key, ())):
+            queued.behind -= 1
+            if not queued.behind:
+                self._remove_held_behind(queued)
+                self._enqueue(due, _QueuedOutput(queued.output))
+                queued.output = None
 
     def _enqueue(self, due: int, queued: _QueuedOutput) -> None:
         self._sequence += 1
@@ -372,11 +371,11 @@ class FaultInjector:
 
     def _remove_held_behind(self, queued: _QueuedOutput) -> None:
         assert isinstance(queued.output, SendBytes)
-        way = _flow_key(queued.output.flow)
-        waiting = self._held_behind[way]
+        key = _flow_key(queued.output.flow)
+        waiting = self._held_behind[key]
         waiting.remove(queued)
         if not waiting:
-            del self._held_behind[way]
+            del self._held_behind[key]
 
 
 def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[Message]:
@@ -402,10 +401,6 @@ def _flow_key(flow: Flow) -> _FlowKey:
 
 def _to_client(flow: Flow) -> Flow:
     return flow if flow.direction is _RESPONSE else Flow(flow.conversation, _RESPONSE)
-
-
-def _queue_order(entry: tuple[int, int, _QueuedOutput]) -> tuple[int, int]:
-    return entry[:2]
 
 
 def _is_of(output: FaultOutput | None, key: _FlowKey) -> bool:

@@ -40,17 +40,15 @@ class FaultMatcher:
         asks = when is not None and not when.filter.getter_names.isdisjoint(_NEEDS_REQUEST)
         return asks or self.fault.attempt is not None
 
-    def is_over(self, now: int) -> bool:
-        """Return whether the fault cannot hit any more."""
-        return self._hits_left == 0 or (self.ends_at is not None and now >= self.ends_at)
+    def can_hit(self, now: int) -> bool:
+        """Return whether the fault can hit now or later."""
+        return self.enabled and self._hits_left != 0 and (self.ends_at is None or now < self.ends_at)
 
     def matches(self, message: WireMessage) -> bool:
         """Return whether the message fulfils every condition except the probability."""
-        if not self.enabled or self._hits_left == 0 or not self._begins_at <= message.now:
+        if not self.can_hit(message.now) or message.now < self._begins_at:
             return False
         fault = self.fault
-        if self.ends_at is not None and message.now >= self.ends_at:
-            return False
         if fault.direction is not None and message.flow.direction is not fault.direction:
             return False
         if self._test is None and fault.attempt is None:

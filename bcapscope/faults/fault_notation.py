@@ -56,10 +56,14 @@ import re
 from typing import Any, NamedTuple, NoReturn
 
 from bcapscope.faults.document import DocumentError, fault_from, to_plain_data
-from bcapscope.faults.fault import ACTIONS, ALIASES, AnyFault, Fault
+from bcapscope.faults.fault import Fault
+from bcapscope.faults.fault_kinds import ACTIONS, ALIASES, AnyFault, RewriteFault
+from bcapscope.faults.rewriter import Rewriter
 from bcapscope.messages import Message
+from bcapscope.protocol.codec.frame import Frame, parse_datagram
 from bcapscope.protocol.number_parsing import LONGEST_NUMBER
 from bcapscope.traffic.filter.tokens import FilterError, with_nearest
+from bcapscope.traffic.observation import Flow
 
 _WORD = re.compile(r'(?:"(?:[^"\\]|\\.)*"|[^\s"])+')
 _INTEGER = re.compile(r"[-+]?[0-9]+")
@@ -125,6 +129,20 @@ def write_fault(fault: Fault) -> str:
     if condition is not None:
         words.append(f"if {condition}")
     return " ".join(words)
+
+
+def rewrite_message(data: bytes, flow: Flow, changes: str) -> bytes:
+    """Return a message with changes such as ``set arg[2]=0 serial 7``; the same bytes if nothing changes.
+
+    Raises:
+        ValueError: The notation is invalid.
+    """
+    fault = read_fault(f"rewrite {changes}")
+    assert isinstance(fault, RewriteFault)
+    rewriter = Rewriter(fault)
+    return b"".join(
+        rewriter.rewrite(item, flow) if isinstance(item, Frame) else item.raw for item in parse_datagram(data)
+    )
 
 
 def _format_value(value: object) -> str:

@@ -185,9 +185,6 @@ class FrameCondition:
     def __hash__(self) -> int:
         return hash(self.text)
 
-    def __repr__(self) -> str:
-        return f"Condition({self.text!r})"
-
 
 class Span:
     """Lowest and highest number of a range; written as ``-90..90``, ``..90`` or ``0..``.
@@ -242,9 +239,6 @@ class Span:
 
     def __hash__(self) -> int:
         return hash((self.low, self.high))
-
-    def __repr__(self) -> str:
-        return f"Span({self.low}, {self.high})"
 
 
 QUANTITIES = (DurationQuantity, Share, Rate, HresultQuantity, FrameCondition, Span)

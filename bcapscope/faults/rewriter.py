@@ -6,22 +6,23 @@ import math
 import struct
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple, Protocol, TypeAlias, cast
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias, cast
 
 from bcapscope.errors import LocalProtocolError
-from bcapscope.faults.fault import RewriteFault, RewriteValue
-from bcapscope.faults.fault_notation import read_fault
 from bcapscope.faults.quantities import Span, read_path
-from bcapscope.protocol.codec.frame import Frame, Framing, encode_frame, parse_datagram
+from bcapscope.protocol.codec.frame import Frame, Framing, encode_frame
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, vt_name
 from bcapscope.protocol.codec.variant_notation import parse_variant_as
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
+
+if TYPE_CHECKING:
+    from bcapscope.faults.fault_kinds import RewriteFault, RewriteValue
 
 MAX_REMEMBERED = 4096
 """Maximum number of messages remembered for a `step`, oldest forgotten first; a session has a few dozen."""
 
 MAX_BYTES = 1 << 20
-"""Maximum number of decompressed bytes of remembered messages; values may take a hundred times as much."""
+"""Maximum number of decompressed bytes of remembered messages; their values take up to 100 times as much."""
 
 _Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None]]
 
@@ -41,7 +42,7 @@ class _LastMessage(NamedTuple):
     Attributes:
         raw: Bytes of the message as received.
         values: Arguments of the message as forwarded.
-        step_base: Values that limit those of the next message, by index of the step.
+        step_base: Values to which the next message is compared, by index of the step.
         size: Number of bytes of the frame, decompressed.
     """
 
@@ -118,7 +119,7 @@ class Rewriter:
         return _encode_or_keep(frame, (head.serial, head.reserved, head.code), values)
 
     def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
-        """Limit the change of numbers against the previous message of the series.
+        """Limit the change of numbers relative to the previous message of the series.
 
         A retry gets the same values as the first attempt. Otherwise a controller would execute the retry as a
         new call.
@@ -259,17 +260,3 @@ def _with_number(value: Variant, change: Callable[[float], float]) -> Variant:
     if value.vt in _INTEGERS:
         new = math.ceil(new) if new > number else math.floor(new)
     return value._replace(value=new)
-
-
-def rewrite_message(data: bytes, flow: Flow, changes: str) -> bytes:
-    """Return a message with changes such as ``set arg[2]=0 serial 7``; the same bytes if nothing changes.
-
-    Raises:
-        ValueError: The notation is invalid.
-    """
-    fault = read_fault(f"rewrite {changes}")
-    assert isinstance(fault, RewriteFault)
-    rewriter = Rewriter(fault)
-    return b"".join(
-        rewriter.rewrite(item, flow) if isinstance(item, Frame) else item.raw for item in parse_datagram(data)
-    )

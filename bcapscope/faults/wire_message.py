@@ -1,16 +1,18 @@
-"""A message in transit, which is decoded only if a fault needs it, and the possible results."""
+"""A message in transit, decoded only if a fault needs its frames, and what faults do to it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import msgspec
 
 from bcapscope.faults.attempt_counter import AttemptCounter
 from bcapscope.faults.fault import CloseMode
+from bcapscope.faults.reply_factory import ReplyFactory
 from bcapscope.messages import Message
-from bcapscope.protocol.codec.frame import Frame, parse_datagram
+from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.filter.getters import AnnotatedFrame
@@ -112,18 +114,16 @@ class WireMessage:
     @property
     def frames(self) -> tuple[Frame, ...]:
         """Frames of the message; empty if the message contains anything else."""
-        items = [told.observation.item for told in self.annotated_frames]
-        frames = tuple(item for item in items if isinstance(item, Frame))
-        return frames if len(frames) == len(items) else ()
+        return _only_frames([each.observation.item for each in self.annotated_frames])
 
     def annotate_with_attempts(self, requests: RecentRequests, counter: AttemptCounter) -> None:
         """Find function, command and attempt of each frame. The caller passes every message in order."""
         self.annotate(requests)
         self.attempt_numbers = tuple(
-            counter.attempt_number(self.flow, told.observation.item)
-            if isinstance(told.observation.item, Frame)
+            counter.attempt_number(self.flow, each.observation.item)
+            if isinstance(each.observation.item, Frame)
             else None
-            for told in self.annotated_frames
+            for each in self.annotated_frames
         )
 
     def annotate(self, requests: RecentRequests) -> None:
@@ -133,3 +133,51 @@ class WireMessage:
     def _observations(self) -> Iterator[Observation]:
         for item in parse_datagram(self.data, self._templates):
             yield Observation(self.number, self.time, self.time, self.flow, item, 0)
+
+
+@dataclass(slots=True)
+class FaultedMessage:
+    """A message and what faults have done to it so far.
+
+    Attributes:
+        original: Message as received.
+        data: Current bytes of the message.
+        delay: Sum of all delays, in ns.
+        is_lost: True if the message is not forwarded.
+        is_final: True if later faults are skipped.
+        copy_delays: Time of each copy after the message itself, in ns.
+        held_behind: Number of messages that overtake this one, and the maximum wait for them in ns; None for
+            none.
+        replies: Replies for the client that faults have made: delay from now in ns, and the bytes.
+        close_mode: How to close the connection; None to keep it open.
+        half_open: True if the conversation is blocked from now on.
+    """
+
+    original: WireMessage
+    reply_factory: ReplyFactory
+    data: bytes
+    delay: int = 0
+    is_lost: bool = False
+    is_final: bool = False
+    copy_delays: list[int] = field(default_factory=list)
+    held_behind: tuple[int, int] | None = None
+    replies: list[tuple[int, bytes]] = field(default_factory=list)
+    close_mode: CloseMode | None = None
+    half_open: bool = False
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """Frames in the current bytes; empty if the bytes contain anything else."""
+        if self.data is self.original.data:
+            return self.original.frames
+        return _only_frames(parse_datagram(self.data))
+
+    def drop(self) -> None:
+        """Drop the message and skip later faults."""
+        self.is_lost = self.is_final = True
+
+
+def _only_frames(items: Sequence[Frame | Malformed]) -> tuple[Frame, ...]:
+    """Return the frames; () if an item is not a frame."""
+    frames = tuple(item for item in items if isinstance(item, Frame))
+    return frames if len(frames) == len(items) else ()

@@ -41,7 +41,7 @@ from bcapscope.proxy.listener_spec import ListenerSpec
 from bcapscope.proxy.listeners import open_listeners
 from bcapscope.proxy.policy import Policy
 from bcapscope.proxy.relay import Relay
-from bcapscope.proxy.ring_buffer import HEADER_SIZE, RingWriter
+from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RingWriter
 from bcapscope.proxy.tcp_listener import TcpListener
 from bcapscope.proxy.udp_listener import UdpListener, UdpSession
 from bcapscope.render.escape import printable
@@ -99,10 +99,10 @@ class ProxySupervisor:
         self._words = MessageFormatter(options.view.language)
         self._end_signals = end_signals
         raise_descriptor_limit(_MAX_DESCRIPTORS)
-        self._memory = _shared_memory(HEADER_SIZE + RING_SIZE)
+        self._memory = _shared_memory(RING_OVERHEAD + RING_SIZE)
         self._is_memory_linked = True
         assert self._memory.buf is not None
-        self._ring = RingWriter(self._memory.buf[: HEADER_SIZE + RING_SIZE])
+        self._ring = RingWriter(self._memory.buf[: RING_OVERHEAD + RING_SIZE])
         self._context = multiprocessing.get_context("spawn")
         try:
             self.relay = Relay(self._ring, policy)

@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Protocol
 
 from bcapscope.messages import Message
-from bcapscope.transport.peer_link import Address, BaseLink
+from bcapscope.transport.peer_link import Address, Link
 from bcapscope.transport.receive_timestamps import (
     ANCILLARY_SIZE,
     AncillaryData,
@@ -20,7 +20,7 @@ from bcapscope.transport.receive_timestamps import (
     kernel_timestamp,
     receive_function,
 )
-from bcapscope.transport.udp_link import preferred_address
+from bcapscope.transport.socket_link import preferred_address
 
 SPIN_TIME = 200_000
 """Time in ns before a deadline at which the thread stops sleeping and watches the clock; sleeps overrun by
@@ -40,7 +40,7 @@ _CLOCK_TOLERANCE = 100_000
 time."""
 
 
-class Channel(BaseLink, Protocol):
+class Channel(Link, Protocol):
     """A link to the controller that can wait until a given time; times are ns of the clock of `now`."""
 
     @property

@@ -9,49 +9,34 @@ from __future__ import annotations
 from collections import Counter
 from enum import Enum
 from operator import itemgetter
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from bcapscope.messages import Message
 from bcapscope.transport.first_frame_queue import source_network
+
+if TYPE_CHECKING:
+    from bcapscope.proxy.relay_session import RelaySession
 
 MAX_CLIENTS = 256
 """Maximum number of clients per transport; DENSO's C server has 20 (orin_bcap C/src/bcap_server.c)."""
 
 MAX_PER_SOURCE = 192
-"""Maximum number of clients per address, since one address may stand for a whole plant.
+"""Maximum number of clients per address, since a whole plant may share one address behind NAT.
 
-The other slots are enough for three controllers.
+The remaining 64 slots are enough for three controllers.
 """
 
 RESERVED_SLOTS = 4
-"""Number of additional slots per transport for stops. A new client replaces the oldest in these slots."""
+"""Number of additional slots per transport for stops. A new stop evicts the oldest client in them."""
 
 REPLACE_INTERVAL_NS = 5_000_000
-"""Time in ns between two evictions of fresh clients, which limits the cost of a flood from new UDP ports."""
+"""Time in ns between two evictions of fresh clients; limits the cost of a flood from new UDP ports."""
 
 REPLACE_BURST = 64
-"""Number of evictions of fresh clients without that delay, after a quiet time."""
+"""Number of fresh clients that may be evicted without a delay after a quiet time."""
 
 TOO_MANY_CLIENTS = Message("client.silent.too-many")
 """Reason that the user sees when a client is evicted for another client."""
-
-
-class Occupant(Protocol):
-    """A client that has one of the slots."""
-
-    @property
-    def number(self) -> int:
-        """Number of the client, never used twice."""
-
-    @property
-    def source(self) -> str:
-        """Network of the client, as `source_network` returns it."""
-
-    def evictable_idle_ns(self, now: int) -> int | None:
-        """Return how many ns the client has been idle, if it may be evicted for another client; else None."""
-
-    def close(self, reset: bool, why: Message) -> None:
-        """End the client's session."""
 
 
 class ClientSlot(Enum):
@@ -67,9 +52,9 @@ class ClientSlots:
     """The slots of one transport."""
 
     def __init__(self) -> None:
-        self._regular: dict[int, Occupant] = {}
-        self._reserved: dict[int, Occupant] = {}
-        self._fresh: dict[int, Occupant] = {}
+        self._regular: dict[int, RelaySession] = {}
+        self._reserved: dict[int, RelaySession] = {}
+        self._fresh: dict[int, RelaySession] = {}
         self._sources: Counter[str] = Counter()
         self._replacements_left, self._replaced_at = REPLACE_BURST, 0
         self._exhausted_sources: set[str | None] = set()
@@ -79,8 +64,7 @@ class ClientSlots:
         return len(self._regular) + len(self._reserved)
 
     def find_slot(self, host: str, now: int, is_stop: bool) -> ClientSlot:
-        """Find a slot for a new client at the address `host`. Other clients may be evicted for the new
-        client.
+        """Find a slot for a new client at the address `host`, for which other clients may be evicted.
 
         `is_stop` is True if the client's first frame is a stop. `now` is in ns of a monotonic clock.
         """
@@ -97,21 +81,21 @@ class ClientSlots:
             self.end_oldest_stop()
         return ClientSlot.RESERVED
 
-    def occupy(self, occupant: Occupant, slot: ClientSlot, is_fresh: bool) -> None:
+    def occupy(self, session: RelaySession, slot: ClientSlot, is_fresh: bool) -> None:
         """Give a client the slot that `find_slot` found.
 
         Args:
-            slot: Kind of slot; a client with `ClientSlot.RESERVED` must not stay long.
+            slot: Kind of slot that `find_slot` returned.
             is_fresh: True if the client has sent one datagram so far and may never send another.
         """
-        number = occupant.number
+        number = session.number
         if slot is ClientSlot.RESERVED:
-            self._reserved[number] = occupant
+            self._reserved[number] = session
             return
-        self._regular[number] = occupant
-        self._sources[occupant.source] += 1
+        self._regular[number] = session
+        self._sources[session.source] += 1
         if is_fresh:
-            self._fresh[number] = occupant
+            self._fresh[number] = session
 
     def mark_established(self, number: int) -> None:
         """Protect a fresh client from early eviction, because it has sent a second datagram."""
@@ -120,9 +104,9 @@ class ClientSlots:
     def release(self, number: int) -> None:
         self._fresh.pop(number, None)
         self._reserved.pop(number, None)
-        occupant = self._regular.pop(number, None)
-        if occupant is not None:
-            source = occupant.source
+        session = self._regular.pop(number, None)
+        if session is not None:
+            source = session.source
             self._sources[source] -= 1
             if not self._sources[source]:
                 del self._sources[source]
@@ -137,7 +121,7 @@ class ClientSlots:
         return True
 
     def _evict_one(self, source: str | None, now: int) -> bool:
-        """Evict a client of one source, or of any source, if one may be evicted. Return whether one was."""
+        """Evict a client of one source, or of any source, if possible. Return whether one was evicted."""
         victim = self._oldest_replaceable(source, now) or self._longest_idle(source, now)
         if victim is None:
             return False
@@ -145,9 +129,8 @@ class ClientSlots:
         self.release(victim.number)
         return True
 
-    def _longest_idle(self, source: str | None, now: int) -> Occupant | None:
-        """Return the client that has been idle longest among those that may be evicted; None if there is
-        none.
+    def _longest_idle(self, source: str | None, now: int) -> RelaySession | None:
+        """Return the longest idle client that may be evicted; None if there is none.
 
         A search without a result is not repeated for the same `now`.
         """
@@ -164,7 +147,7 @@ class ClientSlots:
         self._exhausted_sources.add(source)
         return None
 
-    def _oldest_replaceable(self, source: str | None, now: int) -> Occupant | None:
+    def _oldest_replaceable(self, source: str | None, now: int) -> RelaySession | None:
         """Return the oldest fresh client of one source or of any; None if none may be evicted now."""
         earned = (now - self._replaced_at) // REPLACE_INTERVAL_NS
         if earned:

@@ -8,14 +8,13 @@ from typing import Any, NamedTuple, TypeVar
 
 from bcapscope.errors import InputError, message_of
 from bcapscope.faults.document import DocumentError, fault_from, to_plain_data
-from bcapscope.faults.fault_notation import read_fault, write_fault
+from bcapscope.faults.fault_notation import read_fault, rewrite_message, write_fault
 from bcapscope.faults.quantities import DurationQuantity, FrameCondition
-from bcapscope.faults.rewriter import rewrite_message
 from bcapscope.messages import Message
 from bcapscope.messages.message_codec import message_to_data
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.proxy import control_messages as control
-from bcapscope.proxy.direction_state import ClientActivity
+from bcapscope.proxy.direction_state import DirectionState
 from bcapscope.proxy.intercept import HeldMessage
 from bcapscope.proxy.rule_policy import RulePolicy
 
@@ -76,7 +75,7 @@ class ControlApi:
                 return control.HeldResponse(held=[_held_status(each, now) for each in rules.intercept.held])
             case control.ListClients():
                 upstream = self._upstream
-                clients = [_client_status(each, upstream(each.number), now) for each in rules.clients()]
+                clients = [_client_status(*pair, upstream(pair[0].client), now) for pair in rules.clients()]
                 return control.ClientsResponse(clients=clients)
             case control.GetStats():
                 return self._stats()
@@ -160,26 +159,24 @@ def _quantity(field: str, kind: type[Q], text: str | None) -> Q | None:
 
 
 def _fault_status(rules: RulePolicy, name: str) -> control.FaultStatus:
-    matcher = rules.shaper.find(name).matcher
-    fault = matcher.fault
-    return control.FaultStatus(
-        name, matcher.enabled, matcher.hit_count, write_fault(fault), to_plain_data(fault)
-    )
+    active = rules.shaper.find(name)
+    rule, data = write_fault(active.fault), to_plain_data(active.fault)
+    return control.FaultStatus(name, active.enabled, active.hit_count, rule, data)
 
 
-def _client_status(client: ClientActivity, upstream: str, now: int) -> control.ClientStatus:
-    conversation = client.conversation
+def _client_status(up: DirectionState, down: DirectionState, upstream: str, now: int) -> control.ClientStatus:
+    conversation = up.flow.conversation
     return control.ClientStatus(
-        client.number,
+        up.client,
         str(conversation.client),
         str(conversation.server),
         conversation.transport,
         upstream,
-        round((now - client.since) / 1e9, 3),
-        client.up,
-        _seconds_ago(client.last_request_at, now),
-        client.down,
-        _seconds_ago(client.last_reply_at, now),
+        round((now - up.connected_at) / 1e9, 3),
+        up.piece_count,
+        _seconds_ago(up.last_piece_at, now),
+        down.piece_count,
+        _seconds_ago(down.last_piece_at, now),
     )
 
 

@@ -21,8 +21,8 @@ ANSWERS_WITHIN = 10.0
 """Maximum time in seconds that a whole response may take."""
 
 LARGEST_LIST = 16 << 20
-"""Maximum number of bytes of a list of held messages, enough for a thousand messages of 8,000 bytes. Other
-responses have `LONGEST_LINE`.
+"""Maximum number of bytes of a list of held messages, enough for a thousand messages of 8,000 bytes. For
+other responses, the maximum is `LONGEST_LINE`.
 """
 
 _LONGEST_REASON = 1000
@@ -45,7 +45,7 @@ class ControlRefused(BcapError):
 
 
 class ControlClient:
-    """A control connection to a proxy, which opens with the first request and again after a failure."""
+    """A control connection to a proxy. It opens at the first request, and again after a failure."""
 
     def __init__(self, address: str) -> None:
         """Set the address that the proxy got with ``--control``."""
@@ -53,8 +53,7 @@ class ControlClient:
         self._socket: socket.socket | None = None
 
     def request(self, request: control.ControlRequest, kind: type[R]) -> R:
-        """Send a request and return the response as an object of type `kind`, within `ANSWERS_WITHIN`
-        seconds.
+        """Send a request and return the response as an object of type `kind`.
 
         Raises:
             ControlError: No program listens on the address, or the program is no proxy of this version.
@@ -77,22 +76,19 @@ class ControlClient:
         try:
             line = self._send_and_receive(control.encode_line(request), limit)
             head = control.decode_response(line, control.ErrorResponse)
-        except (
-            ConnectionError
-        ) as error:  # the connection broke during the request; connecting raises ControlError
+        except (OSError, ValueError) as error:
             self.close()
-            raise ControlError(Message("control.ended", address=self._address)) from error
-        except OSError as error:
-            self.close()
-            raise ControlError(
-                Message("control.failed", address=self._address, reason=os_reason(error))
-            ) from error
-        except ValueError as error:
-            self.close()
-            raise ControlError(Message("control.not-a-proxy", address=self._address)) from error
+            raise ControlError(self._failure_reason(error)) from error
         if not head.ok:
             raise ControlRefused(head.reason, line)
         return line
+
+    def _failure_reason(self, error: OSError | ValueError) -> Message:
+        if isinstance(error, ConnectionError):  # during the request; connecting raises `ControlError`
+            return Message("control.ended", address=self._address)
+        if isinstance(error, OSError):
+            return Message("control.failed", address=self._address, reason=os_reason(error))
+        return Message("control.not-a-proxy", address=self._address)
 
     def close(self) -> None:
         if self._socket is not None:

@@ -62,27 +62,21 @@ class AddFault(_Request, frozen=True, tag="add"):
 
 
 class RemoveFault(_Request, frozen=True, tag="remove"):
-    """Request to remove a fault."""
-
     name: str
 
 
 class EnableFault(_Request, frozen=True, tag="on"):
-    """Request to switch a fault on."""
-
     name: str
 
 
 class DisableFault(_Request, frozen=True, tag="off"):
-    """Request to switch a fault off."""
-
     name: str
 
 
 class SetIntercept(_Request, frozen=True, tag="intercept", rename={"condition": "if"}):
     """Request to hold messages that match another filter from now on; without a filter, hold none.
 
-    Without `patience`, the maximum time that a message is held stays as it is.
+    Without `patience`, the maximum hold time does not change.
     """
 
     condition: str | None = None
@@ -94,8 +88,6 @@ class ListHeld(_Request, frozen=True, tag="held"):
 
 
 class ForwardHeld(_Request, frozen=True, tag="forward"):
-    """Request to forward a held message unchanged."""
-
     number: int
 
 
@@ -108,8 +100,6 @@ class EditHeld(_Request, frozen=True, tag="edit"):
 
 
 class DropHeld(_Request, frozen=True, tag="drop"):
-    """Request to drop a held message."""
-
     number: int
 
 
@@ -138,7 +128,7 @@ class ErrorResponse(msgspec.Struct, frozen=True):
 
     @property
     def reason(self) -> Message:
-        """Reason of the rejection. Another program than a proxy may send no reason, or an invalid one."""
+        """Reason of the rejection. A program that is not a proxy may send no reason, or an invalid one."""
         try:
             if self.message is not None:
                 return message_from_data(self.message)
@@ -178,7 +168,7 @@ class FaultsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class ClientStatus(msgspec.Struct, frozen=True):
-    """A client of the proxy. `up` and `down` count datagrams, or reads of a stream; None means never."""
+    """A client of the proxy. `up` and `down` count datagrams or stream reads; a time of None means never."""
 
     number: JsonCount
     client: str
@@ -310,8 +300,8 @@ def decode_request(line: bytes) -> ControlRequest:
     """Decode a request from a line.
 
     Raises:
-        JSONDecodeError: The line is no JSON. A program that sends such a line is not a control client.
-        DocumentError: The JSON is no valid request; the error names the field.
+        JSONDecodeError: The line is not JSON. A program that sends such a line is not a control client.
+        DocumentError: The JSON is not a valid request; the error names the field.
     """
     request: ControlRequest = convert_data(orjson.loads(line), ControlRequest)
     return request
@@ -321,7 +311,7 @@ def decode_response(line: bytes, kind: type[T]) -> T:
     """Decode a response of the given type from a line.
 
     Raises:
-        ValueError: The line is no response of this type.
+        ValueError: The line is not a response of this type.
     """
     try:
         return msgspec.json.decode(line, type=kind)

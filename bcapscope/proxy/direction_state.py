@@ -1,55 +1,56 @@
-"""The state of each direction of a client's traffic, and how its data is split into messages."""
+"""The state of each direction of a client's traffic, how its data is split, and which messages are stops."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import NamedTuple, TypeAlias
 
 from msgspec.structs import replace
 
+from bcapscope.faults.wire_message import WireMessage
 from bcapscope.messages import Message
 from bcapscope.messages.places import joined_clauses
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.guard import always_passes
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ID
 from bcapscope.proxy.policy import CloseAction, SendAction
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
+_SplitRequests: TypeAlias = tuple[list[bytes], list[Frame | bytes]]
 
+_HALTS = frozenset((ID["Robot_Halt"], ID["Robot_Hold"]))
+
+
+@dataclass(eq=False)
 class DirectionState:
     """State of one direction of a client's traffic.
 
     Attributes:
+        client: Number of the client.
+        connected_at: Time of the client's first bytes, in ns.
+        budget: Limit for the bytes of unfinished frames of all streams together.
         splitter: Splitter of a TCP stream into frames; None while no rule needs frames.
         has_begun: True after bytes of this direction were forwarded.
-        piece_count: Number of datagrams received, or of reads of a stream.
-        last_piece_at: Time of the last datagram or read, in ns.
         has_ended: True after the stream has ended.
+        piece_count: Number of datagrams received, or of reads of a stream.
+        last_piece_at: Time of the last datagram or read, in ns; 0 for never.
         overtaken_by: Message number of the latest stop; waiting motions with a lower number must not start. 0
             for no stop.
     """
 
-    __slots__ = (
-        "_budget",
-        "client",
-        "flow",
-        "has_begun",
-        "has_ended",
-        "last_piece_at",
-        "overtaken_by",
-        "piece_count",
-        "splitter",
-    )
-
-    def __init__(self, client: int, flow: Flow, budget: ByteBudget | None = None) -> None:
-        """Set up the state. `budget` limits the bytes of unfinished frames of all streams together."""
-        self._budget = budget
-        self.client = client
-        self.flow = flow
-        self.splitter: StreamSplitter | None = None
-        self.has_begun = self.has_ended = False
-        self.piece_count = self.last_piece_at = self.overtaken_by = 0
+    client: int
+    flow: Flow
+    connected_at: int
+    budget: ByteBudget
+    splitter: StreamSplitter | None = None
+    has_begun: bool = False
+    has_ended: bool = False
+    piece_count: int = 0
+    last_piece_at: int = 0
+    overtaken_by: int = 0
 
     @property
     def is_stream(self) -> bool:
@@ -63,7 +64,7 @@ class DirectionState:
             return
         if into_frames:
             if self.splitter is None:
-                self.splitter = StreamSplitter(synchronized=not self.has_begun, budget=self._budget)
+                self.splitter = StreamSplitter(synchronized=not self.has_begun, budget=self.budget)
             for piece in self.splitter.feed(data):
                 yield piece.item.raw
             return
@@ -77,45 +78,23 @@ class DirectionState:
         return [piece.item.raw for piece in splitter.close()] if splitter else []
 
 
-class ClientActivity(NamedTuple):
-    """Activity of a connected client; times are in ns.
-
-    Attributes:
-        since: Time of the client's first bytes.
-        up: Number of datagrams, or of reads of a stream, from the client.
-        last_request_at: Time of the last bytes from the client; 0 for never.
-        down: Number of datagrams, or of reads of a stream, from the controller.
-        last_reply_at: Time of the last bytes from the controller; 0 for never.
-    """
-
-    number: int
-    conversation: Conversation
-    since: int
-    up: int
-    last_request_at: int
-    down: int
-    last_reply_at: int
-
-
 class ClientStates:
     """The connected clients, each with the state of both directions."""
 
     def __init__(self) -> None:
         self._directions: dict[int, dict[Direction, DirectionState]] = {}
-        self._connected_at: dict[int, int] = {}
         self._numbers: dict[Conversation, int] = {}
         self._budget = ByteBudget()
 
     def add(self, client: int, conversation: Conversation, now: int) -> None:
         self._directions[client] = {
-            each: DirectionState(client, Flow(conversation, each), self._budget) for each in Direction
+            each: DirectionState(client, Flow(conversation, each), now, self._budget) for each in Direction
         }
         self._numbers[conversation] = client
-        self._connected_at[client] = now
 
     def remove(self, client: int) -> None:
-        del self._numbers[self.directions(client)[Direction.REQUEST].flow.conversation]
-        del self._directions[client], self._connected_at[client]
+        states = self._directions.pop(client)
+        del self._numbers[states[Direction.REQUEST].flow.conversation]
 
     def directions(self, client: int) -> Mapping[Direction, DirectionState]:
         """Return the states of both directions of a client; {} for a client that is gone."""
@@ -124,21 +103,15 @@ class ClientStates:
     def number_of(self, conversation: Conversation) -> int:
         return self._numbers[conversation]
 
-    def requests(self) -> Iterator[DirectionState]:
-        """Yield the request direction of each client."""
-        return (each[Direction.REQUEST] for each in self._directions.values())
+    def pairs(self) -> Iterator[tuple[DirectionState, DirectionState]]:
+        """Yield the request direction and the response direction of each client."""
+        return ((each[Direction.REQUEST], each[Direction.RESPONSE]) for each in self._directions.values())
 
     def split_streams(self) -> list[DirectionState]:
-        states = (state for each in self._directions.values() for state in each.values())
-        return [state for state in states if state.splitter is not None]
-
-    def activities(self) -> Iterator[ClientActivity]:
-        for number, states in self._directions.items():
-            up, down = states[Direction.REQUEST], states[Direction.RESPONSE]
-            counts = up.piece_count, up.last_piece_at, down.piece_count, down.last_piece_at
-            yield ClientActivity(number, up.flow.conversation, self._connected_at[number], *counts)
+        return [state for pair in self.pairs() for state in pair if state.splitter is not None]
 
 
+@dataclass(eq=False, slots=True)
 class DecisionBuilder:
     """Collects the rules' decision about received data: actions in order, and notes.
 
@@ -148,12 +121,10 @@ class DecisionBuilder:
         ticket: Number that identifies the data while a message in it waits; 0 if none has waited.
     """
 
-    __slots__ = ("actions", "notes", "ticket", "waiting")
-
-    def __init__(self) -> None:
-        self.actions: list[SendAction | CloseAction] = []
-        self.notes: list[Message] = []
-        self.waiting = self.ticket = 0
+    actions: list[SendAction | CloseAction] = field(default_factory=list)
+    notes: list[Message] = field(default_factory=list)
+    waiting: int = 0
+    ticket: int = 0
 
     @property
     def note(self) -> Message | None:
@@ -173,49 +144,70 @@ class UndecidedMessage(NamedTuple):
     builder: DecisionBuilder
 
 
-class SplitRequests(NamedTuple):
-    """Requests that were held when their client or the proxy ended.
-
-    Attributes:
-        forwarded: Datagrams or pieces of a stream that are still sent to the controller.
-        dropped: Frames that are not sent any more, and bytes that are not a frame.
-    """
-
-    forwarded: list[bytes]
-    dropped: list[Frame | bytes]
-
-
-def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> SplitRequests:
+def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitRequests:
     """Choose the held requests that are still sent: those that stop the robot or release something.
 
+    Return the bytes to send, and the frames and other bytes that are dropped.
+
     A motion that starts when its client no longer waits does harm. A stop never does harm. On a stream, the
-    rest of a partly sent frame is sent first, because the controller would otherwise take the stop for that
-    rest.
+    rest of a partly sent frame is sent first. Otherwise the controller would read the stop as that rest.
     """
     if not state.is_stream:
-        split = [_split_frames(parse_datagram(data)) for data in held]
-        going = [data for each in split for data in each.forwarded]
-        return SplitRequests(going, [lost for each in split for lost in each.dropped])
+        return _split_frames([item for data in held for item in parse_datagram(data)])
     splitter = StreamSplitter(synchronized=False)
     items = [piece.item for piece in (*splitter.feed(b"".join(held)), *splitter.close())]
     going, lost = _split_frames(items)
     if going and lost and not (isinstance(items[0], Frame) and not items[0].problems):
         going.insert(0, items[0].raw)
         del lost[0]
-    return SplitRequests(going, lost)
+    return going, lost
 
 
-def _split_frames(items: Iterable[Frame | Malformed]) -> SplitRequests:
+def _split_frames(items: Iterable[Frame | Malformed]) -> _SplitRequests:
     going: list[bytes] = []
     lost: list[Frame | bytes] = []
     for item in items:
         if not isinstance(item, Frame):
             lost.append(item.raw)
-        elif not item.problems and always_passes(item.code, [each.variant for each in item.arguments]):
+        elif _only_stops(item):
             going.append(item.raw)
         else:
             lost.append(item)
-    return SplitRequests(going, lost)
+    return going, lost
+
+
+def _only_stops(request: Frame) -> bool:
+    return not request.problems and always_passes(request.code, request.variants)
+
+
+def is_stop_request(message: WireMessage) -> bool:
+    """Return whether a message is a request that only stops the robot or releases something."""
+    if message.flow.direction is Direction.RESPONSE or not message.frames:
+        return False
+    return all(map(_only_stops, message.frames))
+
+
+def mark_overtaken(
+    stop: WireMessage, state: DirectionState, request_states: Iterable[DirectionState]
+) -> None:
+    """Mark the motions that wait for the scripts and must not start any more, because a stop overtakes them.
+
+    A stop ends the motions of its own client. Robot_Halt and Robot_Hold end the motions of all clients of the
+    controller, because these calls may arrive over a separate connection. A release ends no motion.
+
+    Args:
+        stop: Message that does not wait for the scripts.
+        state: State of the request direction of the stop's client.
+        request_states: States of the request directions of all clients.
+    """
+    codes = {each.code for each in stop.frames}
+    if not codes.isdisjoint(_HALTS):
+        controller = state.flow.conversation.server
+        for each in request_states:
+            if each.flow.conversation.server == controller:
+                each.overtaken_by = stop.number
+    elif any(FUNCTIONS[code].releases is None for code in codes):
+        state.overtaken_by = stop.number
 
 
 def join_untouched_bytes(

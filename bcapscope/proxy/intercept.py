@@ -28,7 +28,7 @@ HOLD_TIME_NS = 60_000_000_000
 """Default time in ns that a message is held: long enough to edit it, short enough for a waiting robot."""
 
 _Subject: TypeAlias = tuple[AttemptedCall, Direction]
-"""A UDP call or its reply. The user's decision applies to every attempt that carries it."""
+"""A UDP call or its reply. The user's decision applies to every attempt of the call."""
 
 
 class HeldMessage(NamedTuple):
@@ -221,7 +221,9 @@ class Intercept:
         self._attempts.close_conversation(conversation)
 
     def _subject(self, message: WireMessage) -> tuple[_Subject | None, bool]:
-        """Return the call or reply in a message, None without retries, and whether it is a first attempt."""
+        """Return the call or reply in a message, or None if there are no retries. Also return whether the
+        message is a first attempt.
+        """
         if self.is_idle or not message.is_datagram or len(message.frames) != 1:
             return None, bool(message.frames)
         (frame,), flow = message.frames, message.flow
@@ -249,7 +251,7 @@ class Intercept:
         return InterceptResult(Message("held.dropped-as", number=number), None)
 
     def _remember_decision(self, subject: _Subject, decided: _PastDecision) -> None:
-        """Store a decision as the newest one, so that decisions expire in the stored order."""
+        """Store a decision last, because decisions expire in the stored order."""
         self._past_decisions.pop(subject, None)
         self._past_decisions[subject] = decided
         if len(self._past_decisions) > MAX_HELD:

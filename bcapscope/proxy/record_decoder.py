@@ -52,16 +52,12 @@ class _Client:
         conversation = Conversation(endpoints.client, endpoints.controller, endpoints.transport, "the proxy")
         self.conversation = conversation
         self.is_stream = endpoints.transport is Transport.TCP
-        self.directions = tuple(
+        self.streams = tuple(
             _DirectionStream(
                 Flow(conversation, direction), StreamSplitter(budget=budget, templates=templates)
             )
             for direction in (Direction.RESPONSE, Direction.REQUEST)
         )
-
-    def on_end(self, up: bool, reset: bool, time: int) -> None:
-        """Record in the conversation that one end closed the connection."""
-        self.conversation.record_end(self.directions[up].flow.direction, reset, time)
 
 
 class RecordDecoder:
@@ -100,28 +96,29 @@ class RecordDecoder:
         """
         clients = self._clients
         for record, packet in zip(records, packets or repeat(0), strict=False):
-            kind, up, number, came, left, data, encoded = record
+            kind, up, number, received_at, sent_at, data, encoded = record
             note = decode_message(encoded) if encoded else None
             if kind is RingRecordKind.CLIENT_OPENED:
-                clients[number] = _Client(read_endpoints(record.data), came, self._budget, self._templates)
+                endpoints = read_endpoints(record.data)
+                clients[number] = _Client(endpoints, received_at, self._budget, self._templates)
                 continue
             client = clients.get(number)
             if client is None:
                 continue
             if kind is RingRecordKind.DATA:
-                time = came if up else left
+                time = received_at if up else sent_at
                 if not time:
                     continue
                 if up:
                     client.last_heard = time
-                way = client.directions[up]
+                stream = client.streams[up]
                 if client.is_stream:
-                    way.packet = packet
-                    yield from self._decode_stream(way, data, time, note)
+                    stream.packet = packet
+                    yield from self._decode_stream(stream, data, time, note)
                     continue
                 for item in parse_captured_datagram(data, self._templates):
                     self.observation_count += 1
-                    yield Observation(self.observation_count, time, time, way.flow, item, packet), note
+                    yield Observation(self.observation_count, time, time, stream.flow, item, packet), note
             else:
                 yield from self._decode_event(client, record)
 
@@ -131,62 +128,55 @@ class RecordDecoder:
         if kind is RingRecordKind.HOLE:
             if record.up and record.received_at:
                 client.last_heard = record.received_at
-            yield from self._decode_hole(client.directions[record.up], record)
+            yield from self._decode_hole(client.streams[record.up], record)
         elif kind in (RingRecordKind.END, RingRecordKind.RESET):
             yield from self._decode_end(client, record)
         elif kind is RingRecordKind.CLIENT_CLOSED:
             del self._clients[record.client]
             self._closed_clients.append((client.conversation, decode_message(record.data)))
-            for way in client.directions:
-                yield from self._flush_direction(way, record.received_at)
+            for stream in client.streams:
+                yield from self._flush_direction(stream, record.received_at)
 
     def _decode_stream(
-        self, way: _DirectionStream, data: bytes, time: int, note: Message | None
+        self, stream: _DirectionStream, data: bytes, time: int, note: Message | None
     ) -> Iterator[NotedObservation]:
-        if not way.splitter.pending_bytes:
-            way.arrival_times.clear()  # the first time that is kept belongs to the first byte of a frame
-        way.arrival_times.append((way.size, time))
-        way.size += len(data)
-        yield from self._make_observations(way, way.splitter.feed(data), time, note)
-        if len(way.arrival_times) > _MAX_MARKS:
-            del way.arrival_times[1 : _MAX_MARKS // 2]
+        if not stream.splitter.pending_bytes:
+            stream.arrival_times.clear()  # the first time that is kept belongs to the first byte of a frame
+        stream.arrival_times.append((stream.size, time))
+        stream.size += len(data)
+        yield from self._make_observations(stream, stream.splitter.feed(data), time, note)
+        if len(stream.arrival_times) > _MAX_MARKS:
+            del stream.arrival_times[1 : _MAX_MARKS // 2]
 
-    def _decode_hole(self, way: _DirectionStream, record: RingRecord) -> Iterator[NotedObservation]:
-        came, left = hole_sizes(record)
-        size, when = (came, record.received_at) if record.up else (left, record.sent_at)
+    def _decode_hole(self, stream: _DirectionStream, record: RingRecord) -> Iterator[NotedObservation]:
+        received, sent = hole_sizes(record)
+        size, when = (received, record.received_at) if record.up else (sent, record.sent_at)
         if size:
-            way.arrival_times.append((way.size, when))
-            way.size += size
-            yield from self._make_observations(way, way.splitter.add_gap(size), when, None)
+            stream.arrival_times.append((stream.size, when))
+            stream.size += size
+            yield from self._make_observations(stream, stream.splitter.add_gap(size), when, None)
 
     def _decode_end(self, client: _Client, record: RingRecord) -> Iterator[NotedObservation]:
-        _, up, _, came, left, *_ = record
-        if came:  # otherwise the proxy itself ended the connection
-            client.on_end(up, record.kind is RingRecordKind.RESET, came)
-        if time := came if up else left:
-            yield from self._flush_direction(client.directions[up], time)
+        _, up, _, received_at, sent_at, *_ = record
+        if received_at:  # otherwise the proxy itself ended the connection
+            is_reset = record.kind is RingRecordKind.RESET
+            client.conversation.record_end(client.streams[up].flow.direction, is_reset, received_at)
+        if time := received_at if up else sent_at:
+            yield from self._flush_direction(client.streams[up], time)
 
-    def _flush_direction(self, way: _DirectionStream, time: int) -> Iterator[NotedObservation]:
-        yield from self._make_observations(way, way.splitter.close(), time, None)
+    def _flush_direction(self, stream: _DirectionStream, time: int) -> Iterator[NotedObservation]:
+        yield from self._make_observations(stream, stream.splitter.close(), time, None)
 
     def _make_observations(
-        self, way: _DirectionStream, pieces: Iterable[StreamPiece], time: int, note: Message | None
+        self, stream: _DirectionStream, pieces: Iterable[StreamPiece], time: int, note: Message | None
     ) -> Iterator[NotedObservation]:
         for start, stop, item in pieces:
-            place = bisect_right(way.arrival_times, start, key=_offset) - 1
+            place = bisect_right(stream.arrival_times, start, key=_offset) - 1
             self.observation_count += 1
-            yield (
-                Observation(
-                    self.observation_count,
-                    time,
-                    way.arrival_times[place][1],
-                    way.flow,
-                    item,
-                    way.packet,
-                ),
-                note,
-            )
-            del way.arrival_times[: max(bisect_right(way.arrival_times, stop, key=_offset) - 1, 0)]
+            start_time = stream.arrival_times[place][1]
+            number, packet = self.observation_count, stream.packet
+            yield Observation(number, time, start_time, stream.flow, item, packet), note
+            del stream.arrival_times[: max(bisect_right(stream.arrival_times, stop, key=_offset) - 1, 0)]
 
 
 def _offset(mark: tuple[int, int]) -> int:

@@ -21,14 +21,14 @@ from bcapscope.proxy.poller import READ, make_poller, open_ticker, wait_precisel
 from bcapscope.proxy.relay_session import ClientEndpoints, ClientListener, RelaySession
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind, RingWriter
 from bcapscope.proxy.sockets import should_report
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
+from bcapscope.traffic.observation import Direction, Endpoint, Transport
 from bcapscope.transport.descriptors import SpareDescriptors
 
 Handler: TypeAlias = Callable[[int], None]
 """Function that is called with the events of a file descriptor, as bits such as `READ`."""
 
 POLL_INTERVAL = 0.05
-"""Maximum time in seconds that the relay waits for events. Then it writes pending records and may stop."""
+"""Time in seconds between two ticks. At a tick, the relay writes pending records, and may stop."""
 
 _SWEEP_EVERY = 20
 """Number of ticks between two checks for silent clients and full buffers, which cause no event."""
@@ -40,8 +40,8 @@ _LONGEST_CUT_NOTE = 600
 """Number of characters kept of a note that is too long. Each character takes at most six bytes."""
 
 _SPARE_DESCRIPTORS = 4
-"""Number of file descriptors kept for clients that send a stop when no others are free: two for a TCP client,
-one for a UDP client, and one for a client that has not sent a complete frame yet.
+"""Number of spare file descriptors for clients that send a stop when no other descriptor is free: two for a
+TCP client, one for a UDP client, and one for a client without a complete frame.
 """
 
 
@@ -55,7 +55,7 @@ class Relay:
         sessions: Open sessions by client number.
         slots: Admission of clients, by transport.
         pending_connections: TCP clients that have not sent a complete frame yet.
-        spares: File descriptors kept for clients that send a stop.
+        spares: Spare file descriptors for clients that send a stop.
         buffer: Receive buffer, which all streams share because one thread reads them.
         now: Time of a monotonic clock in ns, at most about `POLL_INTERVAL` old.
     """
@@ -148,8 +148,8 @@ class Relay:
     def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
         """Call `handler` for every event of a file descriptor.
 
-        The system may reuse the number of a descriptor closed a moment ago. Then calls start with the next
-        poll, because the events of this poll belong to the closed descriptor.
+        The system may reuse the number of a descriptor that was just closed. The events of the current poll
+        belong to the closed descriptor, so `handler` is called from the next poll on.
         """
         handlers = self._new_handlers if descriptor in self._just_unwatched else self._handlers
         handlers[descriptor] = handler
@@ -165,7 +165,7 @@ class Relay:
             self._poller.unregister(descriptor)
 
     def pause(self, descriptor: int) -> None:
-        """Ignore a file descriptor for about a second, because its events cannot be handled now."""
+        """Ignore the events of a file descriptor for about a second."""
         self._poller.modify(descriptor, 0)
         self._paused.add(descriptor)
 
@@ -177,25 +177,17 @@ class Relay:
             case = "client.denied.datagrams" if is_datagram else "client.denied.connection"
             self.notify(Message(case, client=str(client), reason=why))
 
-    def free_newcomer_descriptor(self) -> bool:
-        """Free a file descriptor for a TCP client that may send a stop. Return whether one was freed."""
+    def free_descriptor(self, *, is_admitted: bool = True) -> bool:
+        """Free a file descriptor for a client that was admitted, or for a TCP client that may send a stop.
+
+        Return whether a descriptor was freed.
+        """
         return (
-            self.spares.release_one(keep=1)
+            (not is_admitted and self.spares.release_one(keep=1))
             or self.pending_connections.drop_lowest_priority()
             or self.spares.release_one()
-            or self._end_oldest_stop()
+            or any(slots.end_oldest_stop() for slots in self.slots.values())
         )
-
-    def free_descriptor(self) -> bool:
-        """Free a file descriptor for a client that must be admitted. Return whether one was freed."""
-        return (
-            self.pending_connections.drop_lowest_priority()
-            or self.spares.release_one()
-            or self._end_oldest_stop()
-        )
-
-    def _end_oldest_stop(self) -> bool:
-        return any(places.end_oldest_stop() for places in self.slots.values())
 
     def add_client(self, session: RelaySession, ends: ClientEndpoints, received_at: int) -> None:
         """Register a new client, whose first bytes arrived at `received_at` in ns since 1970."""
@@ -247,15 +239,15 @@ class Relay:
     def _record_and_perform(
         self, arrival: _Arrival, note: Message | None, actions: Sequence[SendAction | CloseAction]
     ) -> None:
-        session, up, data, came = arrival
+        session, up, data, received_at = arrival
         if note is None and len(actions) == 1:
             action = actions[0]
             if action == SendAction(session.number, direction_of(up), data):
-                left = session.send(up, data)
-                self.ring.write_record(up, session.number, came, left, data)
+                sent_at = session.send(up, data)
+                self.ring.write_record(up, session.number, received_at, sent_at, data)
                 return
         self.counts[RelayCounter.RULED] += note is not None  # without a note, no rule changed the data
-        self.ring.write_record(up, session.number, came, 0, data, note=encode_note(note))
+        self.ring.write_record(up, session.number, received_at, 0, data, note=encode_note(note))
         self._perform(actions)
 
     def on_stream_end(self, session: RelaySession, up: bool) -> bool:
@@ -302,10 +294,10 @@ class Relay:
                     self._record_and_perform(arrival, action.note, action.actions)
             elif isinstance(action, SendAction):
                 up = action.toward is Direction.REQUEST
-                left = session.send(up, action.data)
-                if left:
+                sent_at = session.send(up, action.data)
+                if sent_at:
                     self.ring.write_record(
-                        up, session.number, 0, left, action.data, note=encode_note(action.note)
+                        up, session.number, 0, sent_at, action.data, note=encode_note(action.note)
                     )
             else:
                 client = str(session.conversation.client)
@@ -367,7 +359,7 @@ class Relay:
             session.sweep(self.now)
 
     def _adopt_new_handlers(self) -> None:
-        """Forget the removed file descriptors, and activate the handlers that reuse their numbers."""
+        """Activate the handlers of new file descriptors that have the numbers of closed ones."""
         self._just_unwatched.clear()
         self._handlers.update(self._new_handlers)
         self._new_handlers.clear()
@@ -381,7 +373,7 @@ class _Arrival(NamedTuple):
 
 
 def encode_note(note: Message | None) -> bytes:
-    """Encode a note for the ring; None gives b"". A note that is too long becomes shortened English text."""
+    """Encode a note for the ring; None gives b"". A note that is too long is cut to English text."""
     if note is None:
         return b""
     data = encode_message(note)
@@ -391,7 +383,3 @@ def encode_note(note: Message | None) -> bytes:
 def direction_of(up: bool) -> Direction:
     """Return the direction: requests go up, replies go down."""
     return Direction.REQUEST if up else Direction.RESPONSE
-
-
-def client_conversation(client: Endpoint, controller: Endpoint, transport: Transport) -> Conversation:
-    return Conversation(client, controller, transport, "the proxy")

@@ -1,57 +1,151 @@
-"""Interfaces and addresses of the relay's clients: sessions, listeners and endpoints."""
+"""Base classes of the relay's sessions and listeners, and the addresses of a client."""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+import errno
+import socket
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
-from bcapscope.proxy.admission import Occupant
+from bcapscope.errors import BcapError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
+from bcapscope.proxy.admission import ClientSlot
+from bcapscope.proxy.listener_spec import ListenerSpec
+from bcapscope.proxy.sockets import SocketAddress, endpoint_of, listen_on, resolve
 from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+from bcapscope.transport.descriptors import is_out_of_descriptors
+from bcapscope.transport.first_frame_queue import source_network
+
+if TYPE_CHECKING:
+    from bcapscope.proxy.relay import Relay
 
 
-class RelaySession(Occupant, Protocol):
-    """The relay's session with one client: it forwards between the client and the controller.
+class ClientDeniedError(BcapError):
+    """The proxy rejects a new client, because there is no slot."""
+
+
+class RelaySession(ABC):
+    """The relay's session with one client, which forwards data between the client and the controller.
 
     Attributes:
+        number: Number of the client, never used twice.
         conversation: Conversation between the client and the controller, as if there were no proxy.
+        source: Network of the client, as `source_network` returns it.
         last_heard: Value of `Relay.now` when the client last sent something.
     """
 
-    conversation: Conversation
-    last_heard: int
+    def __init__(self, relay: Relay, transport: Transport, client: SocketAddress, to: Endpoint) -> None:
+        self.number = relay.next_number()
+        self.conversation = Conversation(endpoint_of(client), to, transport, "the proxy")
+        self.source = source_network(client[0])
+        self.last_heard = relay.now
+        self._relay = relay
 
     @property
+    @abstractmethod
     def upstream_state(self) -> str:
         """State of the connection to the controller: open, connecting, connected, half-open or refused."""
 
+    @abstractmethod
     def send(self, up: bool, data: bytes) -> int:
         """Send data up or down. Return the time in ns since 1970; 0 if some of the data was not sent yet."""
 
-    def on_nothing_held(self, up: bool) -> None:
+    def on_nothing_held(self, up: bool) -> None:  # noqa: B027 - datagrams have no end to forward
         """Continue after rules have released all data of a direction."""
 
-    def resume_reading(self) -> None:
+    def resume_reading(self) -> None:  # noqa: B027 - datagrams are always read
         """Read from the client again, after rules held too much data."""
 
+    @abstractmethod
     def sweep(self, now: int) -> None:
         """Do the periodic work; `now` is the value of `Relay.now`."""
 
+    @abstractmethod
+    def evictable_idle_ns(self, now: int) -> int | None:
+        """Return how many ns the client has been idle, if it may be evicted for another client; else None."""
 
-class ClientListener(Protocol):
-    """A socket that accepts clients."""
+    @abstractmethod
+    def close(self, reset: bool, why: Message) -> None:
+        """Send the held messages that rules release, then close the session. `reset` resets a stream."""
 
+
+class ClientListener(ABC):
+    """A socket that accepts clients for one controller.
+
+    Attributes:
+        controller: Address family and address of the controller.
+        to: Host and port of the controller.
+        socket: Socket to which the clients send.
+        address: Host and port on which the socket listens.
+    """
+
+    def __init__(self, relay: Relay, spec: ListenerSpec, transport: Transport) -> None:
+        """Open the socket for clients.
+
+        Raises:
+            ProxyListenError: The address cannot be listened on.
+            UnreachableError: The controller's name cannot be resolved.
+        """
+        self.relay = relay
+        self.controller = resolve(spec.to, transport)
+        self.to = endpoint_of(self.controller[1])
+        self.socket = listen_on(spec.listen, transport)
+        self.address = endpoint_of(self.socket.getsockname())
+        self._spec = spec
+        self._transport = transport
+
+    @abstractmethod
     def open(self) -> None:
         """Start to accept clients."""
 
     def close(self) -> None:
         """Accept no more clients."""
+        self.relay.unwatch(self.socket.fileno())
 
     def release(self) -> None:
-        """Release the socket after `close`, when no session is left."""
+        """Close the socket after `close`, when no session is left."""
+        self.socket.close()
 
-    def sweep(self, now: int) -> None:
+    def sweep(self, now: int) -> None:  # noqa: B027 - not every listener has periodic work
         """Do the periodic work; `now` is the value of `Relay.now`."""
+
+    def _open_upstream(
+        self, host: str, is_stop: bool, open_socket: Callable[[], socket.socket]
+    ) -> tuple[socket.socket, ClientSlot]:
+        """Find a slot for a new client at the address `host`, and open a socket toward the controller.
+
+        If the first frame of the new client is a stop, other clients are ended to free a file descriptor.
+
+        Args:
+            is_stop: True if the client's first frame is a stop.
+            open_socket: Function that opens the socket toward the controller.
+
+        Raises:
+            ClientDeniedError: There is no slot, or no file descriptor would be left for a stop.
+            OSError: The socket cannot be opened.
+        """
+        relay = self.relay
+        slot = relay.slots[self._transport].find_slot(host, relay.now, is_stop)
+        if slot is ClientSlot.NONE:
+            raise ClientDeniedError(Message("client.too-many"))
+        while True:
+            try:
+                upstream = open_socket()
+                break
+            except OSError as error:
+                if not is_stop or not is_out_of_descriptors(error) or not relay.free_descriptor():
+                    raise
+        if relay.spares.refill():
+            return upstream, slot
+        if not is_stop:
+            upstream.close()
+            reason = os_reason(OSError(errno.EMFILE, ""))
+            raise ClientDeniedError(Message("client.not-accepted", reason=reason))
+        return upstream, ClientSlot.RESERVED
 
 
 class ClientEndpoints(NamedTuple):

@@ -1,8 +1,8 @@
 """A ring buffer in shared memory, through which the relay passes its traffic to the watcher process.
 
 A write takes about a microsecond, makes no system call and never waits. A record that finds no room is lost
-and counted. One process writes and one process reads. A poll of the reader returns only what was written
-before the previous poll, because a processor may store the data after the position that announces it.
+and counted. One process writes and one process reads. A processor may store a record later than the position
+that announces the record. So each poll returns only the records written before the previous poll.
 """
 
 from __future__ import annotations
@@ -14,14 +14,23 @@ from typing import NamedTuple, TypeAlias
 
 from bcapscope.transport.receive_timestamps import AncillaryData, kernel_timestamp
 
-HEADER_SIZE = 4096
-"""Number of bytes before the records: positions of writer and reader, urgency, counters and figures."""
+RING_OVERHEAD = 1 << 17
+"""Size in bytes of the memory besides the ring: a header, and a margin behind the end of the ring."""
+
+_HEADER_SIZE = 4096
+"""Size in bytes of the header: positions of writer and readers, urgency, counters and figures."""
+
+_MARGIN = RING_OVERHEAD - _HEADER_SIZE
+"""Number of bytes behind the end of the ring, into which a write may reach, so that no record is split.
+
+Together with the header, a multiple of every page size, so that all processes see the same size.
+"""
 
 SET_POINT_DEADLINE_NS = 2_000_000
 """Time in ns in which a set point must be answered (DENSO Wave 2009, How to use the Slave mode)."""
 
 BATCH_SIZE = 16
-"""Number of datagrams that are written to the ring together. Other datagrams may wait during a write."""
+"""Number of datagrams that are written to the ring together. New datagrams wait while the relay writes."""
 
 DELAY_FIGURES = 9
 """Number of figures that the watcher writes for the relay: the fields of `RelayDelays`, in order."""
@@ -30,7 +39,6 @@ MAX_WAITING_NOTICES = 1024
 """Maximum number of messages for the user that wait for room. Further messages are lost and counted."""
 
 _HEAD = struct.Struct("=IBBHIIqq")
-_PAD = struct.Struct("=IB3x")
 _HOLE = struct.Struct("=QQ")
 _WRITTEN, _READ, _AHEAD, _URGENCY, _COUNTS, _FIGURES = 0, 1, 2, 3, 8, 64  # header indices, 8 bytes each
 _PADDING = tuple(bytes(-length % 8) for length in range(8))
@@ -39,22 +47,20 @@ _PADDING = tuple(bytes(-length % 8) for length in range(8))
 class RingRecordKind(IntEnum):
     """Kind of event that a record describes."""
 
-    PAD = 0
-    """Padding: the rest of the memory is too small for the next record."""
-    DATA = 1
+    DATA = 0
     """A datagram, or bytes of a stream, that the relay received, sent, or both."""
-    CLIENT_OPENED = 2
+    CLIENT_OPENED = 1
     """A new client; `data` holds its `ClientEndpoints` as JSON."""
-    END = 3
-    """A FIN that the relay received or sent. `data` is the reason if the relay sent it on its own."""
-    CLIENT_CLOSED = 4
+    END = 2
+    """A FIN that the relay received or sent. `data` is the reason if the relay ended the stream itself."""
+    CLIENT_CLOSED = 3
     """The relay removed a client; `data` is the encoded reason."""
-    NOTICE = 5
+    NOTICE = 4
     """A message for the user, encoded with `encode_message`."""
-    RESET = 6
+    RESET = 5
     """An RST, which ends both directions of the connection; otherwise like `END`."""
-    HOLE = 7
-    """Bytes of a stream that found no room in the ring before the client's next record; see `hole_sizes`."""
+    HOLE = 6
+    """Bytes of a stream that are missing because the ring was full; see `hole_sizes`."""
 
 
 class RelayCounter(IntEnum):
@@ -83,7 +89,7 @@ class RelayCounter(IntEnum):
     """Datagrams and pieces of streams on which a rule acted."""
 
 
-_CAME, _LEFT = (
+_RECEIVED, _SENT = (
     (int(RelayCounter.CAME_DOWN), int(RelayCounter.CAME_UP)),
     (int(RelayCounter.LEFT_DOWN), int(RelayCounter.LEFT_UP)),
 )
@@ -114,13 +120,13 @@ class RingRecord(NamedTuple):
 
 
 def hole_sizes(record: RingRecord) -> tuple[int, int]:
-    """Return how many bytes a record of the kind `HOLE` stands for: bytes received and bytes sent."""
-    came, left = _HOLE.unpack(record.data)
-    return came, left
+    """Return how many received bytes and how many sent bytes a record of the kind `HOLE` replaces."""
+    received, sent = _HOLE.unpack(record.data)
+    return received, sent
 
 
 class _Hole(NamedTuple):
-    """Numbers of bytes of one direction that found no room, and the times of the last ones in ns."""
+    """Numbers of lost bytes of one direction, and the times of the last lost bytes in ns."""
 
     received: int = 0
     sent: int = 0
@@ -130,10 +136,10 @@ class _Hole(NamedTuple):
 
 class _Ring:
     def __init__(self, memory: memoryview) -> None:
-        """Use shared memory of `HEADER_SIZE` bytes plus a multiple of 8 bytes, all of them initially zero."""
-        self._marks = memory[:HEADER_SIZE].cast("Q")
-        self._space = memory[HEADER_SIZE:]
-        self._size = len(self._space)
+        """Use shared memory of `RING_OVERHEAD` bytes plus a multiple of 8 bytes, all initially zero."""
+        self._marks = memory[:_HEADER_SIZE].cast("Q")
+        self._space = memory[_HEADER_SIZE:]
+        self._size = len(memory) - RING_OVERHEAD
         self.counts = self._marks[_COUNTS : _COUNTS + len(RelayCounter)]
         self.figures = self._marks[_FIGURES : _FIGURES + DELAY_FIGURES]
 
@@ -156,17 +162,15 @@ class _Ring:
         self._marks[_URGENCY] = value
 
     def release(self) -> None:
-        self.counts.release()
-        self.figures.release()
-        self._marks.release()
-        self._space.release()
+        for view in (self.counts, self.figures, self._marks, self._space):
+            view.release()
 
 
 _Entry: TypeAlias = "tuple[RingRecordKind, bool, int, int, int, bytes | memoryview, bytes]"
 """Fields of a `RingRecord` that will be written."""
 
 PendingDatagram: TypeAlias = tuple[bool, int, AncillaryData, int, bytes]
-"""Pending datagram: up, client number, ancillary data, time of sending in ns (0 if not sent), bytes."""
+"""Datagram that is not in the ring yet: up, client number, ancillary data, time sent in ns or 0, bytes."""
 
 
 class RingWriter(_Ring):
@@ -175,8 +179,8 @@ class RingWriter(_Ring):
     Attributes:
         counts: Counters of the relay, indexed by `RelayCounter`; the relay increases them in place.
         figures: Delays that the watcher measured; see `DELAY_FIGURES`.
-        pending_datagrams: Datagrams not in the ring yet. After appending number `BATCH_SIZE`, the caller
-            calls `flush`.
+        pending_datagrams: Datagrams that are not in the ring yet. The caller appends them, and calls `flush`
+            when there are `BATCH_SIZE`.
         streams: Numbers of the TCP clients; the ring records the holes in their streams.
     """
 
@@ -191,35 +195,36 @@ class RingWriter(_Ring):
 
     def flush(self) -> None:
         """Write the pending datagrams to the ring, and count them."""
-        notes = self.pending_datagrams
-        if not notes:
+        datagrams = self.pending_datagrams
+        if not datagrams:
             return
         counts, size = self.counts, 0
         parts: list[bytes] = []
-        for up, client, control, left, data in notes:
+        for up, client, control, sent_at, data in datagrams:
             length = len(data)
             need = 39 + length & ~7
             size += need
-            came = kernel_timestamp(control, left)
-            parts += (_HEAD.pack(need, _DATA, up, 0, client, length, came, left), data, _PADDING[length & 7])
-            counts[_CAME[up]] += 1
-            if left:
-                counts[_LEFT[up]] += 1
+            received_at = kernel_timestamp(control, sent_at)
+            head = _HEAD.pack(need, _DATA, up, 0, client, length, received_at, sent_at)
+            parts += (head, data, _PADDING[length & 7])
+            counts[_RECEIVED[up]] += 1
+            if sent_at:
+                counts[_SENT[up]] += 1
         written = self._written
         place = written % self._size
         if self._required or place + size > self._size or written + size - self._marks[_READ] > self._size:
-            for up, client, control, left, data in notes:
+            for up, client, control, sent_at, data in datagrams:
                 self._write_or_count(
-                    (RingRecordKind.DATA, up, client, kernel_timestamp(control, left), left, data, b"")
+                    (RingRecordKind.DATA, up, client, kernel_timestamp(control, sent_at), sent_at, data, b"")
                 )
         else:
             self._space[place : place + size] = b"".join(parts)
             self._marks[_WRITTEN] = self._written = written + size
-        notes.clear()
+        datagrams.clear()
 
     @property
     def bytes_read(self) -> int:
-        """Number of bytes that the foremost reader has read so far."""
+        """Number of bytes that the reader ahead of the other has read so far."""
         return max(self._marks[_READ], self._marks[_AHEAD])
 
     def detach_reader(self) -> None:
@@ -260,28 +265,29 @@ class RingWriter(_Ring):
         return True
 
     def _count_lost(self, entry: _Entry) -> None:
-        """Count a record that found no room, and remember the hole that it leaves in a stream."""
-        kind, up, client, came, left, data, _ = entry
+        """Count a lost record, and remember how many bytes are missing in the client's stream."""
+        kind, up, client, received_at, sent_at, data, _ = entry
         self.counts[RelayCounter.UNWATCHED] += 1
         if kind is RingRecordKind.DATA and client in self.streams and not self._is_reader_detached:
             hole, size = self._holes.get((client, up), _Hole()), len(data)
             self._holes[client, up] = _Hole(
-                hole.received + (size if came else 0),
-                hole.sent + (size if left else 0),
-                came or hole.received_at,
-                left or hole.sent_at,
+                hole.received + (size if received_at else 0),
+                hole.sent + (size if sent_at else 0),
+                received_at or hole.received_at,
+                sent_at or hole.sent_at,
             )
 
     def _write_holes(self, client: int, size: int) -> bool:
-        """Write the holes of a client's streams. Return whether the holes and the next record found room.
+        """Write the holes of a client's streams. Return whether there was room for the holes and the next
+        record.
 
-        If only the holes found room, many short holes would follow instead of one long hole.
+        With room for only the holes, many short holes would follow instead of one long hole.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:
             return True
-        needed = size + _HEAD.size + len(holes) * (_HEAD.size + _HOLE.size)
-        if self._written + 2 * needed - self._marks[_READ] > self._size:  # twice, to allow for padding
+        needed = size + 7 + _HEAD.size + len(holes) * (_HEAD.size + _HOLE.size)  # 7: alignment
+        if self._written + needed - self._marks[_READ] > self._size:
             return False
         for up, hole in holes:
             data = _HOLE.pack(hole.received, hole.sent)
@@ -291,21 +297,14 @@ class RingWriter(_Ring):
 
     def _write(self, entry: _Entry) -> bool:
         """Write a record to the ring. Return whether there was room for the record."""
-        kind, up, client, came, left, data, note = entry
+        kind, up, client, received_at, sent_at, data, note = entry
         length = len(data)
         need = 39 + length + len(note) & ~7
-        size, written = self._size, self._written
-        place = written % size
-        rest = size - place
-        pad = rest if need > rest else 0
-        if written + pad + need - self._marks[_READ] > size:
+        written, space = self._written, self._space
+        if need > _MARGIN or written + need - self._marks[_READ] > self._size:
             return False
-        space = self._space
-        if pad:
-            _PAD.pack_into(space, place, pad, RingRecordKind.PAD)
-            written += pad
-            place = 0
-        _HEAD.pack_into(space, place, need, kind, up, len(note), client, length, came, left)
+        place = written % self._size
+        _HEAD.pack_into(space, place, need, kind, up, len(note), client, length, received_at, sent_at)
         place += 32
         end = place + length
         space[place:end] = data
@@ -324,10 +323,10 @@ class RingWriter(_Ring):
         sent_at: int = 0,
         up: bool = False,
     ) -> None:
-        """Write a record that must not be lost, at once or when there is room. Later records wait behind it.
+        """Write a record that must not be lost, as soon as there is room. Later records wait for this record.
 
-        The number of waiting records is limited, even if the reader stops. Records of a client that opens and
-        closes meanwhile are discarded, and excess notices are lost.
+        If the reader stops, the number of waiting records stays limited: the records of a client that comes
+        and goes are discarded, and further notices are lost.
         """
         self.flush()
         if self._is_reader_detached or (
@@ -377,7 +376,7 @@ class RingReader(_Ring):
     """
 
     def __init__(self, memory: memoryview, *, ahead: bool = False) -> None:
-        """Read from the beginning. If `ahead` is True, another reader follows, which frees the memory."""
+        """Read from the beginning. A reader that is `ahead` of the other frees no memory."""
         super().__init__(memory)
         self.position = self._ready = 0
         self._position_field = _AHEAD if ahead else _READ
@@ -397,20 +396,15 @@ class RingReader(_Ring):
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position
         ready = self._ready if until is None else until
-        whole = size - _HEAD.size
         new, head = tuple.__new__, _HEAD.unpack_from
         while read < ready and len(records) < limit:
             place = read % size
-            if place > whole:  # padding whose header does not fit before the end of the memory
-                read += size - place
-                continue
-            need, kind, up, noted, client, length, came, left = head(space, place)
+            need, kind, up, noted, client, length, received_at, sent_at = head(space, place)
             read += need
-            if kind:
-                end = place + 32 + length
-                data = bytes(space[place + 32 : end])
-                note = bytes(space[end : end + noted]) if noted else b""
-                records.append(new(RingRecord, (_KINDS[kind], up == 1, client, came, left, data, note)))
+            end = place + 32 + length
+            data = bytes(space[place + 32 : end])
+            note = bytes(space[end : end + noted]) if noted else b""
+            records.append(new(RingRecord, (_KINDS[kind], up == 1, client, received_at, sent_at, data, note)))
         self.position = read
         self._marks[self._position_field] = read
         if read >= self._ready:

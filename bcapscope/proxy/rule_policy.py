@@ -14,19 +14,19 @@ from msgspec.structs import replace
 
 from bcapscope.faults.fault import CloseMode
 from bcapscope.faults.fault_injector import FaultInjector
-from bcapscope.faults.wire_message import FaultOutput, WireMessage
-from bcapscope.faults.wire_message import SendBytes as Sent
+from bcapscope.faults.wire_message import FaultOutput, SendBytes, WireMessage
 from bcapscope.messages import Message
 from bcapscope.messages.places import joined_clauses
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.proxy.direction_state import (
-    ClientActivity,
     ClientStates,
     DecisionBuilder,
     DirectionState,
     UndecidedMessage,
+    is_stop_request,
     join_untouched_bytes,
+    mark_overtaken,
     split_held_requests,
 )
 from bcapscope.proxy.intercept import HeldMessage, Intercept
@@ -34,7 +34,6 @@ from bcapscope.proxy.message_sender import MessageSender
 from bcapscope.proxy.policy import CloseAction, LateDecision, PolicyAction, PolicyDecision, SendAction
 from bcapscope.proxy.request_guard import RequestGuard
 from bcapscope.proxy.rule_report import names_with_counts, report_lines
-from bcapscope.proxy.script_bypass import is_stop_request, mark_overtaken
 from bcapscope.proxy.script_protocol import ScriptAnswer
 from bcapscope.proxy.script_queue import ScriptDecision, ScriptQueue
 from bcapscope.traffic.call_kind import RecentRequests
@@ -46,6 +45,7 @@ class RulePolicy:
 
     Attributes:
         shaper: Applies the faults to messages.
+        guard: Refuses requests; None without a guard.
         intercept: Holds messages until the user decides about them.
         scripts: Queue of messages that the user's scripts have yet to answer; None without scripts.
         dropped_held: Number of held requests that were dropped because their client no longer waited.
@@ -57,7 +57,7 @@ class RulePolicy:
         shaper: FaultInjector,
         guard: RequestGuard | None = None,
         intercept: Intercept | None = None,
-        scripts: ScriptQueue[UndecidedMessage] | None = None,
+        scripts: ScriptQueue | None = None,
         *,
         epoch: int = 0,
     ) -> None:
@@ -69,16 +69,13 @@ class RulePolicy:
         self.notify: Callable[[Message], None] = lambda message: None
         self._epoch = epoch
         self._clients = ClientStates()
+        self.guard = guard
         self._sender = MessageSender(guard)
         self._outbox: list[PolicyAction] = []
         self._messages = 0
         self._recent_requests = RecentRequests()
         self._templates = FrameTemplates()
         self._tickets = 0
-
-    @property
-    def guard(self) -> RequestGuard | None:
-        return self._sender.guard
 
     @property
     def refused_requests(self) -> int:
@@ -159,8 +156,8 @@ class RulePolicy:
             if self.hides_end(client):
                 continue
             if direction is Direction.REQUEST and held:
-                held, left = split_held_requests(state, held)
-                lost += left
+                held, dropped = split_held_requests(state, held)
+                lost += dropped
             for data in held:
                 self._sender.send(state, data, Message("held.sent-at-end"), work)
         if lost:
@@ -236,8 +233,9 @@ class RulePolicy:
 
     # for the control socket and the screen
 
-    def clients(self) -> Iterator[ClientActivity]:
-        return self._clients.activities()
+    def clients(self) -> Iterator[tuple[DirectionState, DirectionState]]:
+        """Yield the request direction and the response direction of each client."""
+        return self._clients.pairs()
 
     def on_rules_changed(self, now: int) -> None:
         """Handle changed faults or a changed intercept: forward incomplete frames that no rule needs."""
@@ -286,9 +284,9 @@ class RulePolicy:
             )
             message.annotate(self._recent_requests)
             self._sender.on_message(state.flow, data)
-            left = self._show_to_scripts(state, message, work)
-            if left is not None:
-                self._intercept_and_fault(state, left, now, work)
+            passing = self._show_to_scripts(state, message, work)
+            if passing is not None:
+                self._intercept_and_fault(state, passing, now, work)
         else:
             self._apply_faults(state, data, now, work)
 
@@ -304,7 +302,7 @@ class RulePolicy:
         decides = scripts.decides(state.flow.direction)
         if not decides or is_stop_request(message):
             if decides:
-                mark_overtaken(message, state, self._clients.requests())
+                mark_overtaken(message, state, (up for up, _ in self._clients.pairs()))
             scripts.show_message(state.client, message, None)
             return message
         if message.is_datagram and not scripts.has_room(state.client):
@@ -317,19 +315,17 @@ class RulePolicy:
         scripts.show_message(state.client, message, UndecidedMessage(state, work))
         return None
 
-    def _apply_script_decisions(
-        self, decisions: Iterable[ScriptDecision[UndecidedMessage]], now: int
-    ) -> None:
+    def _apply_script_decisions(self, decisions: Iterable[ScriptDecision], now: int) -> None:
         for decision in decisions:
             (state, builder), message, work = decision.token, decision.message, DecisionBuilder()
             if decision.answer is None:
-                left = self._pass_without_scripts(state, message, work)
+                passing = self._pass_without_scripts(state, message, work)
             else:
-                left = self._apply_script_answer(state, message, decision.answer, work)
-                if left is not None and message.number < state.overtaken_by:
-                    left = self._without_motion(state, left, Message("script.overtaken"), work)
-            if left is not None:
-                self._intercept_and_fault(state, left, now, work)
+                passing = self._apply_script_answer(state, message, decision.answer, work)
+                if passing is not None and message.number < state.overtaken_by:
+                    passing = self._without_motion(state, passing, Message("script.overtaken"), work)
+            if passing is not None:
+                self._intercept_and_fault(state, passing, now, work)
             builder.waiting -= 1
             builder.notes += work.notes
             if builder.waiting:
@@ -377,19 +373,14 @@ class RulePolicy:
     def _intercept_and_fault(
         self, state: DirectionState, message: WireMessage, now: int, work: DecisionBuilder
     ) -> None:
-        going = self._apply_intercept(state, message, work)
-        if going is not None:
-            self._apply_faults(state, going, now, work)
-
-    def _apply_intercept(
-        self, state: DirectionState, message: WireMessage, work: DecisionBuilder
-    ) -> bytes | None:
         passed = self.intercept.hold_or_pass(state.client, message)
         self._mark_abandoned(state)
-        if passed is None:
-            return message.data
-        work.notes.append(passed.note)
-        return passed.data
+        data: bytes | None = message.data
+        if passed is not None:
+            work.notes.append(passed.note)
+            data = passed.data
+        if data is not None:
+            self._apply_faults(state, data, now, work)
 
     def _forward_held(
         self, held: HeldMessage, data: bytes, note: Message, now: int, work: DecisionBuilder
@@ -415,7 +406,7 @@ class RulePolicy:
     def _carry_out(self, outputs: Sequence[FaultOutput], work: DecisionBuilder) -> None:
         for output in outputs:
             note = joined_clauses(output.fault_notes)
-            if isinstance(output, Sent):
+            if isinstance(output, SendBytes):
                 flow = output.flow
                 client = self._clients.number_of(flow.conversation)
                 state = self._clients.directions(client)[flow.direction]

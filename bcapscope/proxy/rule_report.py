@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 from bcapscope.messages import Message
 from bcapscope.messages.message import foreign_text
@@ -21,7 +20,7 @@ def report_lines(
     refused: int | None,
     held: int,
     dropped_held: int,
-    scripts: ScriptQueue[Any] | None,
+    scripts: ScriptQueue | None,
 ) -> list[Message]:
     """Return a summary of what the rules did, one message per line.
 

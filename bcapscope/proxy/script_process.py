@@ -31,10 +31,9 @@ from bcapscope.proxy.script_protocol import (
 DEFAULT_MEMORY_MB = 512
 """Megabytes that the process of the scripts may allocate by default.
 
-Python takes 20. NumPy takes 200 on 4 processors, and more on others, because the stacks of its threads count.
+Python needs 20 MB. NumPy needs 200 MB on 4 processors, and more on more processors, because the stacks of its
+threads count.
 """
-
-LEAST_MEMORY, MAX_MEMORY = 64, 65536
 
 LOADS_WITHIN = 30.0
 """Maximum time in seconds in which the scripts must load."""
@@ -42,10 +41,10 @@ LOADS_WITHIN = 30.0
 FINISHES_WITHIN = 3.0
 """Maximum time in seconds in which the scripts must process the last messages and the hook `done`."""
 
-_GLANCE = 0.05
-_LOOKS_BACK = 0.05
+_POLL_INTERVAL = 0.05
+_EXIT_DELAY = 0.05
 _LONGEST_TRACE = 1 << 14
-_REAPED_WITHIN = 1.0
+_EXITS_WITHIN = 1.0
 _PLACE = re.compile(r'File "(.*)", line (\d+) in (.*)')
 _START = (
     "import sys; sys.path[:] = {path!r}; sys.argv[:] = {argv!r}; "
@@ -162,14 +161,14 @@ class ScriptProcess:
         if data is None:
             return
         if not data:
-            time.sleep(_LOOKS_BACK)  # until the exit code of the process is known
+            time.sleep(_EXIT_DELAY)  # until the exit code of the process is known
             raise self._load_error(Message("script.ended-loading", names=self.names))
         self._statements.feed_bytes(data)
 
     def _check_loading(self) -> None:
         if time.monotonic() > self._loads_until:
             self.locate()
-            time.sleep(_LOOKS_BACK)
+            time.sleep(_EXIT_DELAY)
             raise self._load_error(
                 Message("script.slow-loading", names=self.names, seconds=f"{LOADS_WITHIN:g}")
             )
@@ -212,7 +211,7 @@ class ScriptProcess:
         until = time.monotonic() + FINISHES_WITHIN
         while time.monotonic() < until and not self._is_interrupted():
             writers = [self._socket] if self._backlog else []
-            readable, writable, _ = select.select([self._socket], writers, [], _GLANCE)
+            readable, writable, _ = select.select([self._socket], writers, [], _POLL_INTERVAL)
             if writable:
                 self._flush()
             if readable and (data := self._receive()) is not None:
@@ -226,7 +225,7 @@ class ScriptProcess:
         """End the process of the scripts if it still runs, and release its file descriptors."""
         self._kill()
         with suppress(subprocess.TimeoutExpired):
-            self._process.wait(_REAPED_WITHIN)
+            self._process.wait(_EXITS_WITHIN)
         if self._traces is not None:
             os.close(self._traces)
             self._traces = None

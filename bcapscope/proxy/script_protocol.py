@@ -20,7 +20,7 @@ LARGEST_FRAME_SIZE = 32 << 20
 """Maximum number of bytes of one message: twice the size of the largest b-CAP frame that can be read."""
 
 MAX_SENTENCES, LONGEST_SENTENCE = 32, 2000
-"""Maximum number of messages for the user in one answer, and of characters in each of their places."""
+"""Maximum number of messages for the user in one answer, and of characters in one place of a message."""
 
 _HEAD = 4
 

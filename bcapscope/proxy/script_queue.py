@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Generic, Protocol, TypeVar
+from typing import Protocol
 
 from bcapscope.faults.wire_message import WireMessage
 from bcapscope.messages import Message
 from bcapscope.messages.places import joined_clauses
 from bcapscope.protocol.tables.command_catalogue import call_name
+from bcapscope.proxy.direction_state import UndecidedMessage
 from bcapscope.proxy.script_protocol import (
     ClientConnected,
     ClientGone,
@@ -29,8 +30,6 @@ from bcapscope.proxy.script_protocol import (
 )
 from bcapscope.traffic.observation import Conversation, Direction, Flow
 
-T = TypeVar("T")
-
 TIME_LIMIT_NS = 100_000_000
 """Default time limit in ns of the scripts for one message."""
 
@@ -42,14 +41,13 @@ no longer waits.
 """
 
 LONGEST_WAIT = 1_000_000_000
-"""Maximum total time in ns that a message waits, behind other messages too, unless the time limit is longer.
-"""
+"""Maximum time in ns from a message's arrival to its decision, unless the time limit is longer."""
 
 MAX_WAITING = 64
-"""Maximum number of waiting datagrams of one client, which sends at most eight attempts of one call."""
+"""Maximum number of waiting datagrams per client. A call has at most eight attempts."""
 
 MAX_BYTES = 1 << 16
-"""Maximum number of waiting bytes per client, beyond which streams are not read and datagrams are dropped."""
+"""Maximum number of waiting bytes per client. Beyond it, streams are not read and datagrams are dropped."""
 
 MAX_BYTES_IN_ALL = 1 << 22
 """Maximum number of waiting bytes of all clients.
@@ -58,13 +56,13 @@ Beyond this maximum, messages that need no decision are not shown to the scripts
 """
 
 _LATE = 20_000_000
-"""Delay in ns of the relay's check of the time limit. A longer delay may have held up the scripts as well."""
+"""If the relay checks the time limit later than this many ns, it may have held up the scripts as well."""
 
-_LOOKS_BACK = 50_000_000
+_LOCATED_WITHIN_NS = 50_000_000
 """Time in ns that the process of the scripts has to report its place in the scripts before it is killed."""
 
 _EXPIRE_INTERVAL_NS = 50_000_000
-"""Time in ns between two checks for calls that expire, as in the tracker."""
+"""Time in ns between two checks for expired calls."""
 
 _MAX_NOTICES = 200
 """Maximum number of messages from the scripts that the user gets."""
@@ -90,7 +88,7 @@ class ScriptLink(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class PendingOrder(Generic[T]):
+class PendingOrder:
     """An order to the scripts that has no answer yet.
 
     Attributes:
@@ -106,7 +104,7 @@ class PendingOrder(Generic[T]):
     client: int = 0
     size: int = 0
     message: WireMessage | None = None
-    token: T | None = None
+    token: UndecidedMessage | None = None
 
     def __str__(self) -> str:
         """Return the name of the hook, and the call in the message that the hook received."""
@@ -117,7 +115,7 @@ class PendingOrder(Generic[T]):
 
 
 @dataclass(frozen=True, slots=True)
-class ScriptDecision(Generic[T]):
+class ScriptDecision:
     """A decision about a message.
 
     Attributes:
@@ -126,11 +124,11 @@ class ScriptDecision(Generic[T]):
     """
 
     message: WireMessage
-    token: T
+    token: UndecidedMessage
     answer: ScriptAnswer | None
 
 
-class ScriptQueue(Generic[T]):
+class ScriptQueue:
     """Shows messages to the scripts, in order, and returns their decisions.
 
     The queue switches the scripts off if they exceed the time limit for one message, or if their process ends
@@ -153,7 +151,7 @@ class ScriptQueue(Generic[T]):
         self._link = link
         self._limit = limit
         self._hooks: frozenset[str] = frozenset()
-        self._queue: deque[PendingOrder[T]] = deque()
+        self._queue: deque[PendingOrder] = deque()
         self._answers: FrameUnpacker[ScriptStatement] = FrameUnpacker(ScriptStatement)
         self._counts: Counter[int] = Counter()  # number of messages that wait for a decision, by client
         self._sizes: Counter[int] = Counter()
@@ -192,7 +190,7 @@ class ScriptQueue(Generic[T]):
             ClientConnected(client, ends, conversation.transport), PendingOrder("connected", now, client)
         )
 
-    def show_message(self, client: int, message: WireMessage, token: T | None) -> None:
+    def show_message(self, client: int, message: WireMessage, token: UndecidedMessage | None) -> None:
         """Show a message to the scripts. A message with a token waits, and its decision returns the token."""
         up = message.flow.direction is Direction.REQUEST
         if token is None:
@@ -220,7 +218,7 @@ class ScriptQueue(Generic[T]):
 
     # answers of the scripts
 
-    def on_data(self, data: bytes, now: int) -> Iterator[ScriptDecision[T]]:
+    def on_data(self, data: bytes, now: int) -> Iterator[ScriptDecision]:
         """Process bytes from the process of the scripts. Yield the decisions in them."""
         if not self.is_on:
             return
@@ -234,7 +232,7 @@ class ScriptQueue(Generic[T]):
             self._switch_off(Message("script.invalid", reason=error.message), now)
             yield from self._flush_undecided()
 
-    def on_process_ended(self, now: int) -> Iterator[ScriptDecision[T]]:
+    def on_process_ended(self, now: int) -> Iterator[ScriptDecision]:
         """Switch the scripts off because their process ended or its connection broke. Yield the decisions."""
         if self.is_on:
             why = Message("script.ended-between")
@@ -251,7 +249,7 @@ class ScriptQueue(Generic[T]):
             return min(self._head_since + self._limit, longest) + self._relay_delay
         return self._expire_at if self._has_open_calls else None
 
-    def advance(self, now: int, time: int) -> Iterator[ScriptDecision[T]]:
+    def advance(self, now: int, time: int) -> Iterator[ScriptDecision]:
         """Check the time limit and the end of calls. Yield the decisions that result.
 
         `now` is in ns of the monotonic clock, and `time` is the same moment in ns since 1970.
@@ -269,8 +267,8 @@ class ScriptQueue(Generic[T]):
             yield from self.on_data(self._link.receive(), now)
             yield from self._check_time_limit(now)
 
-    def _check_time_limit(self, now: int) -> Iterator[ScriptDecision[T]]:
-        """Switch the scripts off if they take too long, unless the relay may have held them up once."""
+    def _check_time_limit(self, now: int) -> Iterator[ScriptDecision]:
+        """Switch the scripts off if they take too long. Once, allow more time if the relay was late."""
         due = self.due()
         if not self.is_on or not self._queue or due is None or now < due:
             return
@@ -305,12 +303,12 @@ class ScriptQueue(Generic[T]):
                 self._queue[place] = replace(each, token=None)
         return found
 
-    def _send_order(self, order: ScriptOrder, waiting: PendingOrder[T]) -> None:
+    def _send_order(self, order: ScriptOrder, waiting: PendingOrder) -> None:
         if self.is_on:
             self._enqueue(waiting)
             self._link.send(pack(order))
 
-    def _enqueue(self, waiting: PendingOrder[T]) -> None:
+    def _enqueue(self, waiting: PendingOrder) -> None:
         waiting = (
             replace(waiting, sent_at=waiting.sent_at - self._relay_delay) if self._relay_delay else waiting
         )
@@ -323,7 +321,7 @@ class ScriptQueue(Generic[T]):
             self._sizes[waiting.client] += waiting.size
             self._waiting_size += waiting.size
 
-    def _on_answer(self, answer: ScriptAnswer, now: int) -> Iterator[ScriptDecision[T]]:
+    def _on_answer(self, answer: ScriptAnswer, now: int) -> Iterator[ScriptDecision]:
         waiting = self._queue.popleft()
         self._size -= waiting.size
         self._release(waiting)
@@ -337,7 +335,7 @@ class ScriptQueue(Generic[T]):
                 self.notify(notice.message)
         yield from _decided(waiting, answer)
 
-    def _release(self, waiting: PendingOrder[T]) -> None:
+    def _release(self, waiting: PendingOrder) -> None:
         if waiting.token is not None:
             self._counts[waiting.client] -= 1
             self._sizes[waiting.client] -= waiting.size
@@ -345,7 +343,7 @@ class ScriptQueue(Generic[T]):
             if not self._counts[waiting.client]:
                 del self._counts[waiting.client], self._sizes[waiting.client]
 
-    def _flush_undecided(self) -> Iterator[ScriptDecision[T]]:
+    def _flush_undecided(self) -> Iterator[ScriptDecision]:
         self._counts.clear()
         self._sizes.clear()
         self._size = self._waiting_size = 0
@@ -362,7 +360,7 @@ class ScriptQueue(Generic[T]):
     def _switch_off(self, why: Message, now: int) -> None:
         self.is_on = False
         self.off_because = why
-        self._end_at = now + _LOOKS_BACK
+        self._end_at = now + _LOCATED_WITHIN_NS
         self._link.locate()
 
     def _end_process(self) -> None:
@@ -382,11 +380,11 @@ class ScriptQueue(Generic[T]):
         return not self._queue
 
 
-def _is_of(waiting: PendingOrder[T], flow: Flow) -> bool:
+def _is_of(waiting: PendingOrder, flow: Flow) -> bool:
     """Return whether an order shows a message of this flow that waits for a decision."""
     return waiting.token is not None and waiting.message is not None and waiting.message.flow is flow
 
 
-def _decided(waiting: PendingOrder[T], answer: ScriptAnswer | None) -> Iterator[ScriptDecision[T]]:
+def _decided(waiting: PendingOrder, answer: ScriptAnswer | None) -> Iterator[ScriptDecision]:
     if waiting.message is not None and waiting.token is not None:
         yield ScriptDecision(waiting.message, waiting.token, answer)

@@ -43,7 +43,7 @@ class CloseSequence(NamedTuple):
     requests: tuple[bytes, ...]
 
 
-class _State:
+class _ClientState:
     def __init__(self) -> None:
         self.arm_handles: dict[int, None] = {}
         self.serial = 0
@@ -57,13 +57,13 @@ class SessionCloser(PipelineSubscriber):
         """Use the handle and slave-mode trackers of the pipeline to which this object subscribes."""
         self._handles = handles
         self._slave_mode = slave_mode
-        self._states: dict[Conversation, _State] = {}
+        self._states: dict[Conversation, _ClientState] = {}
         self._left_open: dict[Conversation, Message | None] = {}
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
         state = self._states.get(call.conversation)
         if state is None:
-            state = self._states[call.conversation] = _State()
+            state = self._states[call.conversation] = _ClientState()
         state.serial = call.last_attempt.item.serial
         state.convention = call.convention
         command = (call.kind.command or "").casefold()
@@ -110,7 +110,7 @@ class SessionCloser(PipelineSubscriber):
         return Message("session.open.arm") if has_arm else None
 
 
-def _closing_requests(session: ServiceSession, state: _State, robots: Iterable[int]) -> Iterator[bytes]:
+def _closing_requests(session: ServiceSession, state: _ClientState, robots: Iterable[int]) -> Iterator[bytes]:
     """Yield the frames that close a session, with serials and reserved fields as in the client's calls."""
     objects = [(each.kind, each.handle) for each in reversed(session.unreleased)]
     serial = state.serial

@@ -27,8 +27,8 @@ _MEMINFO_DROPS = 8  # linux/sock_diag.h, SK_MEMINFO_DROPS
 _BACKLOG = 1024
 """Maximum number of connections that wait to be accepted.
 
-Beyond this maximum, the system drops the packets of new clients. Such a client tries again after a second,
-which is too late for a stop.
+Beyond this maximum, the system drops the packets of new clients. A client whose packet was dropped tries
+again after a second: too late for a stop.
 """
 
 
@@ -116,7 +116,7 @@ def connect_datagrams(family: int, address: SocketAddress) -> socket.socket:
 
 
 def prepare_datagrams(sock: socket.socket) -> None:
-    """Request a large receive buffer and receive timestamps, without which the socket also works."""
+    """Request a large receive buffer and receive timestamps. The socket also works without them."""
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
     if sys.platform == "linux":
         with suppress(OSError):  # only root may exceed the usual limit

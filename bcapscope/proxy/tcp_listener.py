@@ -4,59 +4,37 @@ from __future__ import annotations
 
 import errno
 import socket
+from functools import partial
 
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.first_frame import first_frame_stops
 from bcapscope.proxy.listener_spec import ListenerSpec
 from bcapscope.proxy.relay import Relay
-from bcapscope.proxy.sockets import SocketAddress, endpoint_of, listen_on, resolve
+from bcapscope.proxy.relay_session import ClientDeniedError, ClientListener
+from bcapscope.proxy.sockets import SocketAddress, endpoint_of
 from bcapscope.proxy.tcp_session import TcpSession
-from bcapscope.proxy.upstream import ClientDeniedError, open_upstream
 from bcapscope.traffic.observation import Transport
 from bcapscope.transport.descriptors import accept_connection
-from bcapscope.transport.tcp_link import close_with_reset
+from bcapscope.transport.socket_link import close_with_reset
 
 _MAX_ACCEPTED = 16
 """Maximum number of clients that are accepted before other sockets are served."""
 
 
-class TcpListener:
-    """A socket to which TCP clients connect.
-
-    Attributes:
-        address: Host and port on which the socket listens.
-        controller: Address family and address of the controller.
-        to: Host and port of the controller.
-    """
+class TcpListener(ClientListener):
+    """A socket to which TCP clients connect."""
 
     def __init__(self, relay: Relay, spec: ListenerSpec) -> None:
-        """Open the socket for clients.
-
-        Raises:
-            ProxyListenError: The address cannot be listened on.
-            UnreachableError: The controller's name cannot be resolved.
-        """
-        self.relay = relay
-        self.controller = resolve(spec.to, Transport.TCP)
-        self.to = endpoint_of(self.controller[1])
-        self._socket = listen_on(spec.listen, Transport.TCP)
-        self.address = endpoint_of(self._socket.getsockname())
-        self._spec = spec
+        super().__init__(relay, spec, Transport.TCP)
         self._is_pause_reported = False
 
     def open(self) -> None:
-        self.relay.watch(self._socket.fileno(), self._on_acceptable)
+        self.relay.watch(self.socket.fileno(), self._on_acceptable)
 
     def close(self) -> None:
-        self.relay.unwatch(self._socket.fileno())
-        self._socket.close()
-
-    def release(self) -> None:
-        """Do nothing: `close` has closed the socket."""
-
-    def sweep(self, now: int) -> None:
-        """Do nothing: a TCP listener has no periodic work."""
+        super().close()
+        self.socket.close()
 
     def _on_acceptable(self, _: int) -> None:
         for _ in range(_MAX_ACCEPTED):
@@ -67,7 +45,7 @@ class TcpListener:
         """Accept a client. Return whether another client may be waiting."""
         relay = self.relay
         try:
-            accepted = accept_connection(self._socket, relay.free_newcomer_descriptor)
+            accepted = accept_connection(self.socket, partial(relay.free_descriptor, is_admitted=False))
         except OSError as error:
             self._pause_accepting(error)
             return False
@@ -82,13 +60,11 @@ class TcpListener:
             relay.deny(endpoint_of(address), Message("client.not-allowed"))
         return True
 
-    def _admit(self, client: socket.socket, address: SocketAddress, first: bytes, came: int) -> None:
+    def _admit(self, client: socket.socket, address: SocketAddress, first: bytes, received_at: int) -> None:
         """Give a client a slot and a connection to the controller, after the client's first frame."""
         relay = self.relay
         try:
-            server, slot = open_upstream(
-                relay,
-                Transport.TCP,
+            server, slot = self._open_upstream(
                 address[0],
                 first_frame_stops(first),
                 lambda: socket.socket(self.controller[0], socket.SOCK_STREAM),
@@ -101,7 +77,7 @@ class TcpListener:
             return
         server.setblocking(False)
         problem = server.connect_ex(self.controller[1])
-        session = TcpSession(relay, self.to, (client, server), address, (first, came))
+        session = TcpSession(relay, self.to, (client, server), address, (first, received_at))
         relay.slots[Transport.TCP].occupy(session, slot, is_fresh=False)
         if problem not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
             session.fail(problem)
@@ -118,4 +94,4 @@ class TcpListener:
             self.relay.notify(
                 Message("client.none-accepted", address=str(self.address), reason=os_reason(error))
             )
-        self.relay.pause(self._socket.fileno())
+        self.relay.pause(self.socket.fileno())

@@ -6,17 +6,17 @@ import errno
 import socket
 import time
 from contextlib import suppress
+from dataclasses import dataclass, field
 
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.poller import ERROR, HANG_UP, READ, WRITE
-from bcapscope.proxy.relay import Relay, client_conversation, encode_note
-from bcapscope.proxy.relay_session import ClientEndpoints
+from bcapscope.proxy.relay import Relay, encode_note
+from bcapscope.proxy.relay_session import ClientEndpoints, RelaySession
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.sockets import SocketAddress, endpoint_of, keep_alive
 from bcapscope.traffic.observation import Endpoint, Transport
-from bcapscope.transport.first_frame_queue import source_network
-from bcapscope.transport.tcp_link import close_with_reset
+from bcapscope.transport.socket_link import close_with_reset
 
 CONNECT_TIMEOUT_NS = 10_000_000_000
 """Maximum time in ns for connecting to the controller."""
@@ -35,10 +35,10 @@ does not read.
 """
 
 ANSWERED_IDLE_NS = 1_000_000_000
-"""Idle time in ns for eviction of a session whose client ended its side and has received bytes since."""
+"""Idle time in ns for evicting a session whose client ended its side and has received bytes since."""
 
 MAX_PENDING = 1 << 18
-"""Number of bytes from rules that wait for a slow receiver before the session stops reading.
+"""Number of bytes that may wait for a slow receiver, if there are rules, before the session stops reading.
 
 Without rules, the session stops reading as soon as any bytes wait.
 """
@@ -49,6 +49,7 @@ _RESETS = errno.ECONNRESET, errno.EPIPE
 """Error numbers of a connection that the other end has reset."""
 
 
+@dataclass(eq=False, slots=True)
 class _HalfConnection:
     """One direction of a connection.
 
@@ -56,22 +57,20 @@ class _HalfConnection:
         source: Socket from which the bytes are read.
         sink: Socket to which the bytes are written.
         pending: Bytes that the sink has not accepted yet.
-        source_ended: True after the end of the bytes was read from the source.
-        sink_shut: True after that end was forwarded to the sink.
+        source_ended: True after the source has ended.
+        sink_shut: True after the end was forwarded to the sink.
     """
 
-    __slots__ = ("pending", "sink", "sink_shut", "source", "source_ended", "up")
-
-    def __init__(self, up: bool, source: socket.socket, sink: socket.socket) -> None:
-        self.up = up
-        self.source = source
-        self.sink = sink
-        self.pending = bytearray()
-        self.source_ended = self.sink_shut = False
+    up: bool
+    source: socket.socket
+    sink: socket.socket
+    pending: bytearray = field(default_factory=bytearray)
+    source_ended: bool = False
+    sink_shut: bool = False
 
 
-class TcpSession:
-    """A TCP client and its connection to the controller; `RelaySession` describes the attributes."""
+class TcpSession(RelaySession):
+    """A TCP client and its connection to the controller."""
 
     def __init__(
         self,
@@ -86,18 +85,15 @@ class TcpSession:
         `ends` holds the sockets toward the client and the controller. `first` holds the bytes that the client
         has sent so far, and their receipt in ns since 1970.
         """
+        super().__init__(relay, Transport.TCP, address, to)
         client, server = ends
         for sock in ends:
             sock.setblocking(False)
             with suppress(OSError):  # macOS refuses options for a connection that the client has closed
                 sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 keep_alive(sock)
-        self.number = relay.next_number()
-        self.conversation = client_conversation(endpoint_of(address), to, Transport.TCP)
-        self.source = source_network(address[0])
-        self.last_heard = self._last_activity = relay.now
+        self._last_activity = relay.now
         self._first = first
-        self._relay = relay
         self._to = to
         self._client = client
         self._controller = server
@@ -129,10 +125,10 @@ class TcpSession:
         if self._closed:
             return 0
         half = self._up if up else self._down
-        left, sent = self._write(half, memoryview(data))
+        sent_at, sent = self._write(half, memoryview(data))
         if 0 < sent < len(data):
-            self._relay.ring.write_record(up, self.number, 0, left, data[:sent])
-        return left if sent == len(data) else 0
+            self._relay.ring.write_record(up, self.number, 0, sent_at, data[:sent])
+        return sent_at if sent == len(data) else 0
 
     def on_nothing_held(self, up: bool) -> None:
         """Forward the end of a direction whose source has ended, and resume reading."""
@@ -188,15 +184,15 @@ class TcpSession:
 
     def _send_last(self, half: _HalfConnection) -> None:
         """Write the pending bytes that the system accepts at once. Report the rest as lost."""
-        left, sent, when = len(half.pending), 0, time.time_ns()
+        rest, sent, when = len(half.pending), 0, time.time_ns()
         with suppress(OSError):
             sent = half.sink.send(half.pending)
         if sent:
             self._relay.ring.write_record(half.up, self.number, 0, when, bytes(half.pending[:sent]))
-        left -= sent
-        if left:
+        rest -= sent
+        if rest:
             case = "client.lost-at-controller" if half.up else "client.lost-at-client"
-            self._relay.notify(Message(case, client=str(self.conversation.client), size=left))
+            self._relay.notify(Message(case, client=str(self.conversation.client), size=rest))
 
     def evictable_idle_ns(self, now: int) -> int | None:
         """Return the idle time in ns if it is long enough to evict the session, else None."""
@@ -241,10 +237,10 @@ class TcpSession:
                 self.fail(problem)
             elif happened & WRITE:
                 self._connected = True
-                first, came = self._first
+                first, received_at = self._first
                 self._first = b"", 0
                 if first:
-                    self._on_bytes(self._up, first, came)
+                    self._on_bytes(self._up, first, received_at)
                 self._update_masks()
         else:
             self._handle(happened, self._controller, self._down, self._up)
@@ -276,17 +272,17 @@ class TcpSession:
         except OSError as error:
             self._on_source_broken(half, error.errno or 0)
             return
-        came = time.time_ns()
+        received_at = time.time_ns()
         self._last_activity = relay.now
         if half.up:
             self.last_heard = relay.now
         elif self._up.source_ended:
             self._is_answered = True
         if not size:
-            self._record_end(RingRecordKind.END, half, received_at=came)
+            self._record_end(RingRecordKind.END, half, received_at=received_at)
             self._on_source_end(half)
         else:
-            self._on_bytes(half, memoryview(relay.buffer)[:size], came)
+            self._on_bytes(half, memoryview(relay.buffer)[:size], received_at)
 
     def _on_bytes(self, half: _HalfConnection, data: bytes | memoryview, received_at: int) -> None:
         relay = self._relay
@@ -307,18 +303,18 @@ class TcpSession:
 
     def _forward_bytes(self, half: _HalfConnection, data: memoryview, received_at: int) -> None:
         ring = self._relay.ring
-        left, sent = self._write(half, data)
+        sent_at, sent = self._write(half, data)
         if sent == len(data):
-            ring.write_record(half.up, self.number, received_at, left, data)
+            ring.write_record(half.up, self.number, received_at, sent_at, data)
         else:
             ring.write_record(half.up, self.number, received_at, 0, data)
             if sent:
-                ring.write_record(half.up, self.number, 0, left, data[:sent])
+                ring.write_record(half.up, self.number, 0, sent_at, data[:sent])
 
     def _write(self, half: _HalfConnection, data: memoryview) -> tuple[int, int]:
         """Write bytes that the sink accepts. Return the time of writing and the number of bytes written."""
         sent = 0
-        left = time.time_ns()
+        sent_at = time.time_ns()
         if not half.pending:
             try:
                 sent = half.sink.send(data)
@@ -331,19 +327,19 @@ class TcpSession:
         if sent < len(data):
             half.pending += data[sent:]
             self._update_masks()
-        return left, sent
+        return sent_at, sent
 
     def _flush(self, half: _HalfConnection) -> None:
         data = bytes(half.pending[:_AT_ONCE])
         half.pending, pending = bytearray(), half.pending
-        left, sent = self._write(half, memoryview(data))
+        sent_at, sent = self._write(half, memoryview(data))
         if self._closed:
             return
         half.pending = pending
         del half.pending[:sent]
         if sent:
             self._last_activity = self._relay.now
-            self._relay.ring.write_record(half.up, self.number, 0, left, data[:sent])
+            self._relay.ring.write_record(half.up, self.number, 0, sent_at, data[:sent])
         self._shut_sink_when_flushed(half)
         self._update_masks()
 

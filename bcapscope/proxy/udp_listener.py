@@ -12,8 +12,8 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.first_frame import first_frame_stops
 from bcapscope.protocol.tables.hresult import S_EXECUTING
 from bcapscope.proxy.listener_spec import ListenerSpec
-from bcapscope.proxy.relay import Handler, Relay, client_conversation, encode_note
-from bcapscope.proxy.relay_session import ClientEndpoints
+from bcapscope.proxy.relay import Handler, Relay, encode_note
+from bcapscope.proxy.relay_session import ClientDeniedError, ClientEndpoints, ClientListener, RelaySession
 from bcapscope.proxy.ring_buffer import BATCH_SIZE, RelayCounter
 from bcapscope.proxy.sockets import (
     LARGEST_DATAGRAM,
@@ -21,27 +21,23 @@ from bcapscope.proxy.sockets import (
     connect_datagrams,
     dropped_datagrams,
     endpoint_of,
-    listen_on,
     local_address_for,
-    resolve,
     should_report,
 )
-from bcapscope.proxy.upstream import ClientDeniedError, open_upstream
 from bcapscope.traffic.observation import Transport
 from bcapscope.transport.descriptors import wait_readable
-from bcapscope.transport.first_frame_queue import source_network
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 
 EXPIRE_AFTER_NS = 600_000_000_000
 """Silence in ns after which the relay forgets a client.
 
-The time is long, because the controller takes a forgotten client that sends again for a new client, and
-because the socket of a silent client costs nothing.
+The time is long, because a forgotten client that sends again looks like a new client to the controller. The
+socket of a silent client costs nothing.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""Silence in ns after which a new client may evict a client if all slots are taken, as in DENSO's C server
-(orin_bcap C/src/bcap_server.c).
+"""Silence in ns after which a client may be evicted for a new client if all slots are taken, as in DENSO's C
+server (orin_bcap C/src/bcap_server.c).
 """
 
 _MAX_OLD = 10_000
@@ -55,31 +51,17 @@ _MAX_STRANGERS = 256
 """Maximum number of rejected addresses that are reported to the user, each once."""
 
 
-class UdpListener:
+class UdpListener(ClientListener):
     """A UDP socket to which clients send their requests.
 
     Attributes:
-        address: Host and port on which the socket listens.
-        controller: Address family and address of the controller.
-        to: Host and port of the controller.
         refused: True after a report that the controller refuses datagrams, until the controller sends one.
         sessions: Sessions of the clients that have sent more than one datagram, by client address.
     """
 
     def __init__(self, relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS) -> None:
-        """Open the socket for clients.
-
-        Raises:
-            ProxyListenError: The address cannot be listened on.
-            UnreachableError: The controller's name cannot be resolved.
-        """
-        self.relay = relay
-        self.controller = resolve(spec.to, Transport.UDP)
-        self.listening_socket = listen_on(spec.listen, Transport.UDP)
-        self.address = endpoint_of(self.listening_socket.getsockname())
-        self.to = endpoint_of(self.controller[1])
+        super().__init__(relay, spec, Transport.UDP)
         self.refused = False
-        self._spec = spec
         self._forget_after = forget_after
         self.sessions: dict[SocketAddress, UdpSession] = {}
         self._fresh_sessions: dict[SocketAddress, UdpSession] = {}
@@ -87,19 +69,16 @@ class UdpListener:
         self._dropped = self._unreachable_count = 0
 
     def open(self) -> None:
-        """Start to accept clients. Discard the datagrams received before, because they may be old."""
+        """Start to accept clients. Discard datagrams that arrived earlier, because they may be old."""
         with suppress(OSError):
             for _ in range(_MAX_OLD):
-                self.listening_socket.recv(LARGEST_DATAGRAM)
-        self.relay.watch(self.listening_socket.fileno(), _datagram_handler(self, self.listening_socket))
+                self.socket.recv(LARGEST_DATAGRAM)
+        self.relay.watch(self.socket.fileno(), _datagram_handler(self, self.socket))
 
     def close(self) -> None:
         """Stop receiving datagrams from clients. The socket still sends replies to clients."""
         self._count_drops()
-        self.relay.unwatch(self.listening_socket.fileno())
-
-    def release(self) -> None:
-        self.listening_socket.close()
+        super().close()
 
     def sweep(self, now: int) -> None:
         """Remove clients that were silent for too long, and count the datagrams that the system dropped."""
@@ -141,8 +120,8 @@ class UdpListener:
         """Give a new client a slot and a socket toward the controller. Return None for a rejected client."""
         relay = self.relay
         try:
-            upstream, slot = open_upstream(
-                relay, Transport.UDP, address[0], is_stop, lambda: connect_datagrams(*self.controller)
+            upstream, slot = self._open_upstream(
+                address[0], is_stop, lambda: connect_datagrams(*self.controller)
             )
         except ClientDeniedError as error:
             relay.spares.refill()
@@ -168,48 +147,29 @@ class UdpListener:
             )
 
     def _count_drops(self) -> None:
-        dropped = dropped_datagrams(self.listening_socket)
+        dropped = dropped_datagrams(self.socket)
         self.relay.counts[RelayCounter.LOST] += dropped - self._dropped
         self._dropped = dropped
 
 
-class UdpSession:
-    """A UDP client and its socket toward the controller; `RelaySession` describes the attributes."""
-
-    __slots__ = (
-        "_address",
-        "_dropped",
-        "_listener",
-        "_relay",
-        "_send_down",
-        "_send_up",
-        "_upstream",
-        "conversation",
-        "last_heard",
-        "number",
-        "source",
-    )
+class UdpSession(RelaySession):
+    """A UDP client and its socket toward the controller."""
 
     def __init__(self, listener: UdpListener, address: SocketAddress, upstream: socket.socket) -> None:
         """Register a client that has sent its first datagram."""
         relay = listener.relay
-        client = endpoint_of(address)
-        self.number = relay.next_number()
-        self.conversation = client_conversation(client, listener.to, Transport.UDP)
-        self.source = source_network(address[0])
-        self.last_heard = relay.now
+        super().__init__(relay, Transport.UDP, address, listener.to)
         self._send_up = upstream.send
         self._upstream = upstream
         self._listener = listener
-        self._relay = relay
         self._address = address
-        self._send_down = listener.listening_socket.sendto
+        self._send_down = listener.socket.sendto
         self._dropped = 0
         relay.watch(upstream.fileno(), _datagram_handler(listener, upstream, self))
         ends = ClientEndpoints(
             Transport.UDP,
-            client,
-            local_address_for(listener.listening_socket, address),
+            self.conversation.client,
+            local_address_for(listener.socket, address),
             endpoint_of(upstream.getsockname()),
             listener.to,
         )
@@ -222,14 +182,14 @@ class UdpSession:
 
     def send(self, up: bool, data: bytes) -> int:
         """Send and count a datagram. Return the time in ns since 1970; 0 if the system refused to send."""
-        left = self.forward(up, data)
-        if left:
+        sent_at = self.forward(up, data)
+        if sent_at:
             self._relay.counts[RelayCounter.LEFT_UP if up else RelayCounter.LEFT_DOWN] += 1
-        return left
+        return sent_at
 
     def forward(self, up: bool, data: bytes) -> int:
         """Send a datagram. Return the time in ns since 1970; 0 if the system refused to send."""
-        left = time.time_ns()
+        sent_at = time.time_ns()
         try:
             if up:
                 self._send_up(data)
@@ -239,12 +199,12 @@ class UdpSession:
             if not up or not isinstance(error, ConnectionRefusedError):
                 return self._count_send_failure(data, error)
             self.notify_refused()  # the error concerns an earlier datagram; this one was not sent
-            left = time.time_ns()
+            sent_at = time.time_ns()
             try:
                 self._send_up(data)
             except OSError as again:
                 return self._count_send_failure(data, again)
-        return left
+        return sent_at
 
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
         """Send requests in the client's place, each after the previous reply. Return how many were answered.
@@ -260,9 +220,9 @@ class UdpSession:
     def _request(self, request: bytes) -> bool:
         """Send a request and wait for its reply. Return whether the reply came in time."""
         relay = self._relay
-        left = self.send(True, request)
+        sent_at = self.send(True, request)
         note = encode_note(Message("session.closing"))
-        relay.ring.write_record(True, self.number, 0, left, request, note=note)
+        relay.ring.write_record(True, self.number, 0, sent_at, request, note=note)
         until = time.monotonic() + _PATIENCE
         while (rest := until - time.monotonic()) > 0 and wait_readable(self._upstream.fileno(), rest):
             try:
@@ -278,12 +238,6 @@ class UdpSession:
         """Return how many ns the client has been silent, if that is long enough to evict it; else None."""
         silent = now - self.last_heard
         return silent if silent >= EVICTABLE_AFTER_NS else None
-
-    def on_nothing_held(self, up: bool) -> None:
-        """Do nothing: datagrams have no end to forward."""
-
-    def resume_reading(self) -> None:
-        """Do nothing: datagrams are always read."""
 
     def close(self, reset: bool, why: Message) -> None:
         """Send the held messages that rules release, then close the socket."""
@@ -307,7 +261,7 @@ class UdpSession:
             self._relay.notify(Message("client.refuses-datagrams", controller=str(self._listener.to)))
 
     def _count_send_failure(self, data: bytes, error: OSError) -> int:
-        """Count a datagram that cannot be sent. Report the 1st, 2nd, 4th, 8th … to the user. Return 0."""
+        """Count a datagram that cannot be sent, and return 0. Report the 1st, 2nd, 4th, 8th … to the user."""
         relay = self._relay
         relay.counts[RelayCounter.FULL] += 1
         if should_report(relay.counts[RelayCounter.FULL]):
@@ -327,7 +281,7 @@ def _datagram_handler(
     """Return a handler that forwards the datagrams of a socket, or passes them to the rules.
 
     If `session` is given, the socket receives replies for that session; else it receives requests. The
-    handler runs for each datagram, so it finds everything in local variables.
+    handler runs for each datagram. For speed, it uses only local variables.
     """
     receive, known, up = receive_function(sock), listener.sessions.get, session is None
     relay, ring, has_rules = listener.relay, listener.relay.ring, listener.relay.policy is not None

@@ -21,7 +21,7 @@ import msgspec
 from msgspec import Meta
 
 from bcapscope.faults.document import LONGEST_DOCUMENT, DocumentError, FieldError, read_document
-from bcapscope.faults.fault import AnyFault
+from bcapscope.faults.fault_kinds import AnyFault
 from bcapscope.faults.quantities import DurationQuantity, HresultQuantity
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.variant import VT, Variant

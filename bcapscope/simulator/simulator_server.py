@@ -29,7 +29,7 @@ from bcapscope.transport.receive_timestamps import (
     kernel_timestamp,
     receive_function,
 )
-from bcapscope.transport.tcp_link import close_with_reset
+from bcapscope.transport.socket_link import close_with_reset
 
 LARGEST_DATAGRAM = 65535
 LARGEST_BACKLOG = 1 << 20

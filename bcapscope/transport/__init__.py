@@ -1,1 +1,1 @@
-"""Transports for asyncio: UDP, TCP and memory links. They do not interpret the bytes they carry."""
+"""Transports for asyncio: UDP and TCP. They do not interpret the bytes they carry."""

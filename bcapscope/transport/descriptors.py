@@ -12,9 +12,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-OUT_OF_DESCRIPTORS_TEXT = os.strerror(errno.EMFILE).lower()
-"""The system's error text for a process without free file descriptors."""
-
 _OUT_OF_DESCRIPTORS = frozenset({errno.EMFILE, errno.ENFILE})
 
 

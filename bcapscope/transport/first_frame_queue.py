@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Hashable
+from dataclasses import dataclass, field
 from ipaddress import ip_network
 from typing import Generic, TypeVar
 
@@ -26,10 +27,13 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 def source_network(host: str) -> str:
-    """Return the network that limits count by: the IPv4 address, or the /64 network of the IPv6 address."""
+    """Return the network whose clients are counted together: the IPv4 address, or the /64 network of the IPv6
+    address.
+    """
     return host if ":" not in host else str(ip_network((host.partition("%")[0], 64), strict=False))
 
 
+@dataclass(eq=False)
 class _PendingConnection:
     """A connection without a complete frame.
 
@@ -39,10 +43,9 @@ class _PendingConnection:
         first_byte_at: Time in ns when the first byte arrived; 0 until then.
     """
 
-    def __init__(self, source: str) -> None:
-        self.source = source
-        self.data = bytearray()
-        self.first_byte_at = 0
+    source: str
+    data: bytearray = field(default_factory=bytearray)
+    first_byte_at: int = 0
 
 
 class FirstFrameQueue(Generic[Key]):

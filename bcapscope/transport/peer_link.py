@@ -23,12 +23,13 @@ class LinkReceiver(Protocol):
         """Process the loss of the link; no data follows."""
 
 
-class BaseLink(Protocol):
+class Link(Protocol):
     """A link to one peer; each implementation decides how it passes on received data.
 
     Attributes:
         datagrams: True if the link carries datagrams, which may get lost or repeated; False for a stream.
-        local: Address of the link's own end. peer: Address of the link's other end.
+        local: Address of the link's own end.
+        peer: Address of the link's other end.
     """
 
     @property
@@ -49,7 +50,3 @@ class BaseLink(Protocol):
 
     def close(self) -> None:
         """Close the link; a second call does nothing."""
-
-
-class Link(BaseLink, Protocol):
-    """A link to one peer that passes received data to a `LinkReceiver` until `close`."""

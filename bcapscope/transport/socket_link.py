@@ -1,15 +1,25 @@
-"""Base class of links over an asyncio socket."""
+"""Links over an asyncio socket: UDP and TCP."""
 
 from __future__ import annotations
 
 import asyncio
-from typing import Generic, TypeVar
+import socket
+import struct
+from collections.abc import Iterable
+from contextlib import suppress
+from typing import Any, Generic, TypeAlias, TypeVar, cast
 
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.transport.peer_link import Address, LinkReceiver
 
 T = TypeVar("T", bound=asyncio.BaseTransport)
+
+AddressInfo: TypeAlias = tuple[int, int, int, str, Any]
+"""One address in the form of `socket.getaddrinfo`."""
+
+CONNECT_TIMEOUT = 5.0
+"""Maximum time in s for opening a TCP connection."""
 
 
 class SocketLink(asyncio.BaseProtocol, Generic[T]):
@@ -52,3 +62,86 @@ class SocketLink(asyncio.BaseProtocol, Generic[T]):
         assert self._transport is not None
         host, port, *_ = self._transport.get_extra_info(which)
         return host, port
+
+
+class TcpLink(SocketLink[asyncio.Transport], asyncio.Protocol):
+    """A TCP connection. asyncio sets TCP_NODELAY, so a set point is sent without delay."""
+
+    datagrams = False
+    end_reason = "connection.closed-by-peer"
+
+    def send(self, data: bytes) -> None:
+        if self._transport is not None and not self._transport.is_closing():
+            self._transport.write(data)
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        if self._receiver is not None:
+            self._receiver.on_data(data)
+
+
+async def open_tcp(host: str, port: int, receiver: LinkReceiver) -> TcpLink:
+    """Connect to `host` within `CONNECT_TIMEOUT` and return the link.
+
+    Raises:
+        OSError: The host is unknown or unreachable, or nothing listens on the port; TimeoutError is a
+            subclass.
+    """
+    loop = asyncio.get_running_loop()
+    async with asyncio.timeout(CONNECT_TIMEOUT):
+        _, link = await loop.create_connection(lambda: TcpLink(receiver), host, port)
+    return link
+
+
+def close_with_reset(sock: socket.socket) -> None:
+    with suppress(OSError):
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("@ii", 1, 0))
+    sock.close()
+
+
+def preferred_address(addresses: Iterable[AddressInfo]) -> AddressInfo:
+    """Return the first IPv4 address of a host; without IPv4 address, the first address. Controllers use IPv4.
+
+    Over UDP a wrong choice looks like a controller that does not answer. Names such as localhost often list
+    an IPv6 address first.
+    """
+    return min(addresses, key=lambda each: each[0] != socket.AF_INET)
+
+
+class UdpLink(SocketLink[asyncio.DatagramTransport], asyncio.DatagramProtocol):
+    """A connected UDP socket: the system drops datagrams of other senders and reports closed ports."""
+
+    datagrams = True
+
+    def send(self, data: bytes) -> None:
+        if self._transport is not None:
+            self._transport.sendto(data)
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        # The cast is necessary because asyncio's own class is not a DatagramTransport before Python 3.12.
+        self._transport = cast(asyncio.DatagramTransport, transport)
+
+    def datagram_received(self, data: bytes, addr: tuple[str | object, int]) -> None:
+        if self._receiver is not None:
+            self._receiver.on_data(data)
+
+    def error_received(self, exc: Exception) -> None:
+        if self._receiver is not None:
+            self._receiver.on_send_error(os_reason(exc))
+
+
+async def open_udp(host: str, port: int, receiver: LinkReceiver) -> UdpLink:
+    """Open a socket connected to `host` and return the link.
+
+    Raises:
+        OSError: The host is unknown or unreachable.
+    """
+    loop = asyncio.get_running_loop()
+    family, *_ = preferred_address(await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM))
+    _, link = await loop.create_datagram_endpoint(
+        lambda: UdpLink(receiver), remote_addr=(host, port), family=family
+    )
+    return link

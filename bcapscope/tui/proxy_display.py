@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 
 from msgspec.structs import astuple
 
-from bcapscope.faults.rewriter import rewrite_message
+from bcapscope.faults.fault_notation import rewrite_message
 from bcapscope.protocol.codec.frame import Frame, parse_datagram
 from bcapscope.proxy.control_messages import ClientStatus, FaultStatus, HeldStatus, ProxyStats, RelayDelays
 from bcapscope.proxy.ring_buffer import SET_POINT_DEADLINE_NS

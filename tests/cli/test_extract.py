@@ -153,11 +153,11 @@ def test_a_signal_that_ends_it_leaves_nothing_half_written(tmp_path: Path) -> No
                 assert process.poll() is None
                 time.sleep(0.01)
             process.terminate()
-            _, told = process.communicate(timeout=30)
+            _, printed = process.communicate(timeout=30)
         finally:
             process.kill()
     assert begun
-    assert (process.returncode, told) == (ExitCode.INTERRUPTED, b"")
+    assert (process.returncode, printed) == (ExitCode.INTERRUPTED, b"")
     assert list(tmp_path.iterdir()) == [pipe]
 
 

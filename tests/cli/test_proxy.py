@@ -104,7 +104,7 @@ def test_sessions_of_every_convention(controller: tuple[int, Path], tmp_path: Pa
     out = tmp_path / "out"
     with out.open("wb") as stdout, proxy(to, "--calls", *recording(path), stdout=stdout.fileno()) as process:
         talks = [talk(process.port, convention, POINTS) for convention in CONVENTIONS]
-        told = process.end(signal.SIGINT)
+        notices = process.end(signal.SIGINT)
         port = process.port
     sent = [raw for each in talks for raw in each.sent]
     heard = [raw for each in talks for raw in each.heard]
@@ -116,8 +116,8 @@ def test_sessions_of_every_convention(controller: tuple[int, Path], tmp_path: Pa
     assert said(at_last, to) == (sent, heard)
     assert calls_of(path, port) == calls
     assert len(out.read_text().splitlines()) == len(calls)
-    assert f"{len(calls)} calls, 0 retries; 5 clients" in told
-    assert "the session of" not in told  # all were ended by their clients
+    assert f"{len(calls)} calls, 0 retries; 5 clients" in notices
+    assert "the session of" not in notices  # all were ended by their clients
 
 
 def test_sessions_with_faults(controller: tuple[int, Path], tmp_path: Path) -> None:
@@ -143,12 +143,12 @@ def test_drops_retries_and_the_count_of_the_client_agree(
     path = tmp_path / "loss.pcapng"
     with proxy(to, "-q", "--fault", "loss=10%", "--seed", "7", *recording(path)) as process:
         client = talk(process.port, ReservedConvention.SEED, POINTS, timeout=30)
-        port, told = process.port, process.end(signal.SIGTERM)
+        port, notices = process.port, process.end(signal.SIGTERM)
     seen = observed(path, {port, to})
     (asked, heard), (passed, answered) = said(seen, port), said(seen, to)
     dropped = len(asked) - len(passed) + len(answered) - len(heard)
     assert dropped > POINTS // 20
-    assert f"injected {dropped} times" in told
+    assert f"injected {dropped} times" in notices
     assert calls_of(path, port) == client.calls
     assert len(client.sent) == len(asked) == sum(tries for tries, _ in client.calls)
     assert len(client.sent) == dropped + len(heard)  # each that got through both ways was heard
@@ -178,10 +178,10 @@ def test_streams_with_faults(
         to = server.port
         with proxy(to, "-q", *words, "--seed", "7", *recording(path)) as process:
             talks = [persistent_talk(process.port, each, POINTS, 200, again) for each in conventions]
-            told = process.end(signal.SIGINT)
+            notices = process.end(signal.SIGINT)
             port = process.port
         server.end(signal.SIGINT)
-    assert re.search(r"fault \S+: injected (once|\d+ times)", told), told
+    assert re.search(r"fault \S+: injected (once|\d+ times)", notices), notices
     seen = observed(path, {to, port})
     asked, answered = map(sound, said(seen, port))
     assert asked == [raw for each in talks for raw in each.sent]
@@ -192,7 +192,7 @@ def test_streams_with_faults(
     calls = [call for each in talks for call in each.calls]
     if "corrupt" in faults[0]:  # `calls` tells the result in a damaged answer, which its client does not take
         pairs = zip(calls_of(path, port), calls, strict=True)
-        assert [own for told, own in pairs if told != own and own[1] is not None] == []
+        assert [own for notices, own in pairs if notices != own and own[1] is not None] == []
     else:
         assert calls_of(path, port) == calls
 
@@ -232,8 +232,8 @@ def test_a_kill_leaves_a_recording_that_can_be_read(
         if whom == "watcher":
             process.wait_for("the recorder ended. The proxy still forwards traffic")
             assert flood(process.port, 0.2)[0]
-            told = process.end(signal.SIGINT, ExitCode.UNWRITABLE)
-            assert f"{path} is incomplete, because the recorder ended early" in told
+            notices = process.end(signal.SIGINT, ExitCode.UNWRITABLE)
+            assert f"{path} is incomplete, because the recorder ended early" in notices
         else:
             wait_for_end(watcher)
     assert run_here("decode", path).code in (0, 3)
@@ -273,8 +273,8 @@ def test_sessions_that_are_open_are_ended_at_the_controller(
     out, only = tmp_path / "out", 'function ~ "Service"'
     with out.open("wb") as stdout, proxy(to, "--json", "-f", only, stdout=stdout.fileno()) as process:
         left_open(process.port)
-        told = process.end(signal.SIGINT)
-    assert "where slave mode is on and the arm is held, was ended" in told
+        notices = process.end(signal.SIGINT)
+    assert "where slave mode is on and the arm is held, was ended" in notices
     assert [json.loads(line)["function"] for line in out.read_bytes().splitlines()] == ["Service_Start"] * 2
     requests, _ = said(observed(at_the_controller, {to}), to)
     functions = [int.from_bytes(raw[9:13], "little") for raw in requests]
@@ -388,9 +388,9 @@ def test_a_stop_that_is_held_when_the_proxy_ends_is_sent_and_a_motion_is_not() -
                 until = time.monotonic() + PATIENCE
                 while control.request(GetStats(), ProxyStats).ruled < 2:
                     assert time.monotonic() < until
-            told = process.end(signal.SIGINT)
+            notices = process.end(signal.SIGINT)
         assert server.recv(4096) == halt
-    assert "not sent: 1 Robot_Execute slvMove" in told
+    assert "not sent: 1 Robot_Execute slvMove" in notices
 
 
 def answers(port: int, seconds: float) -> bool:

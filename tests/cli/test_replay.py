@@ -96,7 +96,7 @@ def test_a_failure_ends_it_unless_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "told"),
+    ("words", "code", "reason"),
     [
         ((SESSION, "--as", "client"), ExitCode.USAGE, "--as client needs a controller: give HOST"),
         ((SESSION, "127.0.0.1", "--as", "server"), ExitCode.USAGE, "--as server takes no HOST"),
@@ -111,11 +111,11 @@ def test_a_failure_ends_it_unless_told(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_is_told_in_a_sentence(
-    words: tuple[str | Path, ...], code: ExitCode, told: str
+    words: tuple[str | Path, ...], code: ExitCode, reason: str
 ) -> None:
     done = run("replay", *words)
     assert (done.code, "Traceback" in done.err) == (code, False)
-    assert told in done.err
+    assert reason in done.err
 
 
 def test_set_points_that_are_not_fit_to_be_played_are_not_sent() -> None:

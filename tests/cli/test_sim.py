@@ -88,12 +88,12 @@ def test_a_stdout_that_nobody_reads_holds_no_client_up() -> None:
         assert process.stderr is not None
         assert process.stderr.readline().startswith("commands: reset (forget all clients)")
         process.send_signal(signal.SIGINT)
-        told = process.stderr.read()
+        notices = process.stderr.read()
         assert process.wait(30) == 0
     assert longest < 10
     assert re.fullmatch(
-        r"1000 calls; 0 datagrams .*\n[\d,]+ lines are not shown: standard output accepts no data\n", told
-    ), told
+        r"1000 calls; 0 datagrams .*\n[\d,]+ lines are not shown: standard output accepts no data\n", notices
+    ), notices
 
 
 @pytest.mark.lifecycle
@@ -124,8 +124,8 @@ def test_commands_are_taken_while_it_runs() -> None:
 
 def test_what_was_pressed_is_told() -> None:
     done = run("sim", "--port", "0", stdin=b"s\ngo\nquit\n")
-    told = [line for line in done.err.splitlines() if line.startswith("the emergency stop is ")]
-    assert told == ["the emergency stop is pressed", "the emergency stop is released"]
+    notices = [line for line in done.err.splitlines() if line.startswith("the emergency stop is ")]
+    assert notices == ["the emergency stop is pressed", "the emergency stop is released"]
 
 
 def test_what_passes_is_recorded(tmp_path: Path) -> None:
@@ -176,8 +176,8 @@ def test_who_reaches_it_is_said() -> None:
 def test_the_detector_of_rc7_is_switched_as_on_its_pendant() -> None:
     argv = [sys.executable, "-m", "bcapscope", "sim", "--port", "0", "--profile", "rc7"]
     done = subprocess.run(argv, input="d\nd\nquit\n", capture_output=True, text=True, check=False, timeout=60)
-    told = [line for line in done.stderr.splitlines() if "late set point is" in line]
-    assert [("no error" in line) for line in told] == [False, True]
+    notices = [line for line in done.stderr.splitlines() if "late set point is" in line]
+    assert [("no error" in line) for line in notices] == [False, True]
 
 
 def test_stderr_says_why_a_provider_is_refused_also_if_calls_are_not_shown() -> None:

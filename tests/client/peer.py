@@ -12,7 +12,7 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.retry.responder import RequestKind, Responder
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ResultKind, function_name
 from bcapscope.protocol.tables.hresult import S_OK
-from bcapscope.transport.memory_link import MemoryLink
+from tests.memory_link import MemoryLink
 
 Answer: TypeAlias = tuple[int, Sequence[Variant]]
 

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 
-from bcapscope.transport.memory_link import MemoryLink
 from tests.client.peer import Answer, Peer
+from tests.memory_link import MemoryLink
 
 
 class _End(MemoryLink):

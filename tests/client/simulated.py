@@ -10,7 +10,7 @@ from bcapscope.messages import Message
 from bcapscope.simulator.server_interfaces import ControllerModel
 from bcapscope.simulator.simulator import SimulatorOutput
 from bcapscope.transport.loop_clock import LoopClock
-from bcapscope.transport.memory_link import MemoryLink
+from tests.memory_link import MemoryLink
 from tests.samples.calls import CLIENT, SERVER, START
 
 _SERVER: Address = (SERVER.ip, SERVER.port)

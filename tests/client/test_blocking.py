@@ -6,9 +6,9 @@ import asyncio
 
 import pytest
 
-from bcapscope.client import Blocking, connect, over_link
-from bcapscope.transport.memory_link import memory_link_pair
+from bcapscope.client import Blocking, connect
 from tests.client.peer import Peer
+from tests.memory_link import memory_link_pair, over_link
 from tests.virtual_time import VirtualTimeLoop
 
 

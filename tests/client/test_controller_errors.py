@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.client import Controller, open_session, over_link
+from bcapscope.client import Controller, open_session
 from bcapscope.client.controller_errors import MAX_ERRORS, clear_errors, read_errors
 from bcapscope.errors import CallTimeout
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.hresult import E_INVALIDARG, S_OK, describe_hresult
-from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.peer import Answer, Peer
+from tests.memory_link import memory_link_pair, over_link
 from tests.virtual_time import run_in_virtual_time
 
 SINGULAR = -0x7BDEFEDF  # 0x84210121 as a signed number

@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.client import RetryPolicies, Session, connect, open_session, over_link
+from bcapscope.client import RetryPolicies, Session, connect, open_session
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.retry.requester import CallAnswered, CallRefused, CallTimedOut, RetryPolicy
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.simulator.call_executor import CallReport
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Peer, Simulator
-from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.simulated import Controller
+from tests.memory_link import memory_link_pair, over_link
 from tests.virtual_time import run_in_virtual_time
 
 _PUT_TAG, _GET_TAG = 23, 22

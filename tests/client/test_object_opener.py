@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from bcapscope.client import open_session, over_link
+from bcapscope.client import open_session
 from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.client.object_opener import ObjectOpener, read_variable_once
 from bcapscope.client.remote_objects import Robot
@@ -16,8 +16,8 @@ from bcapscope.protocol.retry.requester import CallRefused
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import E_HANDLE, E_INVALIDARG, S_OK
 from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT, SIMULATOR_VARIABLE
-from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.peer import Answer, Peer
+from tests.memory_link import memory_link_pair, over_link
 from tests.virtual_time import run_in_virtual_time
 
 _CONNECT = ("", "provider", "machine", "")

@@ -9,15 +9,15 @@ from typing import Any
 
 import pytest
 
-from bcapscope.client import Controller, ControllerMessage, Robot, connect, over_link, remote_objects
+from bcapscope.client import Controller, ControllerMessage, Robot, connect, remote_objects
 from bcapscope.client.remote_object import RemoteObject
 from bcapscope.client.service import Service
 from bcapscope.errors import ControllerError, RemoteProtocolError
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.protocol.tables.hresult import E_HANDLE, S_OK
-from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.peer import Answer, Peer
+from tests.memory_link import memory_link_pair, over_link
 from tests.virtual_time import run_in_virtual_time
 
 _SAMPLES = {"str": "x", "int": 3, "float": 1.5, "object": (1, 2)}

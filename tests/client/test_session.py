@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.client import RetryPolicies, Robot, Session, Variable, connect, open_session, over_link
+from bcapscope.client import RetryPolicies, Robot, Session, Variable, connect, open_session
 from bcapscope.errors import CallTimeout, ControllerError, LocalProtocolError
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import VT, Variant
@@ -19,8 +19,8 @@ from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import E_HANDLE
 from bcapscope.traffic.observation import Direction, Observation, Transport
-from bcapscope.transport.memory_link import NetworkModel, memory_link_pair, perfect_network
 from tests.client.peer import Peer
+from tests.memory_link import NetworkModel, memory_link_pair, over_link, perfect_network
 from tests.virtual_time import run_in_virtual_time
 
 

@@ -17,7 +17,7 @@ from bcapscope.faults.document import (
     read_document,
     to_plain_data,
 )
-from bcapscope.faults.fault import ACTIONS, AnswerFault, AnyFault, DelayFault, DropFault, RewriteFault
+from bcapscope.faults.fault_kinds import ACTIONS, AnswerFault, AnyFault, DelayFault, DropFault, RewriteFault
 from bcapscope.faults.fault_notation import read_fault
 from bcapscope.faults.quantities import DurationQuantity, FrameCondition, HresultQuantity, Share, Span
 from bcapscope.traffic.observation import Direction

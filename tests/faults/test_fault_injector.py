@@ -422,12 +422,12 @@ def history(
 ) -> list[object]:
     """Play steps; give all decisions and outputs."""
     flows, machine, now = talk(transport), shaper(*faults, seed=seed), 0
-    told: list[object] = []
+    notices: list[object] = []
     for up, later, data in steps:
         now += later
         taken = machine.process_message(flows.up if up else flows.down, data, now)
-        told.append((taken.fault_notes, taken.forwarded, sent(taken.outputs), len(closed(taken.outputs))))
-    return [*told, run_dry(machine, now), machine.hit_counts]
+        notices.append((taken.fault_notes, taken.forwarded, sent(taken.outputs), len(closed(taken.outputs))))
+    return [*notices, run_dry(machine, now), machine.hit_counts]
 
 
 @given(FAULTS, st.integers(), STEPS, st.sampled_from([Transport.UDP, Transport.TCP]))

@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 
 from bcapscope.faults import fault_notation
 from bcapscope.faults.document import RuleFile, read_document
-from bcapscope.faults.fault import (
+from bcapscope.faults.fault import CloseMode, JitterDistribution
+from bcapscope.faults.fault_kinds import (
     AnswerFault,
     AnyFault,
     BandwidthFault,
     BurstFault,
     CloseFault,
-    CloseMode,
     CorruptFault,
     DelayFault,
     DropFault,
@@ -22,7 +22,6 @@ from bcapscope.faults.fault import (
     ExecutingFault,
     GarbageFault,
     HalfOpenFault,
-    JitterDistribution,
     PartitionFault,
     PassFault,
     ReorderFault,
@@ -196,15 +195,15 @@ def test_any_text_is_read_or_refused(text: str) -> None:
 
 
 def test_the_names_that_files_have_for_main_values_are_told() -> None:
-    told = fault_notation.__doc__ or ""
+    help_text = fault_notation.__doc__ or ""
     for action, fields in fault_notation._MAIN_FIELDS.items():
-        assert f"{action} {' '.join(fields)}" in told or action in ("loss", "delay")
+        assert f"{action} {' '.join(fields)}" in help_text or action in ("loss", "delay")
 
 
 def test_the_file_that_is_shown_can_be_read() -> None:
-    told = fault_notation.__doc__ or ""
-    start = told.index("    faults:")
-    document = read_document(told[start : told.index("\n\n", start)], RuleFile)
+    help_text = fault_notation.__doc__ or ""
+    start = help_text.index("    faults:")
+    document = read_document(help_text[start : help_text.index("\n\n", start)], RuleFile)
     assert list(document.faults) == [
         read_fault("drop 5% response try 1"),
         read_fault("delay=3ms±1ms times 5 if command == slvMove"),

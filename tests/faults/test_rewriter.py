@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.faults.fault import RewriteFault
+from bcapscope.faults.fault_kinds import RewriteFault
 from bcapscope.faults.fault_notation import read_fault
 from bcapscope.faults.rewriter import Rewriter, with_header
 from bcapscope.protocol.codec.frame import Frame, Framing, encode_frame

@@ -28,7 +28,7 @@ from bcapscope.protocol.codec.arguments import Argument
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.frame_template import FrameTemplate
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.proxy.ring_buffer import HEADER_SIZE, RelayCounter, RingReader, RingRecordKind, RingWriter
+from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RelayCounter, RingReader, RingRecordKind, RingWriter
 from bcapscope.render import frame_line
 from bcapscope.traffic.filter.field_table import RecordKind
 from tests.cli.run import run
@@ -77,7 +77,7 @@ class Chain:
         form: TrafficFormat = TrafficFormat.LINE,
         subscriber: WatcherSubscriber | None = None,
     ) -> None:
-        memory = memoryview(bytearray(HEADER_SIZE + (1 << 20)))
+        memory = memoryview(bytearray(RING_OVERHEAD + (1 << 20)))
         self.ring = RingWriter(memory)
         self.screen = Silent()
         wishes = ProxyOptions(record, None, ViewOptions(shown, form), "never")

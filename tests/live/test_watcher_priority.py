@@ -19,7 +19,7 @@ from bcapscope.live.watcher_priority import (
     idle_priority_switch,
     yield_function,
 )
-from bcapscope.proxy.ring_buffer import HEADER_SIZE, RingReader, RingWriter
+from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RingReader, RingWriter
 
 SIZE = 1 << 14
 POLICIES = pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="Linux has idle priority")
@@ -29,7 +29,7 @@ class Scene:
     """A ring with a recorder and a decoder, and what was asked of the watcher."""
 
     def __init__(self) -> None:
-        memory = memoryview(bytearray(HEADER_SIZE + SIZE))
+        memory = memoryview(bytearray(RING_OVERHEAD + SIZE))
         self.writer = RingWriter(memory)
         self.recorder, self.decoder = RingReader(memory, ahead=True), RingReader(memory)
         self.asked: list[bool] = []

@@ -13,7 +13,7 @@ from bcapscope.proxy.listeners import open_listeners
 from bcapscope.proxy.pending_connections import Admit, PendingConnections
 from bcapscope.proxy.policy import Policy
 from bcapscope.proxy.relay import Relay
-from bcapscope.proxy.ring_buffer import HEADER_SIZE, RingReader, RingRecord, RingRecordKind, RingWriter
+from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RingReader, RingRecord, RingRecordKind, RingWriter
 from bcapscope.proxy.sockets import SocketAddress
 from bcapscope.proxy.udp_listener import EXPIRE_AFTER_NS
 from bcapscope.traffic.observation import Endpoint
@@ -73,8 +73,8 @@ class Running:
         """Return the bytes of one direction."""
         return [record.data for record in self.of(RingRecordKind.DATA) if record.up is up]
 
-    def told(self) -> str:
-        """Return all sentences."""
+    def notices(self) -> str:
+        """Return the messages for the user."""
         return "\n".join(decoded(record.data) for record in self.of(RingRecordKind.NOTICE))
 
 
@@ -100,7 +100,7 @@ def running(
         size: bytes of the ring.
         waits: TCP clients wait for their first frame to be complete, as in real life.
     """
-    memory = memoryview(bytearray(HEADER_SIZE + size))
+    memory = memoryview(bytearray(RING_OVERHEAD + size))
     relay = Relay(RingWriter(memory), policy)
     if not waits:
         relay.pending_connections = OpenEntrance(relay)

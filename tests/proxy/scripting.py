@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 from bcapscope.messages import Message
 from bcapscope.proxy.addons import AddonClient, AddonRunner, PassingMessage
-from bcapscope.proxy.direction_state import UndecidedMessage
 from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.proxy.script_host import ScriptHost
 from bcapscope.proxy.script_protocol import FrameUnpacker, ScriptOrder, pack
@@ -35,7 +34,7 @@ class Here:
         self._host = ScriptHost(taken)
         self._orders: FrameUnpacker[ScriptOrder] = FrameUnpacker(ScriptOrder)
         self._answers: list[bytes] = []
-        self.queue: ScriptQueue[UndecidedMessage] = ScriptQueue("mine.py", self, limit)
+        self.queue = ScriptQueue("mine.py", self, limit)
         self.queue.on_loaded(taken.hooks)
 
     @property

@@ -114,15 +114,15 @@ class Careless:
 
 
 def test_what_goes_wrong_is_told_once_and_stops_nothing() -> None:
-    told: list[str] = []
+    notices: list[str] = []
     addons = AddonRunner([Broken(), Careless()], clock=lambda: 0)
-    addons.notify = collects(told)
+    addons.notify = collects(notices)
     for _ in range(3):
         assert addons.run_message_hooks(WHO, message()).data == request(7)
     addons.client_connected(WHO)
     addons.client_gone(WHO, FLOWS.up.conversation)
     addons.proxy_ended()
-    assert [text.split(" (test_addons")[0] for text in told] == [
+    assert [text.split(" (test_addons")[0] for text in notices] == [
         "Broken.request: SystemExit",
         "request: data must be bytes; the message passes unchanged (reported once)",
         "Broken.connected: RuntimeError: [/red]\x1b[2J",
@@ -155,12 +155,12 @@ def test_nothing_that_can_be_raised_ends_the_relay(kind: type[BaseException]) ->
         def done(self) -> None:
             raise kind
 
-    told: list[str] = []
+    notices: list[str] = []
     addons = AddonRunner([Broken()], clock=lambda: 0)
-    addons.notify = collects(told)
+    addons.notify = collects(notices)
     addons.proxy_ended()
-    assert addons.errors == len(told) == 1
-    assert kind.__name__ in told[0]
+    assert addons.errors == len(notices) == 1
+    assert kind.__name__ in notices[0]
 
 
 def test_answers_are_given_in_one_way_only() -> None:
@@ -179,10 +179,10 @@ def test_a_slow_hook_is_told_once() -> None:
             pass
 
     times = iter([0, SLOW_HOOK_NS + 500_000, 10 * SLOW_HOOK_NS, 12 * SLOW_HOOK_NS])
-    told: list[str] = []
+    notices: list[str] = []
     addons = AddonRunner([Slow()], clock=lambda: next(times))
-    addons.notify = collects(told)
+    addons.notify = collects(notices)
     addons.run_message_hooks(WHO, message())
     addons.run_message_hooks(WHO, message())
-    assert told == ["Slow.request delayed messages by 2.5 ms (reported once)"]
+    assert notices == ["Slow.request delayed messages by 2.5 ms (reported once)"]
     assert addons.errors == 0

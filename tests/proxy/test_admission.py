@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -17,6 +19,7 @@ from bcapscope.proxy.admission import (
     ClientSlot,
     ClientSlots,
 )
+from bcapscope.proxy.relay_session import RelaySession
 
 ONE, OTHER, THIRD = "10.0.0.1", "10.0.0.2", "10.0.0.3"
 
@@ -63,7 +66,7 @@ class World:
         if place is not ClientSlot.NONE:
             self._number += 1
             client = self.clients[self._number] = Client(self, self._number, host)
-            self.places.occupy(client, place, is_fresh=fresh)
+            self.places.occupy(cast(RelaySession, client), place, is_fresh=fresh)
         return place
 
     def fill(self, *, fresh: bool = False) -> None:
@@ -210,5 +213,5 @@ def test_a_network_of_ipv6_counts_as_one_address(hosts: tuple[str, str]) -> None
         assert world.places.find_slot(hosts[0], world.now, False) is ClientSlot.REGULAR
         number = len(world.clients) + 1
         client = world.clients[number] = Client(world, number, "2001:db8::/64")
-        world.places.occupy(client, ClientSlot.REGULAR, is_fresh=False)
+        world.places.occupy(cast(RelaySession, client), ClientSlot.REGULAR, is_fresh=False)
     assert world.places.find_slot(hosts[1], world.now, False) is ClientSlot.NONE

@@ -21,11 +21,11 @@ from tests.faults.traffic import MS, request
 from tests.proxy.test_rule_policy import DOWN, UP, holding, rules, sent
 
 
-def ask(desk: ControlApi, at: int = 0, **question: object) -> dict[str, Any]:
+def ask(api: ControlApi, at: int = 0, **question: object) -> dict[str, Any]:
     """Ask, and read the answer; `when` stands for the word if."""
     if "when" in question:
         question["if"] = question.pop("when")
-    reply = desk.handle_line(json.dumps(question).encode(), at)
+    reply = api.handle_line(json.dumps(question).encode(), at)
     assert reply.is_json
     assert reply.line.endswith(b"\n")
     found: dict[str, Any] = json.loads(reply.line)
@@ -34,26 +34,26 @@ def ask(desk: ControlApi, at: int = 0, **question: object) -> dict[str, Any]:
 
 def test_faults_are_listed_added_switched_and_removed() -> None:
     made = rules("loss=5%")
-    desk = ControlApi(made)
-    assert ask(desk, do="add", rule="drop reply name x") == {"ok": True, "name": "x"}
-    assert ask(desk, do="add", fault={"action": "delay", "time": "3ms"}) == {"ok": True, "name": "delay"}
-    assert ask(desk, do="off", name="x") == {"ok": True, "name": "x"}
-    listed = ask(desk, do="rules")["rules"]
+    api = ControlApi(made)
+    assert ask(api, do="add", rule="drop reply name x") == {"ok": True, "name": "x"}
+    assert ask(api, do="add", fault={"action": "delay", "time": "3ms"}) == {"ok": True, "name": "delay"}
+    assert ask(api, do="off", name="x") == {"ok": True, "name": "x"}
+    listed = ask(api, do="rules")["rules"]
     assert [(rule["name"], rule["on"], rule["injected"], rule["rule"]) for rule in listed] == [
         ("drop", True, 0, "drop 5%"),
         ("x", False, 0, "drop name x response"),
         ("delay", True, 0, "delay=3ms"),
     ]
     made.receive(1, DOWN, request(1), 0)
-    assert [(rule["name"], rule["injected"], rule["struck"]) for rule in ask(desk, do="rules")["rules"]] == [
+    assert [(rule["name"], rule["injected"], rule["struck"]) for rule in ask(api, do="rules")["rules"]] == [
         ("drop", 0, 0),
         ("x", 0, 0),
         ("delay", 1, 1),  # under both its names
     ]
     assert listed[0]["fault"] == {"action": "drop", "probability": "5%"}
-    assert ask(desk, do="on", name="x")["ok"]
-    assert ask(desk, do="remove", name="drop")["ok"]
-    assert [rule["name"] for rule in ask(desk, do="rules")["rules"]] == ["x", "delay"]
+    assert ask(api, do="on", name="x")["ok"]
+    assert ask(api, do="remove", name="drop")["ok"]
+    assert [rule["name"] for rule in ask(api, do="rules")["rules"]] == ["x", "delay"]
 
 
 def test_a_fault_counts_its_time_from_when_it_was_added() -> None:
@@ -65,11 +65,11 @@ def test_a_fault_counts_its_time_from_when_it_was_added() -> None:
 
 def test_messages_are_held_listed_sent_on_edited_and_dropped() -> None:
     made = rules()
-    desk = ControlApi(made)
-    assert ask(desk, do="intercept", when="command == slvMove", patience="5s") == {"ok": True}
+    api = ControlApi(made)
+    assert ask(api, do="intercept", when="command == slvMove", patience="5s") == {"ok": True}
     for serial in (1, 2, 3, 4):
         made.receive(1, UP, request(serial), 0)
-    held = ask(desk, 1500 * MS, do="held")["held"]
+    held = ask(api, 1500 * MS, do="held")["held"]
     assert held[0] == {
         "number": 1,
         "client": "10.0.0.2:50001",
@@ -86,10 +86,10 @@ def test_messages_are_held_listed_sent_on_edited_and_dropped() -> None:
         "more": 0,
         "hex": request(1).hex(),
     }
-    assert ask(desk, do="forward", number=1)["ok"]
-    assert ask(desk, do="edit", number=2, hex="01 02")["ok"]
-    assert ask(desk, do="edit", number=3, rewrite="set arg[2][0]=9 serial 33")["ok"]
-    assert ask(desk, do="drop", number=4)["ok"]
+    assert ask(api, do="forward", number=1)["ok"]
+    assert ask(api, do="edit", number=2, hex="01 02")["ok"]
+    assert ask(api, do="edit", number=3, rewrite="set arg[2][0]=9 serial 33")["ok"]
+    assert ask(api, do="drop", number=4)["ok"]
     actions = made.pop_due_actions(0)
     assert [action.data for action in actions if isinstance(action, SendAction)][:2] == [
         request(1),
@@ -99,7 +99,7 @@ def test_messages_are_held_listed_sent_on_edited_and_dropped() -> None:
     edited = Frame(actions[2].data)
     assert (edited.serial, edited.arguments[2].variant.value) == (33, (9.0, 2.0, 3.0))
     assert len(actions) == 3
-    assert ask(desk, do="intercept") == {"ok": True}
+    assert ask(api, do="intercept") == {"ok": True}
     assert sent(made.receive(1, UP, request(5), 0).actions) == request(5)
 
 
@@ -226,9 +226,9 @@ def test_half_a_character_in_what_is_held_is_told_as_well_as_can_be() -> None:
 
 def test_who_is_there_is_told() -> None:
     made = rules()
-    desk = ControlApi(made, upstream={1: "open"}.__getitem__)
+    api = ControlApi(made, upstream={1: "open"}.__getitem__)
     made.receive(1, UP, request(1), 500 * MS)
-    (client,) = ask(desk, 2000 * MS, do="clients")["clients"]
+    (client,) = ask(api, 2000 * MS, do="clients")["clients"]
     assert client == {
         "number": 1,
         "client": "10.0.0.2:50001",
@@ -242,4 +242,4 @@ def test_who_is_there_is_told() -> None:
         "answered_s": None,
     }
     made.remove_client(1, 0)
-    assert ask(desk, do="clients") == {"ok": True, "clients": []}
+    assert ask(api, do="clients") == {"ok": True, "clients": []}

@@ -15,7 +15,7 @@ from bcapscope.proxy.control_api import ControlApi
 from bcapscope.proxy.control_client import ControlClient, ControlRefused
 from bcapscope.proxy.control_messages import LONGEST_LINE
 from bcapscope.proxy.control_socket import ControlError, ControlServer
-from bcapscope.transport.tcp_link import close_with_reset
+from bcapscope.transport.socket_link import close_with_reset
 from tests.proxy.relaying import PATIENCE
 from tests.proxy.test_control_socket import Watcher
 from tests.proxy.test_rule_policy import rules

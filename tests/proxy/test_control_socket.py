@@ -147,21 +147,21 @@ def test_of_who_asks_and_does_not_listen_one_answer_is_kept_however_long(address
             self.asked += 1
             return ControlResponse(b"x" * (16 << 20) + b"\n", True)
 
-    desk, watcher = Talkative(rules()), Watcher()
+    api, watcher = Talkative(rules()), Watcher()
     with (
         closing(watcher),
-        closing(ControlServer(address, desk, watcher)) as made,
+        closing(ControlServer(address, api, watcher)) as made,
         watcher,
         connect_control(made.address) as sock,
         connect_control(made.address) as other,
     ):
         sock.sendall(b"{}\n" * 9)
-        eventually(lambda: desk.asked == 1)
+        eventually(lambda: api.asked == 1)
         other.sendall(b"{}\n")
-        eventually(lambda: desk.asked == 2)
+        eventually(lambda: api.asked == 2)
         with sock.makefile("rb") as answers:
             assert len(answers.readline()) == (16 << 20) + 1
-        eventually(lambda: desk.asked == 3)
+        eventually(lambda: api.asked == 3)
 
 
 def test_who_does_not_speak_json_is_sent_away(address: str) -> None:

@@ -11,7 +11,7 @@ import pytest
 from bcapscope.proxy.listener_spec import parse_listener_specs
 from bcapscope.proxy.listeners import open_listeners
 from bcapscope.proxy.relay import Relay
-from bcapscope.proxy.ring_buffer import HEADER_SIZE, RingWriter
+from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RingWriter
 from bcapscope.proxy.sockets import ProxyListenError, UnreachableError
 from bcapscope.traffic.observation import Endpoint
 from tests.proxy.relaying import listening, port_of
@@ -19,7 +19,7 @@ from tests.proxy.relaying import listening, port_of
 
 def opened(listen: str, to: str = "127.0.0.1:5007", transport: str = "both") -> tuple[Endpoint, int]:
     """Open ports, let go of them, and return where and how many they were."""
-    relay = Relay(RingWriter(memoryview(bytearray(HEADER_SIZE + 4096))))
+    relay = Relay(RingWriter(memoryview(bytearray(RING_OVERHEAD + 4096))))
     (listener,) = parse_listener_specs([listen], [to], transport)
     address, ports = open_listeners(relay, listener)
     relay.listen(ports)
@@ -73,7 +73,7 @@ def test_without_file_descriptors_nothing_can_be_listened_on(
     def none_left(*_: object) -> socket.socket:
         raise OSError(errno.EMFILE, "")
 
-    relay = Relay(RingWriter(memoryview(bytearray(HEADER_SIZE + 4096))))
+    relay = Relay(RingWriter(memoryview(bytearray(RING_OVERHEAD + 4096))))
     (listener,) = parse_listener_specs(["127.0.0.1:0"], ["127.0.0.1:5007"], transport)
     with monkeypatch.context() as patched:
         patched.setattr("bcapscope.proxy.sockets.socket.socket", none_left)
@@ -83,7 +83,7 @@ def test_without_file_descriptors_nothing_can_be_listened_on(
 
 
 def test_two_proxies_cannot_share_a_port() -> None:
-    relay = Relay(RingWriter(memoryview(bytearray(HEADER_SIZE + 4096))))
+    relay = Relay(RingWriter(memoryview(bytearray(RING_OVERHEAD + 4096))))
     (listener,) = parse_listener_specs(["127.0.0.1:0"], ["127.0.0.1:5007"])
     address, ports = open_listeners(relay, listener)
     relay.listen(ports)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from typing import cast
 
 import pytest
 
@@ -13,6 +14,7 @@ from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.proxy.admission import MAX_CLIENTS, MAX_PER_SOURCE
 from bcapscope.proxy.pending_connections import PendingConnections
+from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.sockets import SocketAddress
 from bcapscope.traffic.observation import Endpoint
@@ -90,8 +92,8 @@ def test_the_oldest_silent_client_makes_room_and_who_speaks_is_served() -> None:
         silent = [connect(proxy, stack) for _ in range(MAX_PENDING)]
         client = admit(door, proxy, stack)
         assert is_cut_off(silent[0])
-        told = "was silent, and other clients wanted to connect; its connection is closed"
-        eventually(lambda: told in proxy.told())
+        notices = "was silent, and other clients wanted to connect; its connection is closed"
+        eventually(lambda: notices in proxy.notices())
         assert proxy.relay.counts[RelayCounter.DENIED] == 1
         silent[1].sendall(START)
         stack.enter_context(door.accept()[0])
@@ -106,7 +108,7 @@ class Scene:
         self.handlers: dict[int, Callable[[int], None]] = {}
         self.denied: list[str] = []
         self.admitted: list[bytes] = []
-        self.entrance = PendingConnections(self)
+        self.entrance = PendingConnections(cast(Relay, self))
 
     def watch(self, descriptor: int, handler: Callable[[int], None]) -> None:
         self.handlers[descriptor] = handler
@@ -180,7 +182,7 @@ def test_a_stop_gets_through_when_all_places_are_taken() -> None:
         late = connect(proxy, stack, "127.0.0.3")
         late.sendall(START)
         assert is_cut_off(late)
-        eventually(lambda: "is one client too many; its connection is closed" in proxy.told())
+        eventually(lambda: "is one client too many; its connection is closed" in proxy.notices())
         for host in ("127.0.0.1", "127.0.0.3") * 4:
             client = connect(proxy, stack, host)
             client.sendall(HALT)

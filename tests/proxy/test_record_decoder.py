@@ -82,9 +82,9 @@ def test_a_hole_in_a_stream_is_seen_where_it_is(up: bool) -> None:
         RingRecord(RingRecordKind.HOLE, up, 1, 20, 21, hole, b""),
         data(up, 30, 31, raw),
     )
-    witness = RecordDecoder()
-    list(witness.decode([opened("tcp"), RingRecord(RingRecordKind.HOLE, up, 1, 20, 21, hole, b"")]))
-    assert list(witness.last_heard.values()) == [20 if up else 1]
+    decoder = RecordDecoder()
+    list(decoder.decode([opened("tcp"), RingRecord(RingRecordKind.HOLE, up, 1, 20, 21, hole, b"")]))
+    assert list(decoder.last_heard.values()) == [20 if up else 1]
     items = [each.item for each, _ in found]
     gaps = [item.missing for item in items if isinstance(item, Malformed) and item.missing]
     assert gaps == [5]
@@ -117,12 +117,12 @@ def test_what_the_proxy_ends_is_ended_by_neither_side() -> None:
 
 
 def test_long_streams_keep_few_times() -> None:
-    witness = RecordDecoder()
-    list(witness.decode([opened("tcp")]))
+    decoder = RecordDecoder()
+    list(decoder.decode([opened("tcp")]))
     large = encode_frame(1, 0, 1, ())[:1] + (1 << 20).to_bytes(4, "little") + bytes(1 << 19)
     for start in range(0, len(large), 100):
-        list(witness.decode([data(True, start + 1, start + 2, large[start : start + 100])]))
-    way = witness._clients[1].directions[1]
+        list(decoder.decode([data(True, start + 1, start + 2, large[start : start + 100])]))
+    way = decoder._clients[1].streams[1]
     assert len(way.arrival_times) <= 1025
 
 
@@ -142,30 +142,30 @@ def test_what_is_lost_before_the_first_byte_belongs_to_no_packet() -> None:
 
 
 def test_clients_are_known_until_they_are_gone() -> None:
-    witness = RecordDecoder()
-    list(witness.decode([opened("udp", 1), opened("tcp", 2)]))
-    assert sorted(witness.client_numbers.values()) == [1, 2]
-    assert witness.pop_closed_clients() == []
+    decoder = RecordDecoder()
+    list(decoder.decode([opened("udp", 1), opened("tcp", 2)]))
+    assert sorted(decoder.client_numbers.values()) == [1, 2]
+    assert decoder.pop_closed_clients() == []
     list(
-        witness.decode(
+        decoder.decode(
             [
                 RingRecord(RingRecordKind.CLIENT_CLOSED, False, 2, 9, 0, encoded("reset"), b""),
                 data(True, 1, 2, REQUEST, client=2),
             ]
         )
     )
-    ((conversation, why),) = witness.pop_closed_clients()
+    ((conversation, why),) = decoder.pop_closed_clients()
     assert (conversation.transport, str(why)) == (Transport.TCP, "reset")
-    assert (witness.pop_closed_clients(), list(witness.client_numbers.values())) == ([], [1])
+    assert (decoder.pop_closed_clients(), list(decoder.client_numbers.values())) == ([], [1])
     brief = RingRecord(RingRecordKind.CLIENT_CLOSED, False, 3, 9, 0, encoded("in the same look"), b"")
-    list(witness.decode([opened("udp", 3), brief]))
-    assert [str(why) for _, why in witness.pop_closed_clients()] == ["in the same look"]
-    assert witness.observation_count == 0
+    list(decoder.decode([opened("udp", 3), brief]))
+    assert [str(why) for _, why in decoder.pop_closed_clients()] == ["in the same look"]
+    assert decoder.observation_count == 0
 
 
 def test_when_each_client_was_heard() -> None:
-    witness = RecordDecoder()
-    list(witness.decode([opened("udp"), data(False, 30, 40, REPLY)]))
-    assert list(witness.last_heard.values()) == [1]
-    list(witness.decode([data(True, 50, 60, REQUEST)]))
-    assert list(witness.last_heard.values()) == [50]
+    decoder = RecordDecoder()
+    list(decoder.decode([opened("udp"), data(False, 30, 40, REPLY)]))
+    assert list(decoder.last_heard.values()) == [1]
+    list(decoder.decode([data(True, 50, 60, REQUEST)]))
+    assert list(decoder.last_heard.values()) == [50]

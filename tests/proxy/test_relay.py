@@ -16,7 +16,7 @@ from bcapscope.proxy import relay as relay_module
 from bcapscope.proxy.policy import CloseAction, PolicyAction, PolicyDecision, SendAction
 from bcapscope.proxy.poller import SelectPoller
 from bcapscope.proxy.relay import Relay
-from bcapscope.proxy.ring_buffer import HEADER_SIZE, RelayCounter, RingRecordKind, RingWriter
+from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RelayCounter, RingRecordKind, RingWriter
 from bcapscope.proxy.tcp_session import MAX_PENDING, TcpSession
 from bcapscope.traffic.observation import Conversation, Direction
 from tests.english import decoded
@@ -101,11 +101,11 @@ def test_drop_answer_and_pass() -> None:
             server.sendto(b"pass back", way)
             assert client.recv(100) == b"pass back"
         eventually(lambda: len(proxy.of(RingRecordKind.DATA)) == 5)
-        told = [
+        seen = [
             (record.data, decoded(record.note), bool(record.received_at), bool(record.sent_at))
             for record in proxy.of(RingRecordKind.DATA)
         ]
-        assert told == [
+        assert seen == [
             (b"drop", "dropped", True, False),
             (b"answer", "answered", True, False),
             (b"by the proxy", "made up", False, True),
@@ -212,7 +212,7 @@ def test_rules_may_end_a_connection(reset: bool) -> None:
         assert [(end.up, end.received_at, bool(end.sent_at), decoded(end.data)) for end in ends] == [
             (up, 0, True, "the rule") for up in (True, False)
         ]
-        assert "the rule" in proxy.told()
+        assert "the rule" in proxy.notices()
 
 
 def test_nothing_is_told_to_have_left_after_it_was_there() -> None:
@@ -255,8 +255,8 @@ def test_without_epoll_and_timers(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_happened_to_a_file_descriptor_is_not_told_to_the_next_of_its_number() -> None:
-    relay = Relay(RingWriter(memoryview(bytearray(HEADER_SIZE + 4096))))
-    told: list[str] = []
+    relay = Relay(RingWriter(memoryview(bytearray(RING_OVERHEAD + 4096))))
+    calls: list[str] = []
     with ExitStack() as stack:
         pairs = [stack.enter_context(each) for _ in range(2) for each in socket.socketpair()]
         quiet = [stack.enter_context(each) for each in socket.socketpair()]
@@ -267,7 +267,7 @@ def test_what_happened_to_a_file_descriptor_is_not_told_to_the_next_of_its_numbe
             relay.unwatch(number)
             relay.unwatch(other)
             os.dup2(quiet[0].fileno(), other)
-            relay.watch(other, lambda _: told.append("to the next"))
+            relay.watch(other, lambda _: calls.append("to the next"))
             relay.stop()
 
         for number, other in (numbers, reversed(numbers)):
@@ -275,10 +275,10 @@ def test_what_happened_to_a_file_descriptor_is_not_told_to_the_next_of_its_numbe
         pairs[1].send(b"x")
         pairs[3].send(b"x")
         relay.run()
-        assert told == []
+        assert calls == []
         quiet[1].send(b"x")
         relay.run(relay.stop)
-        assert told == ["to the next"] * len(told) != []
+        assert calls == ["to the next"] * len(calls) != []
         relay.close()
 
 

@@ -17,7 +17,7 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.proxy import relay
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.rule_policy import RulePolicy
-from bcapscope.transport.tcp_link import close_with_reset
+from bcapscope.transport.socket_link import close_with_reset
 from tests.english import decoded
 from tests.faults.traffic import MS, reply, request
 from tests.proxy.relaying import PATIENCE, Running, datagrams, eventually, listening, port_of, running
@@ -167,7 +167,7 @@ def test_a_stop_that_is_held_is_sent_before_a_client_that_was_reset_is_let_go() 
         eventually(lambda: proxy.relay.counts[RelayCounter.RULED])
         close_with_reset(client)
         assert read_all(server) == halt
-        eventually(lambda: "not sent: 1 Robot_Execute slvMove" in proxy.told())
+        eventually(lambda: "not sent: 1 Robot_Execute slvMove" in proxy.notices())
 
 
 def test_a_reset_by_a_rule_reaches_both_sides() -> None:
@@ -177,7 +177,7 @@ def test_a_reset_by_a_rule_reaches_both_sides() -> None:
             with pytest.raises(ConnectionResetError):
                 end.recv(1)
         eventually(lambda: not proxy.relay.sessions)
-        eventually(lambda: "close: connection reset" in proxy.told())
+        eventually(lambda: "close: connection reset" in proxy.notices())
 
 
 def test_a_client_that_sends_more_than_is_held_is_not_read_and_loses_nothing(

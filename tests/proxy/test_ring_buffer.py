@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from bcapscope.proxy.ring_buffer import (
     BATCH_SIZE,
     DELAY_FIGURES,
-    HEADER_SIZE,
     MAX_WAITING_NOTICES,
+    RING_OVERHEAD,
     RelayCounter,
     RingReader,
     RingRecord,
@@ -20,7 +20,7 @@ from bcapscope.proxy.ring_buffer import (
 
 
 def ends(size: int) -> tuple[RingWriter, RingReader]:
-    memory = memoryview(bytearray(HEADER_SIZE + size))
+    memory = memoryview(bytearray(RING_OVERHEAD + size))
     return RingWriter(memory), RingReader(memory)
 
 
@@ -203,7 +203,7 @@ def test_the_watcher_leaves_figures_for_the_relay_and_records_do_not_touch_them(
 
 
 def test_a_reader_ahead_makes_no_room_and_the_one_behind_goes_no_further() -> None:
-    memory = memoryview(bytearray(HEADER_SIZE + (1 << 10)))
+    memory = memoryview(bytearray(RING_OVERHEAD + (1 << 10)))
     writer, behind, ahead = RingWriter(memory), RingReader(memory), RingReader(memory, ahead=True)
     written = sum(writer.write_record(True, 1, 2, number, bytes(100)) for number in range(20))
     assert len(everything(ahead)) == written

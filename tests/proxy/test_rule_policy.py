@@ -111,9 +111,9 @@ SLAVE_OFF = encode_frame(8, 0, 64, (Variant(VT.I4, 1), Variant(VT.BSTR, "slvChan
 
 
 def test_of_what_is_held_at_the_end_stops_and_answers_go_on_and_motions_do_not() -> None:
-    told: list[str] = []
+    notices: list[str] = []
     made = rules("delay=60s")
-    made.notify = collects(told)
+    made.notify = collects(notices)
     for serial, raw in enumerate((request(1), HALT, request(2), SLAVE_OFF)):
         made.receive(1, UP, raw, serial)
     made.receive(1, DOWN, reply(1), 9)
@@ -123,7 +123,7 @@ def test_of_what_is_held_at_the_end_stops_and_answers_go_on_and_motions_do_not()
         SLAVE_OFF,
     ]
     assert sent(actions, DOWN) == reply(1)
-    assert told == ["10.0.0.2:50001 ended; held messages that were not sent: 2 Robot_Execute slvMove"]
+    assert notices == ["10.0.0.2:50001 ended; held messages that were not sent: 2 Robot_Execute slvMove"]
     assert "held requests dropped because their client no longer waited: 2" in map(str, made.report())
     assert made.due() is None
     made.remove_client(1, 10)
@@ -365,16 +365,16 @@ def test_a_held_message_is_edited_or_dropped() -> None:
 
 
 def test_what_waits_too_long_goes_on_unchanged_and_says_so() -> None:
-    told: list[str] = []
+    notices: list[str] = []
     made = rules(intercept=holding("true", patience=5000 * MS))
-    made.notify = collects(told)
+    made.notify = collects(notices)
     made.receive(1, UP, request(1), 0)
     assert made.due() == 5000 * MS
     assert made.pop_due_actions(4999 * MS) == []
     (action,) = made.pop_due_actions(5000 * MS)
     note = "intercept: no decision within 5 s: sent unchanged"
     assert with_english(action) == (SendAction, 1, UP, request(1), note)
-    assert told == [f"message 1: {note}"]
+    assert notices == [f"message 1: {note}"]
 
 
 @pytest.mark.parametrize("transport", [Transport.UDP, Transport.TCP])
@@ -382,14 +382,14 @@ def test_what_waits_too_long_goes_on_unchanged_and_says_so() -> None:
 def test_what_waits_too_long_is_dropped_when_its_client_has_gone_on(
     later: bytes, transport: Transport
 ) -> None:
-    told: list[str] = []
+    notices: list[str] = []
     made = rules(intercept=holding("serial == 1", patience=2000 * MS), transport=transport)
-    made.notify = collects(told)
+    made.notify = collects(notices)
     made.receive(1, UP, request(1), 0)
     assert sent(made.receive(1, UP, later, 1000 * MS).actions) == later
     assert made.pop_due_actions(2000 * MS) == []
     why = "its client has sent another request since"
-    assert told == [f"message 1: intercept: no decision within 2 s, and {why}: dropped"]
+    assert notices == [f"message 1: intercept: no decision within 2 s, and {why}: dropped"]
     assert "held requests dropped because their client no longer waited: 1" in map(str, made.report())
     if transport is Transport.UDP:
         assert made.receive(1, UP, request(3, reserved=1), 3000 * MS).actions == []

@@ -227,17 +227,17 @@ def switched_off(*waiting: bytes, transport: Transport = Transport.UDP) -> tuple
     """Give rules whose script loops while requests wait, and what they tell, right before it is too long."""
     here = Here(Looker())
     here.place = (Message("script.place", file="mine.py", line=7, function="request"),)
-    told: list[str] = []
+    notices: list[str] = []
     made = rules(scripts=here, transport=transport)
     here.obeys = False
-    here.queue.notify = collects(told)
+    here.queue.notify = collects(notices)
     for raw in waiting:
         assert made.receive(1, UP, raw, 0).ticket
-    return made, here, told
+    return made, here, notices
 
 
 def test_a_script_that_takes_too_long_is_switched_off() -> None:
-    made, here, told = switched_off(request(1), request(2, "CurJnt"), request(3))
+    made, here, notices = switched_off(request(1), request(2, "CurJnt"), request(3))
     assert made.due() == 100 * MS
     assert made.pop_due_actions(100 * MS - 1) == []
     actions = made.pop_due_actions(100 * MS)
@@ -245,11 +245,11 @@ def test_a_script_that_takes_too_long_is_switched_off() -> None:
     answers = [each for each in actions if isinstance(each, LateDecision) and each.note]
     assert [english(each.note) for each in answers] == ["the script is switched off: motion is refused"] * 2
     assert [Frame(sent(each.actions, DOWN)).code for each in answers] == [E_ACCESSDENIED] * 2
-    assert (here.located, here.ended, told) == (1, 0, [])
+    assert (here.located, here.ended, notices) == (1, 0, [])
     assert made.due() == 150 * MS
     made.pop_due_actions(150 * MS)
     assert (here.ended, made.due()) == (1, None)
-    assert told == [
+    assert notices == [
         "script mine.py is switched off: it took longer than 100 ms for request (Robot_Execute slvMove); "
         "mine.py line 7 in request. Stops pass, motion is refused, everything else passes unchanged. Restart "
         "the proxy to let motion pass"
@@ -384,13 +384,13 @@ def test_a_relay_that_always_stands_still_does_not_let_messages_wait_for_ever() 
 
 
 def test_the_end_of_its_process_switches_a_script_off() -> None:
-    made, here, told = switched_off(request(1), request(2, "CurJnt"))
+    made, here, notices = switched_off(request(1), request(2, "CurJnt"))
     here.place = (Message("script.exit-code", code=3),)
     made.on_scripts_ended(MS)
     assert sent(made.pop_due_actions(MS)) == request(2, "CurJnt")
     made.pop_due_actions(51 * MS)
     why = "its process ended during request (Robot_Execute slvMove); exit code 3"
-    assert told[0].startswith(f"script mine.py is switched off: {why}. Stops pass")
+    assert notices[0].startswith(f"script mine.py is switched off: {why}. Stops pass")
     assert "scripts: switched off, its process ended during request" in str(made.report()[-1])
 
 
@@ -406,15 +406,15 @@ def test_what_makes_no_sense_switches_a_script_off(data: bytes) -> None:
 
 
 def test_a_client_that_goes_leaves_nothing_that_waits() -> None:
-    told: list[str] = []
+    notices: list[str] = []
     here = Here(Meddler())
     made = rules(scripts=here, clients=2)
-    made.notify = collects(told)
+    made.notify = collects(notices)
     made.receive(1, UP, request(9), 0)
     made.receive(1, DOWN, reply(8), 0)
     made.receive(2, UP, request(7), 0)
     assert sent(made.release_held(1, MS), DOWN) == reply(8)
-    assert told[0].endswith("held messages that were not sent: 1 Robot_Execute slvMove")
+    assert notices[0].endswith("held messages that were not sent: 1 Robot_Execute slvMove")
     made.remove_client(1, MS)
     here.answer(made, MS)
     assert sent(made.pop_due_actions(MS)) == request(7)

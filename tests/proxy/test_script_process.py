@@ -63,7 +63,7 @@ def started(folder: Path, text: str) -> Iterator[tuple[ScriptProcess, Watcher]]:
     path.write_text(text)
     watcher = Watcher()
     with closing(ScriptProcess([str(path)])) as process:
-        queue = ScriptQueue("mine.py", process)  # type: ignore[var-annotated]  # no message waits
+        queue = ScriptQueue("mine.py", process)
         process.attach(RulePolicy(FaultInjector(now=0), None, None, queue), watcher, lambda: False)
         yield process, watcher
 

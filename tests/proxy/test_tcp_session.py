@@ -214,8 +214,8 @@ def test_an_unreachable_controller_is_told_and_the_client_is_cut_off() -> None:
     with running(port, "tcp") as proxy:
         with pytest.raises(ConnectionResetError), socket.create_connection(proxy.address, PATIENCE) as client:
             client.recv(1)
-        eventually(proxy.told)
-        assert f"no connection to 127.0.0.1:{port} over TCP: connection refused" in proxy.told()
+        eventually(proxy.notices)
+        assert f"no connection to 127.0.0.1:{port} over TCP: connection refused" in proxy.notices()
 
 
 def test_without_file_descriptors_clients_are_cut_off_and_taken_again_when_there_are(
@@ -242,7 +242,7 @@ def test_without_file_descriptors_clients_are_cut_off_and_taken_again_when_there
                 knock()
             monkeypatch.undo()
         eventually(
-            lambda: "cannot be accepted: too many open files; its connection is closed" in proxy.told()
+            lambda: "cannot be accepted: too many open files; its connection is closed" in proxy.notices()
         )
         with socket.create_connection(proxy.address, PATIENCE):
             door.accept()[0].close()
@@ -323,7 +323,7 @@ def test_what_is_not_taken_at_the_end_is_told(monkeypatch: pytest.MonkeyPatch, u
         proxy.relay.close()
         whose = "the controller" if up else "the client"
         proxy.look()
-        assert f"5 bytes could not be delivered to {whose}" in proxy.told()
+        assert f"5 bytes could not be delivered to {whose}" in proxy.notices()
         assert [each.data for each in proxy.of(RingRecordKind.DATA) if each.up is up][-1] == b"the"
 
 
@@ -370,7 +370,7 @@ def test_strangers_are_cut_off() -> None:
     with listening() as door, running(port_of(door), "tcp", allow=["10.0.0.1"]) as proxy:
         with pytest.raises(ConnectionResetError), socket.create_connection(proxy.address, PATIENCE) as client:
             client.recv(1)
-        eventually(lambda: "is not allowed" in proxy.told())
+        eventually(lambda: "is not allowed" in proxy.notices())
         assert proxy.relay.counts[RelayCounter.DENIED] == 1
 
 

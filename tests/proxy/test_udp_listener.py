@@ -67,7 +67,7 @@ def test_a_refusal_is_told_once_and_what_follows_is_still_sent() -> None:
     with running(port, "udp") as proxy, datagrams(to=proxy.address) as client:
         for _ in range(5):
             client.send(b"anybody?")
-        eventually(lambda: "refuses datagrams" in proxy.told())
+        eventually(lambda: "refuses datagrams" in proxy.notices())
         with datagrams(port) as server:
             client.send(b"now?")
             heard, way = server.recvfrom(100)
@@ -75,7 +75,7 @@ def test_a_refusal_is_told_once_and_what_follows_is_still_sent() -> None:
                 heard, way = server.recvfrom(100)
             server.sendto(b"here", way)
             assert client.recv(100) == b"here"
-        assert proxy.told().count("refuses datagrams") == 1
+        assert proxy.notices().count("refuses datagrams") == 1
 
 
 def test_silent_clients_are_forgotten_and_may_come_again() -> None:
@@ -175,8 +175,8 @@ def test_strangers_are_told_once_and_dropped() -> None:
             for _ in range(3):
                 client.send(b"let me in")
             eventually(lambda: proxy.relay.counts[RelayCounter.DENIED] == 3)
-        eventually(proxy.told)
-        assert proxy.told().count("is not allowed") == 1
+        eventually(proxy.notices)
+        assert proxy.notices().count("is not allowed") == 1
         server.settimeout(0)
         try:
             raise AssertionError(server.recv(100))
@@ -209,7 +209,7 @@ def test_one_client_too_many_waits_until_one_is_silent() -> None:
     ):
         late.send(b"too many")
         eventually(lambda: proxy.relay.counts[RelayCounter.DENIED] == 1)
-        eventually(lambda: "is one client too many; its datagrams are dropped" in proxy.told())
+        eventually(lambda: "is one client too many; its datagrams are dropped" in proxy.notices())
         silent = next(iter(proxy.relay.sessions.values()))
         silent.last_heard -= udp_listener.EVICTABLE_AFTER_NS
         server.settimeout(0.1)
@@ -275,7 +275,7 @@ def test_what_cannot_be_sent_is_told_and_the_relay_goes_on() -> None:
         session = next(iter(proxy.relay.sessions.values()))
         assert session.send(True, bytes(65536)) == 0
         assert proxy.relay.counts[RelayCounter.FULL] == 1
-        eventually(lambda: "65536 bytes could not be sent: message too long" in proxy.told())
+        eventually(lambda: "65536 bytes could not be sent: message too long" in proxy.notices())
         server.sendto(b"still there", way)
         assert client.recv(100) == b"still there"
 
@@ -288,7 +288,7 @@ def test_full_buffers_of_the_system_are_counted() -> None:
             server.recv(100)
             port = proxy.relay._listeners[0]
             assert isinstance(port, udp_listener.UdpListener)
-            port.listening_socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+            port.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
             for _ in range(50):
                 for _ in range(200):
                     client.send(bytes(1000))
@@ -344,9 +344,9 @@ def test_no_way_to_a_controller_is_told_now_and_then(monkeypatch: pytest.MonkeyP
         monkeypatch.setattr("bcapscope.proxy.udp_listener.connect_datagrams", no_way)
         for _ in range(5):
             client.send(b"lost")
-        eventually(lambda: proxy.told().count("network is unreachable") == 3)  # the 1st, 2nd and 4th
+        eventually(lambda: proxy.notices().count("network is unreachable") == 3)  # the 1st, 2nd and 4th
         monkeypatch.undo()
         client.send(b"found")
         while server.recv(10) != b"found":
             pass
-        assert proxy.told().count("network is unreachable") == 3
+        assert proxy.notices().count("network is unreachable") == 3

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 
-from bcapscope.client import Session, open_session, over_link
+from bcapscope.client import Session, open_session
 from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES
@@ -18,8 +18,8 @@ from bcapscope.simulator.simulator import Simulator
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.tracker import Tracker
-from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.simulated import Controller
+from tests.memory_link import memory_link_pair, over_link
 from tests.player.simulated import SimulatedChannel
 from tests.virtual_time import run_in_virtual_time
 

@@ -9,7 +9,7 @@ from typing import get_args
 import pytest
 
 from bcapscope.faults.document import DocumentError
-from bcapscope.faults.fault import AnyFault, DropFault
+from bcapscope.faults.fault_kinds import AnyFault, DropFault
 from bcapscope.protocol.codec.variant import VT
 from bcapscope.protocol.retry.responder import Defect
 from bcapscope.simulator.kinematics import AXIS_LIMITS

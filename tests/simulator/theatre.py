@@ -7,15 +7,14 @@ import io
 from collections.abc import Callable
 
 from bcapscope.capture.socket_recording import SocketRecording
-from bcapscope.client import over_link
 from bcapscope.client.session import LinkOpener
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario import Scenario, ScenarioTransport
 from bcapscope.simulator.scenario_runner import ScenarioRunner
 from bcapscope.simulator.server_interfaces import ControllerModel
 from bcapscope.simulator.simulator import Simulator
-from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.simulated import Controller
+from tests.memory_link import memory_link_pair, over_link
 from tests.simulator.sessions import play
 from tests.virtual_time import run_in_virtual_time
 

@@ -37,5 +37,5 @@ def test_times_are_of_today() -> None:
         clock = LoopClock(asyncio.get_running_loop())
         return clock.since_1970(clock.now()), time.time_ns()
 
-    told, real = asyncio.run(look())
-    assert abs(told - real) < 60e9
+    measured, real = asyncio.run(look())
+    assert abs(measured - real) < 60e9

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterable
 
-from bcapscope.transport.memory_link import memory_link_pair
+from tests.memory_link import memory_link_pair
 from tests.transport.receiver import Notes
 from tests.virtual_time import run_in_virtual_time
 

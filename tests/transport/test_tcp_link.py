@@ -7,7 +7,7 @@ import socket
 
 import pytest
 
-from bcapscope.transport.tcp_link import open_tcp
+from bcapscope.transport.socket_link import open_tcp
 from tests.transport.receiver import Notes
 
 

@@ -7,7 +7,7 @@ import socket
 
 import pytest
 
-from bcapscope.transport.udp_link import AddressInfo, open_udp, preferred_address
+from bcapscope.transport.socket_link import AddressInfo, open_udp, preferred_address
 from tests.transport.receiver import Notes
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import IntEnum
 from typing import NoReturn
 
@@ -44,3 +46,12 @@ def exit_with(text: str, code: int) -> NoReturn:
     """Print the reason to stderr, and exit with the code."""
     print_stderr(text)
     sys.exit(code)
+
+
+@contextmanager
+def exit_on(kind: type[Exception], code: int) -> Iterator[None]:
+    """Print an error of this kind to stderr, and exit with the code."""
+    try:
+        yield
+    except kind as error:
+        exit_with(str(error), code)

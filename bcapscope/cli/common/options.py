@@ -16,7 +16,7 @@ from bcapscope.messages import ENGLISH_WORDS, Language, MessageFormatter, langua
 from bcapscope.protocol.number_parsing import LONGEST_NUMBER, parse_integer, parse_number
 from bcapscope.protocol.text_format import shortened
 from bcapscope.render.timestamp import TimeFormat
-from bcapscope.traffic.filter.compiler import Filter, FilterError, compile_filter
+from bcapscope.traffic.filter.compiler import Filter, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.joining.joined_observation import CapturePlace
 
@@ -36,16 +36,13 @@ class NumberRange(click.FloatRange):
 
     def __init__(self, minimum: float, maximum: float = _LARGEST_NUMBER) -> None:
         super().__init__(min=minimum, max=maximum)
-        self.minimum, self.maximum = minimum, maximum
+        self.bounds = minimum, maximum
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        number = parse_number(str(value), self.minimum, self.maximum)
+        number = parse_number(str(value), *self.bounds)
         if number is None:
-            self.fail(
-                f"{_quoted_input(value)} is not a number from {self.minimum:.10g} to {self.maximum:.10g}.",
-                param,
-                ctx,
-            )
+            low, high = self.bounds
+            self.fail(f"{_quoted(value)} is not a number from {low:.10g} to {high:.10g}.", param, ctx)
         return number
 
 
@@ -54,18 +51,17 @@ class IntegerRange(click.IntRange):
 
     def __init__(self, minimum: int, maximum: int) -> None:
         super().__init__(min=minimum, max=maximum)
-        self.minimum, self.maximum = minimum, maximum
+        self.bounds = minimum, maximum
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        number = parse_integer(str(value), self.minimum, self.maximum)
+        number = parse_integer(str(value), *self.bounds)
         if number is None:
-            self.fail(
-                f"{_quoted_input(value)} is not an integer from {self.minimum} to {self.maximum}.", param, ctx
-            )
+            low, high = self.bounds
+            self.fail(f"{_quoted(value)} is not an integer from {low} to {high}.", param, ctx)
         return number
 
 
-def _quoted_input(value: object) -> str:
+def _quoted(value: object) -> str:
     return repr(shortened(str(value), LONGEST_NUMBER))
 
 
@@ -132,7 +128,6 @@ color = click.option(
     "--color",
     type=click.Choice(["auto", "always", "never"]),
     default="auto",
-    show_default=True,
     help="Use colours. auto: on a terminal, unless NO_COLOR is set.",
 )
 
@@ -141,7 +136,6 @@ time_format = click.option(
     "clock",
     type=click.Choice([clock.value for clock in TimeFormat]),
     default=TimeFormat.RELATIVE.value,
-    show_default=True,
     help="Show times as seconds since the first frame (relative), as seconds since the previous line "
     "(delta), as UTC, or as seconds since 1970 (epoch).",
 )
@@ -172,6 +166,24 @@ language = click.option(
 """Option ``--lang``. The command gets the parameter `words`, a formatter in the reader's language."""
 
 
+def parsed_by(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
+    """Return a click callback that parses the value of an option, or each value of a repeatable option.
+
+    `read` raises ValueError for an invalid value.
+    """
+
+    def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
+        try:
+            if isinstance(value, tuple):
+                return tuple(map(read, value))
+            return None if value is None else read(value)
+        except ValueError as error:
+            separator = "\n" if "\n" in str(error) else ""
+            raise click.BadParameter(f"{separator}{error}", context, parameter) from None
+
+    return convert
+
+
 def filter_option(kind: RecordKind) -> Callable[[F], F]:
     """Return the option ``--filter`` for records of `kind`.
 
@@ -179,10 +191,9 @@ def filter_option(kind: RecordKind) -> Callable[[F], F]:
     """
 
     def compile_it(context: click.Context, parameter: click.Parameter, value: str | None) -> Filter | None:
-        try:
-            compiled = None if value is None else compile_filter(value, kind)
-        except FilterError as error:
-            raise click.BadParameter(f"\n{error}", context, parameter) from None
+        compiled: Filter | None = parsed_by(lambda text: compile_filter(text, kind))(
+            context, parameter, value
+        )
         for warning in () if compiled is None else compiled.warnings:
             words: MessageFormatter = context.params.get("words", ENGLISH_WORDS)
             print_stderr(words("filter.warning", warning=warning))

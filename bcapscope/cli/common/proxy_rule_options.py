@@ -6,7 +6,8 @@ import random
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 
 if TYPE_CHECKING:  # local imports, because `tui` also has these options and must open a capture fast
-    from bcapscope.faults.fault import AnyFault
+    from bcapscope.faults.fault_kinds import AnyFault
     from bcapscope.faults.quantities import DurationQuantity, FrameCondition
     from bcapscope.proxy.control_socket import ControlServer
     from bcapscope.proxy.relay import Relay
@@ -34,21 +35,23 @@ class RuleOptions:
 
     Attributes:
         faults: Faults from the command line, then faults from the files.
-        control: Address of the control socket; "" means no control socket.
+        control: Address of the control socket; None for no control socket.
         command_line: The rule options as typed, without --control, to start another process with the same
             rules.
     """
 
-    faults: tuple[AnyFault, ...]
     seed: int
-    guard: RequestGuard | None
-    intercept: FrameCondition | None
-    hold_ns: int | None
-    scripts: tuple[str, ...]
-    control: str
-    command_line: tuple[str, ...]
+    faults: tuple[AnyFault, ...] = ()
+    read_only: bool = False
+    block: tuple[GuardTarget, ...] = ()
+    allow_command: tuple[GuardTarget, ...] = ()
+    intercept: FrameCondition | None = None
+    hold_ns: int | None = None
+    scripts: tuple[str, ...] = ()
     script_limit_ns: int | None = None
     script_memory_mb: int | None = None
+    control: str | None = None
+    command_line: tuple[str, ...] = ()
 
     def start_scripts(self, exit_stack: ExitStack) -> ScriptProcess | None:
         """Start the process that loads and runs the scripts. Without scripts, return None.
@@ -69,22 +72,22 @@ class RuleOptions:
 
         The times of faults count from this call.
         """
-        if not (self.faults or self.guard or self.intercept or self.scripts or self.control):
+        guard = self._make_guard()
+        if not (self.faults or guard or self.intercept or self.scripts or self.control):
             return None
         from bcapscope.faults.fault_injector import FaultInjector
-        from bcapscope.proxy.direction_state import UndecidedMessage
         from bcapscope.proxy.intercept import Intercept
         from bcapscope.proxy.rule_policy import RulePolicy
         from bcapscope.proxy.script_queue import TIME_LIMIT_NS, ScriptQueue
 
         now, since_1970 = time.monotonic_ns(), time.time_ns()
-        queue: ScriptQueue[UndecidedMessage] | None = None
+        queue = None
         if scripts is not None:
             queue = ScriptQueue(scripts.names, scripts, self.script_limit_ns or TIME_LIMIT_NS)
         epoch = since_1970 - now
         return RulePolicy(
             FaultInjector(self.faults, seed=self.seed, now=now, epoch=epoch),
-            self.guard,
+            guard,
             Intercept(self.intercept, self._effective_hold_ns()),
             queue,
             epoch=epoch,
@@ -128,12 +131,23 @@ class RuleOptions:
         lines = []
         if self.faults:
             lines.append(Message("rules.faults", count=Count(len(self.faults), "fault"), seed=self.seed))
-        if self.guard is not None:
+        if self._has_guard:
             lines.append(Message("rules.guard"))
         if self.intercept is not None:
             limit = f"{self._effective_hold_ns() / 1e9:g} s"
             lines.append(Message("rules.intercept", limit=limit))
         return lines
+
+    @property
+    def _has_guard(self) -> bool:
+        return self.read_only or bool(self.block or self.allow_command)
+
+    def _make_guard(self) -> RequestGuard | None:
+        if not self._has_guard:
+            return None
+        from bcapscope.proxy.request_guard import RequestGuard
+
+        return RequestGuard(self.read_only or bool(self.allow_command), self.block, self.allow_command)
 
     def _effective_hold_ns(self) -> int:
         from bcapscope.proxy.intercept import HOLD_TIME_NS
@@ -141,71 +155,35 @@ class RuleOptions:
         return HOLD_TIME_NS if self.hold_ns is None else self.hold_ns
 
 
-def _build_options(
-    *,
-    faults: tuple[AnyFault, ...],
-    rule_files: tuple[tuple[AnyFault, ...], ...],
-    seed: int | None,
-    read_only: bool,
-    block: tuple[GuardTarget, ...],
-    allow_command: tuple[GuardTarget, ...],
-    intercept: FrameCondition | None,
-    hold: DurationQuantity | None,
-    scripts: tuple[str, ...],
-    script_limit: int | None,
-    script_memory: int | None,
-    control: str | None,
-) -> RuleOptions:
-    every = (*faults, *(fault for each in rule_files for fault in each))
-    names = [fault.name for fault in every if fault.name]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise click.UsageError(f"two faults have the name {twice}: rename one")
-    guard = None
-    if read_only or block or allow_command:
-        from bcapscope.proxy.request_guard import RequestGuard
-
-        guard = RequestGuard(read_only or bool(allow_command), block, allow_command)
-    typed = tuple(click.get_current_context().meta.get(_TYPED, ()))
-    typed += ("--read-only",) if read_only else ()
-    typed += ("--seed", f"{seed}") if seed is not None else ()
-    typed += tuple(word for path in scripts for word in ("--script", path))
-    return RuleOptions(
-        faults=every,
-        seed=random.randrange(1_000_000) if seed is None else seed,
-        guard=guard,
-        intercept=intercept,
-        hold_ns=hold,
-        scripts=scripts,
-        control=control or "",
-        command_line=typed,
-        script_limit_ns=script_limit,
-        script_memory_mb=script_memory,
-    )
-
-
 _TYPED = f"{__name__}.typed"
 """Key in the `meta` of click's context under which the typed rule options are stored."""
 
 
+def _make_rule_options(
+    rule_files: tuple[tuple[AnyFault, ...], ...], faults: tuple[AnyFault, ...], **given: Any
+) -> RuleOptions:
+    faults = (*faults, *chain.from_iterable(rule_files))
+    names = [fault.name for fault in faults if fault.name]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise click.UsageError(f"two faults have the name {twice}: rename one")
+    typed = [*click.get_current_context().meta.get(_TYPED, ()), *["--read-only"] * given["read_only"]]
+    seed = given.pop("seed")
+    return RuleOptions(
+        random.randrange(1_000_000) if seed is None else seed, faults, command_line=tuple(typed), **given
+    )
+
+
 def _parsing_callback(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a click callback that parses the value of an option, or each value of a repeatable option."""
+    """Return a click callback that parses the values of an option with `read`, and stores the typed words."""
+    parse = options.parsed_by(read)
 
     def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
         if context.get_parameter_source(parameter.name or "") is not ParameterSource.DEFAULT:
+            values = value if isinstance(value, tuple) else (value,)
             typed = context.meta.setdefault(_TYPED, [])
-            typed += [
-                word
-                for each in (value if isinstance(value, tuple) else (value,))
-                for word in (parameter.opts[0], each)
-            ]
-        try:
-            if isinstance(value, tuple):
-                return tuple(read(each) for each in value)
-            return None if value is None else read(value)
-        except ValueError as error:
-            separator = "\n" if "\n" in str(error) else ""
-            raise click.BadParameter(f"{separator}{error}", context, parameter) from None
+            typed += [word for each in values for word in (parameter.opts[0], str(each))]
+        return parse(context, parameter, value)
 
     return convert
 
@@ -241,15 +219,6 @@ def _script_limit(text: str) -> int:
     if not SHORTEST_LIMIT <= limit <= LONGEST_LIMIT:
         raise ValueError(f"{text} is not a time from 1ms to 10s")
     return limit
-
-
-def _script_memory(text: str) -> int:
-    from bcapscope.proxy.script_process import LEAST_MEMORY, MAX_MEMORY
-
-    megabytes = int(text) if text.isdecimal() and len(text) <= len(str(MAX_MEMORY)) else 0
-    if not LEAST_MEMORY <= megabytes <= MAX_MEMORY:
-        raise ValueError(f"{text!r} is not a number of megabytes from {LEAST_MEMORY} to {MAX_MEMORY}")
-    return megabytes
 
 
 def _rule_file(path: str) -> tuple[AnyFault, ...]:
@@ -295,6 +264,7 @@ _OPTIONS = (
     click.option(
         "--seed",
         type=options.IntegerRange(0, options.LARGEST_SEED),
+        callback=_parsing_callback(int),
         help="Random seed (default: a new seed each time). The same seed and traffic give the same faults.",
     ),
     click.option(
@@ -328,6 +298,7 @@ _OPTIONS = (
     ),
     click.option(
         "--hold",
+        "hold_ns",
         metavar="TIME",
         callback=_parsing_callback(_duration),
         help="Hold a message at most this long (default: 60s), then send it unchanged. A request that its "
@@ -340,13 +311,14 @@ _OPTIONS = (
         metavar="FILE.py",
         multiple=True,
         type=click.Path(exists=True, dir_okay=False),
+        callback=_parsing_callback(str),
         help="Run this script on the traffic; may be repeated. The classes of the file have one or more "
         "of the methods request(message), reply(message), settled(call), connected(client), gone(client) "
         "and done(). Scripts run in a separate process, with your rights.",
     ),
     click.option(
         "--script-timeout",
-        "script_limit",
+        "script_limit_ns",
         metavar="TIME",
         callback=_parsing_callback(_script_limit),
         help="Give the scripts this much time for one message, 1ms to 10s (default: 100ms). If a script "
@@ -355,9 +327,11 @@ _OPTIONS = (
     ),
     click.option(
         "--script-memory",
+        "script_memory_mb",
         metavar="MEGABYTES",
-        callback=_parsing_callback(_script_memory),
-        help="Let the scripts allocate this much memory, 64 to 65536 megabytes (default: 512).",
+        type=options.IntegerRange(64, 65536),
+        callback=_parsing_callback(int),
+        help="Let the scripts allocate this many megabytes (default: 512).",
     ),
     click.option(
         "--control",
@@ -375,7 +349,9 @@ _OPTIONS = (
     ),
 )
 
-rule_options = options.bundled("rules", _build_options, _OPTIONS)
+_NAMES = ("rule_files", *(each.name for each in fields(RuleOptions)))
+
+rule_options = options.bundled("rules", _make_rule_options, _OPTIONS, _NAMES)
 """Decorator that adds the rule options.
 
 The command gets the options as one argument `rules`, a `RuleOptions`.

@@ -100,7 +100,6 @@ _OPTIONS = (
         "--serve-at",
         metavar="HOST:PORT",
         default=DEFAULT_ADDRESS,
-        show_default=True,
         callback=_loopback_address,
         help="Serve at this address, on loopback only.",
     ),
@@ -108,7 +107,6 @@ _OPTIONS = (
         "--viewers",
         type=IntegerRange(1, _MAX_VIEWERS),
         default=1,
-        show_default=True,
         help="Allow this many browser pages at a time, each with its own screen.",
     ),
 )

@@ -44,20 +44,18 @@ def _nonempty_host(context: click.Context, _: click.Parameter, value: str) -> st
 
 
 _OPTIONS = (
-    click.option("--tcp/--udp", "tcp", is_eager=True, help="Connect over TCP or UDP (default: UDP)."),
+    click.option("--tcp/--udp", "tcp", is_eager=True, help="Connect over TCP or UDP."),
     click.option(
         "--timeout",
         metavar="MS",
         type=options.NumberRange(0.1),
         default=DEFAULT_RETRY_POLICIES.others.timeout / _MS,
-        show_default=True,
         help="Wait this long for the reply to each attempt, in ms. slvMove always uses DENSO's 2 ms.",
     ),
     click.option(
         "--retries",
         type=options.IntegerRange(0, 100),
         default=DEFAULT_RETRY_POLICIES.others.retries,
-        show_default=True,
         help="Retry a request at most this often on UDP. In an Async mode, the value 4 means 3 "
         "retries, as DENSO recommends. On TCP there are no retries: the only attempt waits as long "
         "as all UDP attempts together.",
@@ -74,28 +72,25 @@ _OPTIONS = (
         "--service",
         metavar="OPTION",
         default="",
-        help="Send this option with Service_Start, such as ,WDT=400; empty by default.",
+        help="Send this option with Service_Start, such as ,WDT=400.",
     ),
     click.option(
         "--name",
         default="",
-        help="Connect under this controller name; if empty (default), the controller chooses one.",
+        help="Connect under this controller name; if empty, the controller chooses one.",
     ),
     click.option(
         "--provider",
         default="CaoProv.DENSO.VRC",
-        show_default=True,
         help="Connect with this provider. RC9 and COBOTTA PRO need CaoProv.DENSO.VRC9; RC7 accepts "
         "any provider.",
     ),
-    click.option(
-        "--machine", default="localhost", show_default=True, help="Send this machine name to the provider."
-    ),
+    click.option("--machine", default="localhost", help="Send this machine name to the provider."),
     click.option(
         "--connect-option",
         metavar="OPTION",
         default="",
-        help="Send this option with Controller_Connect; empty by default.",
+        help="Send this option with Controller_Connect.",
     ),
 )
 
@@ -106,7 +101,7 @@ def _target_options(host: options.Decorator, port_help: str) -> options.Decorato
         return ControllerTarget(**given)
 
     kind = options.IntegerRange(1, 65535)
-    port = click.option("-p", "--port", type=kind, default=DEFAULT_PORT, show_default=True, help=port_help)
+    port = click.option("-p", "--port", type=kind, default=DEFAULT_PORT, help=port_help)
     names = (field.name for field in fields(ControllerTarget))
     return options.bundled("target", make_target, (host, port, *_OPTIONS), names)
 

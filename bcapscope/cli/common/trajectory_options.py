@@ -103,7 +103,6 @@ _OPTIONS = (
         metavar="MS",
         type=options.NumberRange(0.5, 1000),
         default=float(PERIOD_MS),
-        show_default=True,
         help="Interval between slvMove calls in ms.",
     ),
     click.option(
@@ -117,7 +116,6 @@ _OPTIONS = (
         metavar="SHARE",
         type=options.NumberRange(0.01, 10),
         default=1.0,
-        show_default=True,
         help="Play at this multiple of the file's speed. Other values than 1 resample.",
     ),
     click.option(
@@ -126,12 +124,10 @@ _OPTIONS = (
         metavar="N",
         type=options.IntegerRange(0, options.LARGEST_COUNT),
         default=1,
-        show_default=True,
         help="Play the trajectory N times; 0: until you stop it.",
     ),
     options.limit_option("Check against this limit of the arm"),
 )
 
-trajectory_options = options.bundled("way", TrajectoryOptions, _OPTIONS)
-"""Decorator that adds the argument FILE and the options, passed as one argument `way`, a `TrajectoryOptions`.
-"""
+trajectory_options = options.bundled("motion", TrajectoryOptions, _OPTIONS)
+"""Decorator that adds the argument FILE and the options, passed as one `TrajectoryOptions`, `motion`."""

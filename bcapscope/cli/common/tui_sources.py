@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from contextlib import closing, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +24,7 @@ from bcapscope.render.escape import printable
 if TYPE_CHECKING:
     from bcapscope.live.child_process import ChildProcess
     from bcapscope.proxy.control_messages import ProxyStats
+    from bcapscope.tui.app import ScreenEntry
     from bcapscope.tui.screens.proxy_screen import ProxyScreen
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
@@ -32,17 +33,6 @@ _CLIENT_SIDE = "clients of "
 
 Interfaces with this prefix carry the clients' traffic.
 """
-
-
-@dataclass(frozen=True, slots=True)
-class ProxyScreenOptions:
-    """The proxy to show. `address` is the control socket of a running proxy, or "" to start a new proxy."""
-
-    address: str
-    listen: tuple[str, ...]
-    to: tuple[str, ...]
-    record: Path | None
-    rules: RuleOptions
 
 
 def choose_language(context: click.Context, words: MessageFormatter) -> None:
@@ -56,19 +46,26 @@ def choose_language(context: click.Context, words: MessageFormatter) -> None:
         set_language(read_settings(default_settings_path())[0].language)
 
 
-def show_proxy(options: ProxyScreenOptions) -> None:
-    """Show a running proxy, or start a new proxy and show it."""
-    own = (
-        options.listen or options.to or options.record or options.rules.command_line or options.rules.control
-    )
-    if not options.address:
-        _show_own_proxy(options)
-    elif own:
+def run_app(*screens: ScreenEntry) -> None:
+    """Show these screens until the user closes them."""
+    from bcapscope.tui.app import BcapApp
+
+    require_terminal()
+    BcapApp(list(screens)).run_until_closed()
+
+
+def show_proxy(
+    address: str, listen: Sequence[str], to: Sequence[str], record: Path | None, rules: RuleOptions
+) -> None:
+    """Show the running proxy whose control socket has this address, or start a new proxy if it is ""."""
+    if not address:
+        _show_own_proxy(listen, to, record, rules)
+    elif listen or to or record or rules.command_line or rules.control:
         raise click.UsageError(
-            f"the proxy on {options.address} runs already: leave out --listen, --to, --record and rules"
+            f"the proxy on {address} runs already: leave out --listen, --to, --record and rules"
         )
     else:
-        _show_running_proxy(options.address)
+        _show_running_proxy(address)
 
 
 def _show_running_proxy(address: str) -> None:
@@ -81,41 +78,38 @@ def _show_running_proxy(address: str) -> None:
         _show_screens(None, _proxy_screen(address, figures, None, note=label("proxy.unrecorded")))
         return
     feed = TrafficFeed(ReadJob(path=figures.recording, follow=True, ports=figures.ports, leg=_CLIENT_SIDE))
-    try:
+    with closing(feed):
         _show_screens(feed, _proxy_screen(address, figures, feed))
-    finally:
-        feed.close()
 
 
-def _show_own_proxy(options: ProxyScreenOptions) -> None:
+def _show_own_proxy(
+    listen: Sequence[str], to: Sequence[str], record: Path | None, rules: RuleOptions
+) -> None:
     import msgspec
 
     from bcapscope.proxy.listener_spec import ListenerSpecError, parse_listener_specs
 
     try:
-        parse_listener_specs(options.listen, options.to, "both", ())
+        parse_listener_specs(listen, to)
     except ListenerSpecError as error:
         raise click.UsageError(str(error)) from None
-    if options.record is not None:
-        check_output_path(options.record)
+    if record is not None:
+        check_output_path(record)
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed, watcher_job
 
     with TemporaryFolder() as folder:
-        record = options.record or folder.path / "proxy.pcapng"
-        control = options.rules.control or _control_address(folder.path)
-        words = [word for each in options.listen for word in ("--listen", each)]
-        words += [word for each in options.to for word in ("--to", each)]
-        words += ["--record", str(record), "--control", control, "--quiet", *options.rules.command_line]
+        record = record or folder.path / "proxy.pcapng"
+        control = rules.control or _control_address(folder.path)
+        words = [word for each in listen for word in ("--listen", each)]
+        words += [word for each in to for word in ("--to", each)]
+        words += ["--record", str(record), "--control", control, "--quiet", *rules.command_line]
         job = watcher_job(folder.path, record)
         words += ["--publish", msgspec.json.encode(job).decode()]
         with _running_command("proxy", *words) as child:
             figures = _read_figures(child.control_address)
-            feed = TrafficFeed(job, child.hand_over_stdout())
-            try:
+            with closing(TrafficFeed(job, child.hand_over_stdout())) as feed:
                 _show_screens(feed, _proxy_screen(child.control_address, figures, feed, child))
-            finally:
-                feed.close()
 
 
 def show_simulator(port: int, words: Sequence[str]) -> None:
@@ -123,28 +117,21 @@ def show_simulator(port: int, words: Sequence[str]) -> None:
 
     `words` are further options of ``bcapscope sim``.
     """
-    from bcapscope.tui.app import BcapApp, ScreenEntry
+    from bcapscope.tui.app import ScreenEntry
     from bcapscope.tui.screens.traffic_screen import SimulatorScreen
     from bcapscope.tui.traffic_processes.process_messages import ReadJob
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
     with TemporaryFolder() as folder:
-        record = folder.path / "simulator.pcapng"
-        with _running_command(
-            "sim", "--port", f"{port}", "--record", str(record), "--quiet", *words
-        ) as child:
+        record = str(folder.path / "simulator.pcapng")
+        own = ("--port", f"{port}", "--record", record, "--quiet")
+        with _running_command("sim", *own, *words) as child:
             (address,) = child.listen_addresses
-            feed = TrafficFeed(
-                ReadJob(path=str(record), follow=True, ports=(int(address.rpartition(":")[2]),))
-            )
-            try:
-                require_terminal()
-                BcapApp(
-                    [ScreenEntry("traffic", "f3", "traffic", lambda: SimulatorScreen(feed, address, child))]
-                ).run_until_closed()
-            finally:
-                feed.close()
+            job = ReadJob(path=record, follow=True, ports=(int(address.rpartition(":")[2]),))
+            with closing(TrafficFeed(job)) as feed:
+                screen = partial(SimulatorScreen, feed, address, child)
+                run_app(ScreenEntry("traffic", "f3", "traffic", screen))
 
 
 def _proxy_screen(
@@ -160,14 +147,13 @@ def _proxy_screen(
 
 
 def _show_screens(feed: TrafficFeed | None, screen: ProxyScreen) -> None:
-    from bcapscope.tui.app import BcapApp, ScreenEntry
+    from bcapscope.tui.app import ScreenEntry
     from bcapscope.tui.screens.traffic_screen import TrafficScreen
 
-    spots = [ScreenEntry("proxy", "f2", "proxy", lambda: screen)]
+    screens = [ScreenEntry("proxy", "f2", "proxy", lambda: screen)]
     if feed is not None:
-        spots.append(ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(feed, screen.route)))
-    require_terminal()
-    BcapApp(spots).run_until_closed()
+        screens.append(ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(feed, screen.route)))
+    run_app(*screens)
 
 
 def _read_figures(address: str) -> ProxyStats:
@@ -177,13 +163,11 @@ def _read_figures(address: str) -> ProxyStats:
     from bcapscope.proxy.control_messages import GetStats, ProxyStats
     from bcapscope.tui.reader_language import full_error_text
 
-    client = ControlClient(address)
     try:
-        return client.request(GetStats(), ProxyStats)
+        with closing(ControlClient(address)) as client:
+            return client.request(GetStats(), ProxyStats)
     except BcapError as error:
         exit_with(printable(full_error_text(error)), ExitCode.UNREADABLE)
-    finally:
-        client.close()
 
 
 @contextmanager

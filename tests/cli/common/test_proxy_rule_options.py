@@ -294,7 +294,7 @@ def test_a_script_that_cannot_be_used_ends_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("hold", "patience"), [(None, PATIENCE_OF_HELD), (0, 0)])
 def test_messages_are_held_for_as_long_as_is_wished(hold: int | None, patience: int) -> None:
     condition = FrameCondition.read("true")
-    made = RuleOptions((), 1, None, condition, hold, (), "", ()).build_rules()
+    made = RuleOptions(1, intercept=condition, hold_ns=hold).build_rules()
     assert made is not None
     assert made.intercept.hold_time == patience
 

@@ -17,7 +17,7 @@ def test_a_port_behind_the_host_counts() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reason"),
     [
         pytest.param(
             ["a" * 300], f"{'a' * 80}… is not a valid host name or address", id="a name that is too long"
@@ -35,7 +35,7 @@ def test_a_port_behind_the_host_counts() -> None:
         ),
     ],
 )
-def test_what_names_no_controller_is_told(words: list[str], told: str) -> None:
+def test_what_names_no_controller_is_told(words: list[str], reason: str) -> None:
     ran = run_here("ping", *words)
     assert ran.code == ExitCode.USAGE
-    assert told in ran.err
+    assert reason in ran.err

@@ -7,8 +7,9 @@ import heapq
 from collections.abc import Callable, Iterable
 from typing import TypeAlias
 
+from bcapscope.client.session import LinkOpener
 from bcapscope.messages import Message
-from bcapscope.transport.peer_link import Address, LinkReceiver
+from bcapscope.transport.peer_link import Address, Link, LinkReceiver
 
 NetworkModel: TypeAlias = Callable[[bytes], Iterable[float]]
 """Function that returns the delay in s of each copy of a packet that arrives; empty for a lost packet."""
@@ -83,3 +84,13 @@ def memory_link_pair(
     server = MemoryLink(server_address, client_address, to_client, datagrams)
     client._far_end, server._far_end = server, client
     return client, server
+
+
+def over_link(link: MemoryLink) -> LinkOpener:
+    """Return a link opener for a controller in this process, to which `link` leads."""
+
+    async def open_it(receiver: LinkReceiver) -> Link:
+        link.receiver = receiver
+        return link
+
+    return open_it
