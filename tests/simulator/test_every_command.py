@@ -13,7 +13,7 @@ from bcapscope.protocol.codec.variant import EMPTY, VT, Variant, vt_name
 from bcapscope.protocol.tables.command_catalogue import CommandSpec, commands_of
 from bcapscope.protocol.tables.hresult import E_NOTIMPL, S_EXECUTING
 from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, r8, variant_array
-from bcapscope.simulator.behaviours import BEHAVIOURS, Certainty
+from bcapscope.simulator.behaviours import Certainty, read_behaviours
 from bcapscope.simulator.call_context import accept_without_effect
 from bcapscope.simulator.controller_commands import CONTROLLER_COMMANDS, TASK_COMMANDS
 from bcapscope.simulator.machine import InitialState
@@ -245,7 +245,7 @@ def test_what_has_no_effect_is_listed_as_assumed() -> None:
     ineffective = {name for table in tables for name, run in table.items() if run is accept_without_effect}
     listed = {
         name.casefold()
-        for behaviour in BEHAVIOURS
+        for behaviour in read_behaviours()
         for name in behaviour.name.split()
         if behaviour.certainty is Certainty.ASSUMED
     }
