@@ -13,8 +13,8 @@ from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.replay.replay_script import ReplayScript, scripts_of
 from bcapscope.replay.script_player import PlayedCall, ScriptPlayer
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.server_interfaces import ControllerModel
 from bcapscope.simulator.simulator import Simulator
+from bcapscope.simulator.simulator_server import ControllerModel
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.tracker import Tracker

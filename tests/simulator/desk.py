@@ -13,8 +13,8 @@ from bcapscope.simulator.machine import InitialState, Machine
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario import read_scenario
 from bcapscope.simulator.scenario_runner import ScenarioRunner
-from bcapscope.simulator.server_interfaces import ControllerModel
 from bcapscope.simulator.simulator import Simulator, SimulatorOutput
+from bcapscope.simulator.simulator_server import ControllerModel
 from tests.english import collects
 
 MS = 1_000_000

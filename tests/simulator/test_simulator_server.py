@@ -19,10 +19,9 @@ from bcapscope.simulator.listening_sockets import SimulatorListenError
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario import read_scenario
 from bcapscope.simulator.scenario_runner import ScenarioRunner
-from bcapscope.simulator.server_interfaces import Address
 from bcapscope.simulator.simulator import MAX_CLIENTS, STOP_CLIENTS, Peer, Simulator, SimulatorOutput
 from bcapscope.simulator.simulator_clock import SimulatorClock
-from bcapscope.simulator.simulator_server import SimulatorServer
+from bcapscope.simulator.simulator_server import Address, SimulatorServer
 from bcapscope.transport.first_frame_queue import MAX_PENDING
 from bcapscope.transport.receive_timestamps import AncillaryData
 
