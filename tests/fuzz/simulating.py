@@ -165,6 +165,7 @@ class Stage:
         for table in (machine.memory._numbers, machine.memory._rows, machine.memory._texts):
             assert len(table) <= 8 * VARIABLES_PER_LETTER
         for conversation, splitter in simulator._links.values():
+            assert isinstance(conversation, CallExecutor)
             self.check_client(conversation)
             most = max(LARGEST_REQUEST, LARGEST_GARBAGE + LARGEST_UNCONFIRMED)
             assert splitter is None or splitter.pending_bytes <= most

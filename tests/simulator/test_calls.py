@@ -98,13 +98,14 @@ def test_calls_of_one_client_wait_for_each_other() -> None:
 def test_a_retry_is_answered_and_not_run_again() -> None:
     desk = Desk("rc7")
     operator = Operator(desk)
-    count = len(desk.simulator._links["client"].executor.session.objects)
+    (objects,) = desk.machine.open_objects.values()
+    count = len(objects)
     content = (9, [operator.controller, bstr("I2"), bstr("")])
     first = desk.simulator.on_datagram("client", encode_frame(100, 0, *content), desk.now)[0].data
     again = desk.simulator.on_datagram("client", encode_frame(101, 100, *content), desk.now)[0].data
     assert Frame(first).arguments == Frame(again).arguments
     assert (Frame(again).serial, Frame(again).reserved) == (101, 100)
-    assert len(desk.simulator._links["client"].executor.session.objects) == count + 1
+    assert len(objects) == count + 1
 
 
 def test_what_a_datagram_cannot_carry_is_refused() -> None:

@@ -89,7 +89,7 @@ def test_nothing_else_moves_while_a_motion_is_held() -> None:
     desk.wait(100)
     press(other, "Robot_Hold")
     second = Operator(desk, "second")
-    desk.machine.owner = desk.simulator._links["second"].executor.session.number
+    desk.machine.owner = max(desk.machine.open_objects)
     assert second.move("J(0,0,90,0,90,0)").hresult == BUSY
     assert second.slave(2).hresult == RUNNING
     assert press(other, "Robot_Halt").hresult == 0
