@@ -168,8 +168,15 @@ class ClientHost:
 
     def due(self, now: int) -> int | None:
         """Return the latest time in ns for the next `advance`; None if nothing is in progress."""
-        times = (client.due(now) for client in self._running.values())
-        return min((time for time in times if time is not None), default=None)
+        return self._earliest_due(None, now)
+
+    def _earliest_due(self, due: int | None, now: int) -> int | None:
+        """Return the earliest of `due` and the due times of the running calls."""
+        for client in self._running.values():
+            time = client.due(now)
+            if time is not None and (due is None or time < due):
+                due = time
+        return due
 
     @property
     def client_count(self) -> int:
@@ -247,12 +254,10 @@ class Simulator(ClientHost):
 
     def advance(self, now: int) -> list[SimulatorOutput]:
         self.machine.advance(now)
-        return super().advance(now)
+        return self._poll(now) if self._running else []
 
     def due(self, now: int) -> int | None:
-        due = self.machine.due()
-        running = super().due(now) if self._running else None
-        return running if due is None else due if running is None else min(due, running)
+        return self._earliest_due(self.machine.due(), now)
 
     @property
     def runs_in_real_time(self) -> bool:
