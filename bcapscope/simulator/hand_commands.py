@@ -38,8 +38,8 @@ from bcapscope.simulator.result_codes import (
     RELATIVE_GRIP_BEYOND_LIMIT,
 )
 
-_CHUCK_SHARE, _CHUCK_FORCE = 0.5, 10.0
-"""Assumed data that the controller stores for a grip: share of the top speed, and force in N."""
+_STORED_SPEED, _STORED_FORCE = 0.5, 10.0
+"""Assumed data that the controller stores for a grip: share of the top speed, and COBOTTA's force in N."""
 
 _WEAKEST_SUCTION = 40.0
 """Percent: DENSORobot/denso_cobotta_ros denso_cobotta_gripper/config/gripper_vacuum.yaml."""
@@ -51,43 +51,34 @@ _SUCTION, _SUCTION_LOAD = -0.5, 50.0
 """Assumed data of the vacuum hand: pressure in kPa per percent of power, and load in percent."""
 
 
-def _move_to(context: CallContext, parameter: Variant, relative: bool = False) -> HandlerOutcome:
-    """Run HandMoveA or HandMoveR with the parameters width or distance [mm], speed [%]."""
+def _move_to(
+    context: CallContext, parameter: Variant, relative: bool = False, grips: bool = False
+) -> HandlerOutcome:
+    """Run HandMoveA, HandMoveR, HandMoveAH or HandMoveRH.
+
+    The parameters are width or distance [mm], speed [%] and, for a grip, force [N].
+    """
     items, hand = items_of(parameter), context.machine.equipment.hand
-    goal = _goal(context, argument_at(items, 0), relative)
+    goal = float(number_of(argument_at(items, 0))) + (hand.width(context.now) if relative else 0.0)
     speed = _speed(hand, argument_at(items, 1))
-    _check_width(hand, goal, HAND_SETTING)
-    return _begin_motion(context, goal, speed, 0.0, _has_next_option(items[2:]))
-
-
-def _move_and_grip(context: CallContext, parameter: Variant, relative: bool = False) -> HandlerOutcome:
-    """Run HandMoveAH or HandMoveRH with the parameters width or distance [mm], speed [%], force [N]."""
-    items, hand = items_of(parameter), context.machine.equipment.hand
-    goal = _goal(context, argument_at(items, 0), relative)
-    speed, force = _speed(hand, argument_at(items, 1)), _force(hand, argument_at(items, 2))
-    _check_width(hand, goal, RELATIVE_GRIP_BEYOND_LIMIT if relative else GRIP_BEYOND_LIMIT)
-    return _begin_motion(context, goal, speed, force, _has_next_option(items[3:]))
+    force = _force(hand, argument_at(items, 2)) if grips else 0.0
+    beyond = RELATIVE_GRIP_BEYOND_LIMIT if relative else GRIP_BEYOND_LIMIT
+    _check_width(hand, goal, beyond if grips else HAND_SETTING)
+    return _start(context, hand, goal, speed, force, waits=not _has_next_option(items[3 if grips else 2 :]))
 
 
 def _grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
     """Run HandMoveH with the parameters force [N] and whether to close."""
     items, hand = items_of(parameter), context.machine.equipment.hand
     force = _force(hand, argument_at(items, 0))
-    closes = number_of(argument_at(items, 1)) != 0
-    goal = hand.limits.narrowest if closes else hand.limits.widest
-    return _begin_motion(context, goal, hand.limits.grip_speed, force, _has_next_option(items[2:]))
+    goal = hand.limits.narrowest if number_of(argument_at(items, 1)) else hand.limits.widest
+    return _start(context, hand, goal, hand.limits.grip_speed, force, waits=not _has_next_option(items[2:]))
 
 
-def _chuck(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run HandChuck, or Chuck of Hand0, which closes the hand with the force that the controller stores."""
-    limits = context.machine.equipment.hand.limits
-    return _begin_motion(context, limits.narrowest, limits.speed * _CHUCK_SHARE, _CHUCK_FORCE)
-
-
-def _unchuck(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run HandUnChuck, or UnChuck of Hand0, which opens the hand."""
-    limits = context.machine.equipment.hand.limits
-    return _begin_motion(context, limits.widest, limits.speed * _CHUCK_SHARE, 0.0)
+def _chuck(context: CallContext, parameter: Variant, closes: bool) -> HandlerOutcome:
+    """Run HandChuck, HandUnChuck, or Chuck or Unchuck of Hand0, with the data that the controller stores."""
+    hand = context.machine.equipment.hand
+    return _start(context, hand, *_stored_motion(hand, closes, _STORED_FORCE), waits=True)
 
 
 def _suck(context: CallContext, parameter: Variant) -> None:
@@ -111,19 +102,56 @@ def _stop(context: CallContext, parameter: Variant) -> None:
     equipment.vacuum = 0.0
 
 
-def _begin_motion(
-    context: CallContext, goal: float, speed: float, force: float, is_next: bool = False
+def _two_finger_grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
+    """Run TwofgGrip with width [mm], force [N], speed [%], whether to wait; a wait without a grip fails."""
+    items, hand = items_of(parameter), context.machine.equipment.gripper
+    width = float(number_of(argument_at(items, 0)))
+    force, speed = _force(hand, argument_at(items, 1)), _speed(hand, argument_at(items, 2))
+    waits = len(items) < 4 or integer_of(items[3]) != 0
+    _check_width(hand, width, HAND_SETTING)
+    return _start(context, hand, width, speed, force, waits=waits)
+
+
+def _two_finger_release(context: CallContext, parameter: Variant) -> HandlerOutcome:
+    """Run TwofgRelease with the parameters width [mm] and whether to wait."""
+    items, hand = items_of(parameter), context.machine.equipment.gripper
+    width = float(number_of(argument_at(items, 0)))
+    _check_width(hand, width, HAND_SETTING)
+    waits = len(items) < 2 or integer_of(items[1]) != 0
+    return _start(context, hand, width, hand.limits.speed, 0.0, waits=waits)
+
+
+def _hand_grip(context: CallContext, parameter: Variant, closes: bool) -> HandlerOutcome:
+    """Run HandGrip or HandRelease, which move the 2FG hand with the data that the controller stores."""
+    hand = context.machine.equipment.gripper
+    return _start(context, hand, *_stored_motion(hand, closes, hand.limits.weakest), waits=False)
+
+
+def _stored_motion(hand: Hand, closes: bool, force: float) -> tuple[float, float, float]:
+    """Return goal [mm], speed [mm/s] and force [N] of a motion; `force` is the force of a grip."""
+    speed = hand.limits.speed * _STORED_SPEED
+    return (hand.limits.narrowest, speed, force) if closes else (hand.limits.widest, speed, 0.0)
+
+
+def _start(
+    context: CallContext, hand: Hand, goal: float, speed: float, force: float, *, waits: bool
 ) -> RunningCall | None:
-    """Begin a motion of COBOTTA's hand, unless the state or the motor forbids it or the hand moves."""
-    hand = context.machine.equipment.hand
-    _check_ready(context)
-    _check_not_moving(context, hand)
-    hand.move(goal, speed, context.now, force)
-    return None if is_next else _running(hand)
+    """Begin a motion, unless the state forbids it, the hand moves, or COBOTTA's motor is off.
 
-
-def _running(hand: Hand, last: CallResult = DONE) -> RunningCall:
-    run, ends = hand.motion_count, hand.ends
+    If the call `waits`, it lasts as long as the motion. A grip of the 2FG hand fails without an object.
+    """
+    is_gripper = hand is context.machine.equipment.gripper
+    if is_gripper:
+        context.machine.check_state()
+    else:
+        _check_ready(context)
+    if hand.is_moving(context.now):
+        raise RefusedError(HAND_IS_MOVING)
+    ends = hand.move(goal, speed, context.now, force)
+    if not waits:
+        return None
+    missed = is_gripper and force > 0 and not hand.is_gripping(ends)
+    last, run = CallResult(NOTHING_GRIPPED) if missed else DONE, hand.motion_count
 
     def poll(now: int) -> CallResult | None:
         if hand.motion_count != run:
@@ -134,20 +162,9 @@ def _running(hand: Hand, last: CallResult = DONE) -> RunningCall:
 
 
 def _check_ready(context: CallContext) -> None:
-    machine = context.machine
-    machine.check_state()
-    if not machine.motor_is_on(context.now):
+    context.machine.check_state()
+    if not context.machine.motor_is_on(context.now):
         raise RefusedError(MOTOR_IS_OFF)
-
-
-def _check_not_moving(context: CallContext, hand: Hand) -> None:
-    if hand.is_moving(context.now):
-        raise RefusedError(HAND_IS_MOVING)
-
-
-def _goal(context: CallContext, part: Variant, relative: bool) -> float:
-    way = float(number_of(part))
-    return context.machine.equipment.hand.width(context.now) + way if relative else way
 
 
 def _check_width(hand: Hand, width: float, result: int) -> None:
@@ -175,48 +192,6 @@ def _has_next_option(rest: tuple[Variant, ...]) -> bool:
     return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
 
 
-def _two_finger_grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run TwofgGrip with width [mm], force [N], speed [%], whether to wait; a wait without a grip fails."""
-    items, hand = items_of(parameter), context.machine.equipment.gripper
-    width = float(number_of(argument_at(items, 0)))
-    force, speed = _force(hand, argument_at(items, 1)), _speed(hand, argument_at(items, 2))
-    waits = len(items) < 4 or integer_of(items[3]) != 0
-    _check_width(hand, width, HAND_SETTING)
-    return _two_finger_move(context, width, speed, force, waits)
-
-
-def _two_finger_release(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run TwofgRelease with the parameters width [mm] and whether to wait."""
-    items, hand = items_of(parameter), context.machine.equipment.gripper
-    width = float(number_of(argument_at(items, 0)))
-    _check_width(hand, width, HAND_SETTING)
-    waits = len(items) < 2 or integer_of(items[1]) != 0
-    return _two_finger_move(context, width, hand.limits.speed, 0.0, waits)
-
-
-def _two_finger_move(
-    context: CallContext, width: float, speed: float, force: float, waits: bool = False
-) -> RunningCall | None:
-    hand = context.machine.equipment.gripper
-    context.machine.check_state()
-    _check_not_moving(context, hand)
-    ends = hand.move(width, speed, context.now, force)
-    missed = force > 0 and not hand.is_gripping(ends)
-    return _running(hand, CallResult(NOTHING_GRIPPED) if missed else DONE) if waits else None
-
-
-def _hand_grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run HandGrip, which closes the 2FG hand with the data that the controller stores."""
-    limits = context.machine.equipment.gripper.limits
-    return _two_finger_move(context, limits.narrowest, limits.speed * _CHUCK_SHARE, limits.weakest)
-
-
-def _hand_release(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run HandRelease, which opens the 2FG hand."""
-    limits = context.machine.equipment.gripper.limits
-    return _two_finger_move(context, limits.widest, limits.speed * _CHUCK_SHARE, 0.0)
-
-
 def _width(context: CallContext, parameter: Variant) -> Variant:
     return r8(context.machine.equipment.hand.width(context.now))
 
@@ -230,11 +205,11 @@ HAND_COMMANDS: CommandTable = {
     "handmovea": _move_to,
     "handmover": partial(_move_to, relative=True),
     "handmoveh": _grip,
-    "handmoveah": _move_and_grip,
-    "handmoverh": partial(_move_and_grip, relative=True),
+    "handmoveah": partial(_move_to, grips=True),
+    "handmoverh": partial(_move_to, relative=True, grips=True),
     "handmovevh": _suck,
-    "handchuck": _chuck,
-    "handunchuck": _unchuck,
+    "handchuck": partial(_chuck, closes=True),
+    "handunchuck": partial(_chuck, closes=False),
     "handstop": _stop,
     "handholdstate": lambda context, _: boolean(context.machine.equipment.hand.is_gripping(context.now)),
     "handcurpos": _width,
@@ -244,8 +219,8 @@ HAND_COMMANDS: CommandTable = {
 """Handlers of the hand commands of Controller_Execute by the commands' names in lower case."""
 
 GRIPPER_COMMANDS: CommandTable = {
-    "handgrip": _hand_grip,
-    "handrelease": _hand_release,
+    "handgrip": partial(_hand_grip, closes=True),
+    "handrelease": partial(_hand_grip, closes=False),
     "twofggrip": _two_finger_grip,
     "twofgrelease": _two_finger_release,
     "twofgstop": lambda context, _: context.machine.equipment.gripper.stop(context.now, HAND_STOPPED),
@@ -261,5 +236,9 @@ GRIPPER_COMMANDS: CommandTable = {
 }
 """Handlers of the hand commands of Robot_Execute by the commands' names in lower case."""
 
-HAND_EXTENSION_COMMANDS: CommandTable = {"curpos": _width, "chuck": _chuck, "unchuck": _unchuck}
+HAND_EXTENSION_COMMANDS: CommandTable = {
+    "curpos": _width,
+    "chuck": HAND_COMMANDS["handchuck"],
+    "unchuck": HAND_COMMANDS["handunchuck"],
+}
 """Handlers of the commands of the extension Hand0 by the commands' names in lower case."""
