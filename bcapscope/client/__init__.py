@@ -16,11 +16,12 @@ from bcapscope.client.remote_objects import (
     Extension,
     File,
     Robot,
+    Service,
     Task,
     Variable,
+    connect,
 )
 from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES, RetryPolicies
-from bcapscope.client.service import Service, connect
 from bcapscope.client.session import Session, open_session, over_link, over_tcp, over_udp
 
 __all__ = [

@@ -25,7 +25,7 @@ from bcapscope.protocol.retry.requester import CallAnswered, CallRefused, Reques
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
 from bcapscope.protocol.tables.command_catalogue import call_name, command_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, function_by_name
-from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
+from bcapscope.protocol.tables.hresult import E_BUSY, describe_hresult, hresult_name
 from bcapscope.transport.memory_link import MemoryLink
 from bcapscope.transport.peer_link import BaseLink, Link, LinkReceiver
 from bcapscope.transport.tcp_link import open_tcp
@@ -37,6 +37,11 @@ _MS = 1_000_000
 _SERVICE_START, _SERVICE_STOP, _ROBOT_EXECUTE = 1, 2, 64
 _ASYNC = 0x100
 _TRY_ONCE = RetryPolicy(_MS, 0)
+
+HALT_RETRY_POLICY = RetryPolicy(16_000_000, 60)
+"""Retry policy of one Robot_Halt call: an attempt every 16 ms, for about a second."""
+
+_MAX_CALLS, _BUSY_PAUSE = 50, 10_000_000
 
 
 def over_udp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
@@ -211,6 +216,33 @@ class Session:
         mode = requested_slave_mode(function_id, arguments)
         if mode is not None:
             self._slave_modes[_first_handle(arguments)] = mode
+
+
+async def halt_robot(session: Session, robot: int, pause: Callable[[int], Awaitable[None]]) -> None:
+    """Stop the arm at once.
+
+    `pause` waits for a number of ns. While a controller executes another call of the connection, the
+    controller replies that it is busy, or sends no reply until that call ends (orin_bcap
+    C/src/bCAPServer/bcap_server.c).
+
+    Raises:
+        ControllerError: The controller refused Robot_Halt.
+        CallTimeout: No attempt was answered.
+        ConnectionError: The link is lost.
+    """
+    usual = session.retry_policies
+    session.retry_policies = usual._replace(others=HALT_RETRY_POLICY)
+    try:
+        for left in reversed(range(_MAX_CALLS)):
+            try:
+                await session.invoke("Robot_Halt", robot, "")
+                return
+            except ControllerError as error:
+                if error.hresult != E_BUSY or not left:
+                    raise
+            await pause(_BUSY_PAUSE)
+    finally:
+        session.retry_policies = usual
 
 
 def command_of(function_id: int, arguments: Sequence[Variant]) -> str:

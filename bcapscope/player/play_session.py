@@ -15,8 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from bcapscope.client.object_opener import ObjectOpener
-from bcapscope.client.robot_halt import halt_robot
-from bcapscope.client.session import Session
+from bcapscope.client.session import Session, halt_robot
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason

@@ -28,10 +28,9 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.player.capture_trajectories import read_capture
 from bcapscope.player.column_layout import ReadOptions
 from bcapscope.player.trajectory import Trajectory, TrajectoryError, TrajectorySource
-from bcapscope.player.trajectory_documents import MAX_VALUES, TOO_MANY_VALUES, read_documents
+from bcapscope.player.trajectory_documents import MAX_VALUES, TOO_MANY_VALUES, read_documents, read_yaml
 from bcapscope.player.trajectory_table import read_table
 from bcapscope.player.wincaps_project import is_project, read_project
-from bcapscope.player.yaml_text import read_yaml
 
 MAX_TABLE_SIZE = 1 << 30
 """Largest table that is read, in bytes: two hours of a log with 73 columns."""

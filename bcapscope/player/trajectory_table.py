@@ -15,13 +15,13 @@ import numpy as np
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 from bcapscope.player.column_layout import (
+    COUNTER,
     ColumnLayout,
     ReadOptions,
     layout_of_numbers,
     layout_of_titles,
     list_titles,
 )
-from bcapscope.player.column_titles import COUNTER
 from bcapscope.player.set_point_timing import (
     SetPointTiming,
     find_runs,

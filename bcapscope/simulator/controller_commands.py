@@ -1,7 +1,8 @@
 """Commands of Controller_Execute and Task_Execute.
 
 Names, parameters and results: ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2,
-nkawa/Denso_CobottaPro900_MQTT_Control (bits of SysState, fields of an error).
+nkawa/Denso_CobottaPro900_MQTT_Control (bits of SysState, fields of an error). Fields of an error that only a
+real controller program can fill are 0.
 """
 
 from __future__ import annotations
@@ -11,12 +12,11 @@ from datetime import datetime, timedelta
 
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import E_INVALIDARG, describe_hresult
-from bcapscope.simulator.alarms import Alarm
 from bcapscope.simulator.argument_values import boolean, bstr, i2, i4, integer_of, variant_array
 from bcapscope.simulator.call_context import CallContext, CommandTable, accept_without_effect
 from bcapscope.simulator.call_outcome import RefusedError
 from bcapscope.simulator.hand_commands import HAND_COMMANDS
-from bcapscope.simulator.machine import AUTOMATIC, MANUAL, READY, RUNNING
+from bcapscope.simulator.machine import AUTOMATIC, MANUAL, READY, RUNNING, Alarm
 from bcapscope.simulator.result_codes import BAD_INDEX, EMERGENCY_STOP
 
 _DAY_0 = datetime(1899, 12, 30)

@@ -29,9 +29,18 @@ from bcapscope.simulator.argument_values import (
 from bcapscope.simulator.call_context import CallContext, CommandTable
 from bcapscope.simulator.call_outcome import RefusedError
 from bcapscope.simulator.equipment import MAX_FRAMES, CoordinateFrame
-from bcapscope.simulator.kinematics import FIG, Joints, axis_beyond_limit, joints_of, pose_of
+from bcapscope.simulator.kinematics import (
+    FIG,
+    Joints,
+    PoseNumbers,
+    axis_beyond_limit,
+    joints_of,
+    moved_in_base,
+    moved_in_tool,
+    pose_of,
+    relative_to,
+)
 from bcapscope.simulator.pose_notation import parse_pose, parse_target
-from bcapscope.simulator.pose_transforms import PoseNumbers, moved_in_base, moved_in_tool, relative_to
 from bcapscope.simulator.result_codes import BAD_INDEX
 
 _P, _J, _T = PoseType.P, PoseType.J, PoseType.T

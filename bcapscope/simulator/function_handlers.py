@@ -19,7 +19,6 @@ from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass
 from bcapscope.protocol.tables.hresult import E_INVALIDARG
 from bcapscope.simulator import system_variables
-from bcapscope.simulator.alarms import Alarm
 from bcapscope.simulator.argument_values import (
     argument_at,
     bstr,
@@ -36,6 +35,7 @@ from bcapscope.simulator.controller_commands import CONTROLLER_COMMANDS, TASK_CO
 from bcapscope.simulator.equipment_commands import LINE_COMMANDS
 from bcapscope.simulator.frame_commands import PALLET_COMMANDS
 from bcapscope.simulator.hand_commands import HAND_EXTENSION_COMMANDS
+from bcapscope.simulator.machine import Alarm
 from bcapscope.simulator.motion_commands import drive, halt, hold, move, unhold
 from bcapscope.simulator.object_table import check_storable
 from bcapscope.simulator.result_codes import INVALID_COMMAND, OBJECT_NOT_FOUND, OUT_OF_MEMORY

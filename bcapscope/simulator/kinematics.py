@@ -4,11 +4,13 @@ No public source gives the link lengths of the real arms, so the simulated arm h
 turns about the vertical. J2 and J3 move two links of equal length in a vertical plane. The wrist has no
 length: J4, J5 and J6 are Rx, Ry and Rz themselves. The conversion is exact in both directions, which is all
 that clients and tests need. The simulated arm is no model of any DENSO robot.
+
+The rotation of a pose is Rz·Ry·Rx. Poses hold X, Y, Z in mm, Rx, Ry, Rz in degrees, and other numbers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from math import acos, asin, atan2, cos, degrees, hypot, radians, sin
 from typing import NamedTuple, TypeAlias
 
@@ -111,29 +113,18 @@ def joints_of_position(values: tuple[float, ...]) -> Joints:
 def trans(joints: Joints) -> tuple[float, ...]:
     """Compute a T-type pose from joints: X, Y, Z, orientation vector, approach vector, Fig.
 
-    The vectors are the second and third column of the rotation Rz·Ry·Rx.
+    The vectors are the second and third column of the rotation.
     """
-    a, b, c = (radians(value) for value in joints[3:6])
-    orientation = (
-        cos(c) * sin(b) * sin(a) - sin(c) * cos(a),
-        sin(c) * sin(b) * sin(a) + cos(c) * cos(a),
-        cos(b) * sin(a),
-    )
-    approach = (
-        cos(c) * sin(b) * cos(a) + sin(c) * sin(a),
-        sin(c) * sin(b) * cos(a) - cos(c) * sin(a),
-        cos(b) * cos(a),
-    )
+    _, orientation, approach = _transposed(rotation(joints))
     return (*position(joints)[:3], *orientation, *approach, FIG)
 
 
 def joints_of_trans(values: tuple[float, ...]) -> Joints:
     """Compute the joints that reach a T-type pose; raise RefusedError as `joints_of_position` does."""
     ox, oy, oz, ax, ay, az = values[3:9]
-    nx, ny, nz = oy * az - oz * ay, oz * ax - ox * az, ox * ay - oy * ax
-    pitch = asin(max(-1.0, min(1.0, -nz)))
-    turns = (atan2(oz, az), pitch, atan2(ny, nx))
-    return joints_of_position((*values[:3], *map(degrees, turns)))
+    normal = oy * az - oz * ay, oz * ax - ox * az, ox * ay - oy * ax
+    turn = _transposed((normal, (ox, oy, oz), (ax, ay, az)))
+    return joints_of_position((*values[:3], *_angles(turn)))
 
 
 def joints_of(pose_type: PoseType, values: tuple[float, ...]) -> Joints:
@@ -162,3 +153,74 @@ POSE_LENGTHS: Mapping[PoseType, range] = {
     pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()
 }
 """Allowed lengths of a set point, by pose type: Fig may be missing, and one more value may follow."""
+
+
+Vector: TypeAlias = tuple[float, float, float]
+Matrix: TypeAlias = tuple[Vector, Vector, Vector]
+"""Three rows."""
+
+PoseNumbers: TypeAlias = tuple[float, ...]
+"""The six numbers of a position and orientation; further numbers are ignored."""
+
+
+def moved_in_base(pose: PoseNumbers, deviation: PoseNumbers) -> PoseNumbers:
+    """Move and turn a pose along and about the axes of the base; return six numbers."""
+    place = tuple(a + b for a, b in zip(pose[:3], deviation[:3], strict=True))
+    return place + _combined_angles(pose, deviation, rotation(deviation), rotation(pose))
+
+
+def moved_in_tool(pose: PoseNumbers, deviation: PoseNumbers) -> PoseNumbers:
+    """Move and turn a pose along and about its own axes; return six numbers."""
+    turn = rotation(pose)
+    place = tuple(a + b for a, b in zip(pose[:3], _apply(turn, deviation[:3]), strict=True))
+    return place + _combined_angles(pose, deviation, turn, rotation(deviation))
+
+
+def relative_to(frame: PoseNumbers, pose: PoseNumbers) -> PoseNumbers:
+    """Convert a pose in base coordinates to coordinates of `frame`; return six numbers."""
+    back = _transposed(rotation(frame))
+    place = _apply(back, tuple(a - b for a, b in zip(pose[:3], frame[:3], strict=True)))
+    return place + _combined_angles(pose, frame, back, rotation(pose))
+
+
+def rotation(pose: PoseNumbers) -> Matrix:
+    a, b, c = (radians(angle) for angle in pose[3:6])
+    return (
+        (
+            cos(c) * cos(b),
+            cos(c) * sin(b) * sin(a) - sin(c) * cos(a),
+            cos(c) * sin(b) * cos(a) + sin(c) * sin(a),
+        ),
+        (
+            sin(c) * cos(b),
+            sin(c) * sin(b) * sin(a) + cos(c) * cos(a),
+            sin(c) * sin(b) * cos(a) - cos(c) * sin(a),
+        ),
+        (-sin(b), cos(b) * sin(a), cos(b) * cos(a)),
+    )
+
+
+def _combined_angles(pose: PoseNumbers, other: PoseNumbers, first: Matrix, second: Matrix) -> PoseNumbers:
+    """Return the angles of first·second.
+
+    If the second rotation is zero, the angles of `pose` stay exactly the same, so that set points do not jump
+    by a full turn.
+    """
+    if not any(other[3:6]):
+        return pose[3:6]
+    return _angles(_transposed(tuple(_apply(first, column) for column in _transposed(second))))
+
+
+def _angles(turn: Matrix) -> Vector:
+    pitch = asin(max(-1.0, min(1.0, -turn[2][0])))
+    return degrees(atan2(turn[2][1], turn[2][2])), degrees(pitch), degrees(atan2(turn[1][0], turn[0][0]))
+
+
+def _apply(turn: Matrix, vector: PoseNumbers) -> Vector:
+    x, y, z = (sum(a * b for a, b in zip(row, vector, strict=True)) for row in turn)
+    return x, y, z
+
+
+def _transposed(rows: Iterable[Vector]) -> Matrix:
+    x, y, z = zip(*rows, strict=True)
+    return x, y, z

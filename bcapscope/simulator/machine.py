@@ -7,12 +7,12 @@ and all durations are assumed. All times are ns of the caller's clock.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import NoReturn
 
-from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_FAIL, E_NOT_IN_SLAVE_MODE
-from bcapscope.simulator.alarms import Alarms
-from bcapscope.simulator.arm import MS, Arm
+from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_FAIL, E_NOT_IN_SLAVE_MODE, describe_hresult
+from bcapscope.simulator.arm import MS, Arm, TimedMove
 from bcapscope.simulator.call_outcome import RefusedError
 from bcapscope.simulator.control_log_ring import ControlLog, ControlLogRecord
 from bcapscope.simulator.equipment import Equipment
@@ -31,7 +31,6 @@ from bcapscope.simulator.result_codes import (
     error_level,
 )
 from bcapscope.simulator.slave_drive import SlaveDrive
-from bcapscope.simulator.timed_move import TimedMove
 from bcapscope.simulator.variable_memory import VariableMemory
 
 MOTOR_ON_TIME = 400 * MS
@@ -41,6 +40,9 @@ READY, RUNNING = 2, 3
 
 ROBSLAVE = "RobSlave"
 ROBOT_TYPE = "BCAPSCOPE-SIM6"
+
+MAX_ACTIVE = 32
+MAX_LOGGED = 128
 
 OTHER_CLIENT = 0
 """Number of an owner of the arm that is no client: the pendant, or a client on another network. Clients have
@@ -105,6 +107,39 @@ class Speeds:
         """
         internal = self.internal if speed is None else speed
         return max(0.001, min(1.0, self.external * internal / 10_000))
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """One error: its HRESULT as an unsigned number, and its time in ns of the model's clock."""
+
+    code: int
+    time: int
+
+    @property
+    def text(self) -> str:
+        """Description of the error, in bcapscope's words."""
+        return describe_hresult(self.code).text
+
+
+class Alarms:
+    """The active errors until ClearError, and the log of all errors; both list the newest error first."""
+
+    def __init__(self) -> None:
+        self.active: deque[Alarm] = deque(maxlen=MAX_ACTIVE)
+        self.log: deque[Alarm] = deque(maxlen=MAX_LOGGED)
+
+    def add(self, code: int, now: int) -> None:
+        alarm = Alarm(code & 0xFFFFFFFF, now)
+        self.active.appendleft(alarm)
+        self.log.appendleft(alarm)
+
+    def is_active(self, code: int) -> bool:
+        return any(alarm.code == code for alarm in self.active)
+
+    def clear(self) -> None:
+        """Clear the active errors; the log keeps them."""
+        self.active.clear()
 
 
 class Machine:

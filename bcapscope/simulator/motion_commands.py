@@ -15,7 +15,7 @@ from typing import NamedTuple
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import E_INVALIDARG, E_ROBOTISBUSY
 from bcapscope.simulator.argument_values import argument_at, bstr, integer_of, items_of, number_of, text_of
-from bcapscope.simulator.arm import MS
+from bcapscope.simulator.arm import MS, TimedMove
 from bcapscope.simulator.call_context import CallContext, CommandTable
 from bcapscope.simulator.call_outcome import DONE, CallResult, HandlerOutcome, RefusedError, RunningCall
 from bcapscope.simulator.kinematics import AXIS_COUNT, Joints, joints_of_position, position, trans
@@ -29,7 +29,6 @@ from bcapscope.simulator.pose_notation import (
     parse_pass_text,
     parse_target,
 )
-from bcapscope.simulator.timed_move import TimedMove
 
 IS_STOPPING = 0x83201404
 LONGEST_TIME = 3_600_000

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.simulator.argument_values import bstr, float_array, i4, variant_array
-from bcapscope.simulator.pose_transforms import moved_in_base, moved_in_tool, relative_to, rotation
+from bcapscope.simulator.kinematics import moved_in_base, moved_in_tool, relative_to, rotation
 from tests.simulator.desk import Desk, Operator, ints
 
 numbers = st.floats(-500, 500)

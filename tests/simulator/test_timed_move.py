@@ -7,11 +7,10 @@ import pytest
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import EMPTY, Variant
 from bcapscope.simulator.argument_values import bstr, i4
-from bcapscope.simulator.arm import ENCODER_LAG_NS, Arm
+from bcapscope.simulator.arm import ENCODER_LAG_NS, NEVER, PASS_SHARE, Arm, TimedMove
 from bcapscope.simulator.kinematics import HOME
 from bcapscope.simulator.pose_notation import END_OF_ENCODERS, PASSING
 from bcapscope.simulator.simulator import SimulatorOutput
-from bcapscope.simulator.timed_move import NEVER, PASS_SHARE, TimedMove
 from tests.simulator.desk import MS, Desk, Operator, Reply, ints, joints
 
 GOAL = (40.0, *HOME[1:])

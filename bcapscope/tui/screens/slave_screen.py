@@ -25,8 +25,8 @@ from bcapscope.live.controller.controller_session import ControllerSession
 from bcapscope.live.controller.error_recovery import RecoveryStep, run_recovery_step
 from bcapscope.live.controller.history_record import Initiator
 from bcapscope.live.controller.session_updates import SessionStatus
-from bcapscope.player.armed_message_logger import ArmedMessageLogger
 from bcapscope.player.player_messages import PlayProgress, QuestionTopic, SlaveModePacing
+from bcapscope.player.player_process import ArmedMessageLogger
 from bcapscope.protocol.number_parsing import parse_integer, parse_number
 from bcapscope.protocol.slave_mode.modes import pose_type_of_mode
 from bcapscope.render.escape import printable
