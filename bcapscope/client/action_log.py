@@ -48,9 +48,7 @@ class LoggedConnection(NamedTuple):
     """A connection to a controller, as the action log names it.
 
     Attributes:
-        host: Name or address of the controller.
-        port: Port of the controller.
-        transport: Transport of the connection: "udp" or "tcp".
+        transport: "udp" or "tcp".
         client_port: Port of the client; 0 if unknown.
     """
 
@@ -77,11 +75,7 @@ def default_folder() -> Path:
 
 
 class ActionLog:
-    """Writes the action log. Any thread may call the methods of an `ActionLog`.
-
-    Attributes:
-        folder: Folder of the log files.
-    """
+    """Writes the action log. Any thread may call the methods of an `ActionLog`."""
 
     def __init__(self, folder: Path, program: str, on_error: ErrorCallback) -> None:
         """Set up the log; the first line creates the files.

@@ -58,10 +58,7 @@ class ArmedCallLogger:
         self._set_points += count
 
     def end_set_points(self, timestamp: int | None = None) -> None:
-        """Log the number of set points sent since the last call of this method, if any.
-
-        `timestamp` is in ns since 1970-01-01 UTC; None means now.
-        """
+        """Log the number of set points since the last call of this method, if any, at a time in ns or now."""
         count, self._set_points = self._set_points, 0
         if count:
             self._log.log_set_points(

@@ -60,9 +60,7 @@ class Caller:
     ) -> RequesterOutcome:
         """Make a call and return its outcome.
 
-        Raises:
-            LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
-            ConnectionError: The link is lost.
+        Raises LocalProtocolError as `Requester.start_call` does, and ConnectionError if the link is lost.
         """
         async with self._one_at_a_time:
             if self._lost_reason is not None:
@@ -81,9 +79,7 @@ class Caller:
         """Send bytes unchanged and without retries, even invalid bytes; return whether data arrived in time.
 
         `raw` is one datagram, or bytes of a stream. `timeout` is in s. The observer receives what arrives.
-
-        Raises:
-            ConnectionError: The link is lost.
+        Raises ConnectionError if the link is lost.
         """
         async with self._one_at_a_time:
             if self._lost_reason is not None:

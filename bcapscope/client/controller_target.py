@@ -23,17 +23,11 @@ class ControllerTarget:
     """Address of a controller and the options for connecting to it.
 
     Attributes:
-        host: Name or address of the controller.
-        port: UDP or TCP port of the controller.
-        tcp: Whether to use TCP instead of UDP.
         timeout: Timeout of each attempt, ms, for all calls but slvMove.
         retries: Number of retries, for all calls but slvMove.
         convention: Convention of the reserved field; None for the default.
         service: Option string of Service_Start.
-        name: Name of the controller in Controller_Connect.
-        provider: Provider in Controller_Connect.
-        machine: Machine in Controller_Connect.
-        connect_option: Option string of Controller_Connect.
+        name: Name of the controller in Controller_Connect, as for `provider`, `machine` and `connect_option`.
     """
 
     host: str

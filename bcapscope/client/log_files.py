@@ -19,8 +19,7 @@ MAX_TOTAL_SIZE = 128 << 20
 class LogFiles:
     """Appends lines to ``<name>-<date>.jsonl``, then ``<name>-<date>.2.jsonl`` and so on.
 
-    Attributes:
-        path: Path of the file that holds the last line; the folder before the first line.
+    `path` is the file that holds the last line, or the folder before the first line.
     """
 
     def __init__(
@@ -41,8 +40,7 @@ class LogFiles:
     def append(self, line: bytes) -> None:
         """Append a line with a single write, so that other processes can append to the same file.
 
-        Raises:
-            OSError: The line was not written, or only a part of it.
+        Raises OSError if the line was not written, or only in part.
         """
         self.path = self._current(datetime.now().strftime("%Y-%m-%d"))
         data = b"\n" + line if self._is_torn else line

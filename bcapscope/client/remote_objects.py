@@ -73,10 +73,7 @@ class _ExecutingObject(RemoteObject):
     """Functions of objects that execute commands."""
 
     async def execute(self, command: str, param: object = None) -> Value:
-        """Execute a command.
-
-        A Variant as `param` is sent with its type; `variant_of` converts other values.
-        """
+        """Execute a command; a Variant keeps its type, and `variant_of` converts other parameters."""
         return await self._invoke_value("Execute", command, param)
 
 
@@ -228,20 +225,14 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Unhold", option)
 
     async def slv_change_mode(self, mode: int) -> None:
-        """Enter a slave mode; mode 0 leaves slave mode.
-
-        The session leaves slave mode at the end of its block.
-        """
+        """Enter a slave mode; mode 0, and the end of the session's block, leave it."""
         await self.execute("slvChangeMode", Variant(VT.I4, mode))
 
     async def slv_get_mode(self) -> int:
         return expect_value(await self._invoke("Execute", "slvGetMode", None), int, "reply.a-mode")
 
     async def slv_move(self, point: object) -> Value:
-        """Send a set point; return the position of the robot.
-
-        A Variant is sent with its type; a list is sent as R8.
-        """
+        """Send a set point, a list as R8 or a Variant with its type; return the position of the robot."""
         return await self._invoke_value("Execute", "slvMove", point)
 
 
@@ -336,17 +327,11 @@ class Service:
         self.session = session
 
     async def start(self, option: str = "") -> None:
-        """Service_Start: start the service.
-
-        The option ``,WDT=400`` requests a notice every 400 ms during a long call.
-        """
+        """Service_Start; the option ``,WDT=400`` requests a notice every 400 ms during a long call."""
         await self.session.invoke("Service_Start", option)
 
     async def stop(self) -> None:
-        """Service_Stop: stop the service.
-
-        Without this call, the session stops the service at the end of its block.
-        """
+        """Service_Stop. The session calls it automatically at the end of its block."""
         await self.session.invoke("Service_Stop")
 
     async def connect(

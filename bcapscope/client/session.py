@@ -85,7 +85,6 @@ class Session:
 
     Attributes:
         retry_policies: Retry policies of the following calls.
-        caller: Object that makes the calls.
         handles: Objects that the calls have opened.
         check_armed: Function called before each call that needs arming; if it raises, the call is not made.
     """
@@ -99,12 +98,7 @@ class Session:
         self._is_starting = False
 
     async def perform_call(self, function_id: int, arguments: Sequence[Variant]) -> RequesterOutcome:
-        """Make a call and return its outcome.
-
-        Raises:
-            LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
-            ConnectionError: The link is lost.
-        """
+        """Make a call and return its outcome; raise LocalProtocolError or ConnectionError as `call` does."""
         if self.check_armed is not None and self.needs_arming(function_id, arguments):
             self.check_armed()
         pace = self.retry_policy_for(function_id, arguments)
@@ -219,16 +213,10 @@ class Session:
 
 
 async def halt_robot(session: Session, robot: int, pause: Callable[[int], Awaitable[None]]) -> None:
-    """Stop the arm at once.
+    """Stop the arm at once, or raise the errors of `Session.call`; `pause` waits for a number of ns.
 
-    `pause` waits for a number of ns. While a controller executes another call of the connection, the
-    controller replies that it is busy, or sends no reply until that call ends (orin_bcap
-    C/src/bCAPServer/bcap_server.c).
-
-    Raises:
-        ControllerError: The controller refused Robot_Halt.
-        CallTimeout: No attempt was answered.
-        ConnectionError: The link is lost.
+    While a controller executes another call of the connection, the controller replies that it is busy, or
+    sends no reply until that call ends (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
     usual = session.retry_policies
     session.retry_policies = usual._replace(others=HALT_RETRY_POLICY)
@@ -270,13 +258,10 @@ async def open_session(
     observer: Observer | None = None,
     listener: EventListener | None = None,
 ) -> AsyncIterator[Session]:
-    """Open a link. The end of the block releases all objects that calls have opened, even after an error.
+    """Open a link, or raise OSError. The end of the block releases all objects that calls have opened.
 
     `open_link` is the result of `over_udp`, `over_tcp` or `over_link`. By default, the reserved field follows
     DENSO's slides on UDP, and is 0 on TCP. `observer` gets every frame, and `listener` gets every event.
-
-    Raises:
-        OSError: The controller cannot be reached, or does not listen.
     """
     caller = Caller(observer, listener)
     link = await open_link(caller)

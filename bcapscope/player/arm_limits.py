@@ -44,8 +44,8 @@ class ArmLimits:
     """Limits of one arm.
 
     Attributes:
-        axes: Limits of each axis by its name (`J1`, `X`, ...), in the unit of the axis and seconds; an
-            unknown limit is infinite, and an unknown axis is missing.
+        axes: Limits of each known axis by its name (`J1`, `X`, ...), in the axis's unit and seconds; an
+            unknown limit is infinite.
         to_joints: Function that computes the joints of a pose of P or T type, and raises for a pose out of
             reach; None if the arm's kinematics are unknown.
         axis_count: Number of joints; None if unknown.

@@ -60,7 +60,6 @@ class BlockingCaller:
     """Makes calls over a channel, one after the other.
 
     Attributes:
-        link: The channel.
         late_replies: Late replies not yet evaluated; the code that evaluates them clears the list.
         check_abort: Function called regularly while `perform_call` waits; its exception ends the call.
         overslept: Time in ns by which the operating system prolonged the waits of the current call.
@@ -132,8 +131,7 @@ class BlockingCaller:
     def wait_for_outcome(self, until: int) -> RequesterOutcome | None:
         """Wait until the call ends or `until` passes, and send retries; return None if the call is not over.
 
-        The method reads data in small portions and only until `until`, so many late replies do not delay the
-        caller.
+        The method reads data in small portions, so that many late replies do not delay the caller.
         """
         requester = self._requester
         while True:

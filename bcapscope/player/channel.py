@@ -146,11 +146,7 @@ def _measure_epoch_offset() -> int:
 
 
 def open_channel(host: str, port: int, tcp: bool, local_port: int = 0) -> SocketChannel:
-    """Open a channel to a controller, from any local UDP port if `local_port` is 0.
-
-    Raises:
-        OSError: The host is unknown or unreachable, or its port is closed.
-    """
+    """Open a channel, from any local UDP port if `local_port` is 0; raise OSError if the host is unknown."""
     if tcp:
         sock = socket.create_connection((host, port), _CONNECT_TIMEOUT)
     else:

@@ -171,10 +171,7 @@ def _column_pairs(part: str) -> Iterator[tuple[str, int]]:
 
 
 def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayout | None:
-    """Find the columns by their titles; return None if no pose type has all its columns.
-
-    Raises TrajectoryError if a column that the user named does not exist.
-    """
+    """Find the columns by their titles; return None if no pose type has all its columns."""
     if options.columns:
         return _layout_as_given(options, titles, len(titles))
     read = [read_title(title) for title in titles]
@@ -200,11 +197,7 @@ def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayou
 
 
 def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> ColumnLayout:
-    """Guess the meaning of columns without titles; `rows` holds one or more of the first lines.
-
-    Raises:
-        TrajectoryError: The numbers fit several meanings, or none.
-    """
+    """Guess columns without titles from some lines; raise TrajectoryError if several or no meanings fit."""
     count = len(rows[0])
     if options.columns:
         return _layout_as_given(options, (), count)

@@ -43,10 +43,7 @@ LOG_COLUMN_TITLES = tuple(f"[J{axis} - {what}]" for axis in range(1, 9) for what
 
 @contextmanager
 def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
-    """Open a new file for the length of a block; delete the file afterwards if it is empty.
-
-    Yields None without a path. Raises OSError if the file exists or cannot be written.
-    """
+    """Open a new file for a block, or raise OSError; delete an empty file afterwards. No path yields None."""
     if path is None:
         yield None
         return
@@ -79,14 +76,10 @@ async def read_log_records(
 
 
 def read_control_log(target: ControllerTarget, robot: str, check_abort: Callable[[], None]) -> list[Value]:
-    """Return the log records that the controller holds, oldest first.
+    """Return the log records that the controller holds, oldest first, or raise the errors of `Session.call`.
 
     The records are read over a separate TCP connection: a record has 39 values, too many for a datagram of
     503 bytes. `check_abort` is called before each record; an exception that it raises ends the reading.
-
-    Raises:
-        BcapError: As for `Session.call`.
-        OSError: The controller is unreachable.
     """
     channel = open_channel(target.host, target.port, tcp=True)
     caller = BlockingCaller(channel, target.convention_for(datagrams=False))

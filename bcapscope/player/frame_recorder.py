@@ -26,10 +26,7 @@ all later ones."""
 
 @contextmanager
 def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
-    """Create a recording for the length of a block; delete it afterwards if it holds no packets.
-
-    Yields None without a path. Raises OSError if the file exists or cannot be written.
-    """
+    """Create a recording for a block, or raise OSError; delete it if it stays empty. No path yields None."""
     if path is None:
         yield None
         return
@@ -42,11 +39,7 @@ def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
 
 
 class FrameRecorder:
-    """Receives every frame and keeps the last frame of each direction.
-
-    Attributes:
-        is_pacing: Whether the pacer is sending set points; meanwhile frames are kept but not reported.
-    """
+    """Receives every frame; while `is_pacing`, frames are kept but not reported."""
 
     def __init__(self, send: Callable[[FrameMessage], object], recording: RotatingRecording | None) -> None:
         """`send` gets each frame outside of pacing; `recording` is the file to write, or None."""

@@ -126,10 +126,9 @@ def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def first_point_offsets(context: PreflightContext) -> tuple[float, ...] | None:
-    """Return the distance from the robot to the first point, one element per axis of the trajectory.
+    """Return the distance from the robot to the first point for each axis; None if the pose is unknown.
 
-    For rotations of P type, the distance is the smaller of the two angles. The result is None if the robot's
-    pose is unknown.
+    For rotations of P type, the distance is the smaller of the two angles.
     """
     if context.current_pose is None:
         return None

@@ -327,10 +327,7 @@ class PlaySession:
             await self._session.close()
 
     def _confirm(self, topic: QuestionTopic, text: Message) -> bool:
-        """Ask the user a question; return whether the answer is yes.
-
-        An order instead raises PlayAbortedError.
-        """
+        """Ask the user a question and return whether the answer is yes; an order raises PlayAbortedError."""
         answer = self._pipe.ask(PlayerQuestion(topic, text, (NO, YES)))
         self._check_order()
         return answer == YES

@@ -53,22 +53,15 @@ _SERIAL_MAX = 0xFFFF
 
 
 class PlayerProcess:
-    """A running player.
+    """A running player; `ended` is its last message, None while the player works.
 
     When `fileno` is readable, `read_messages` returns the messages; `wait_for_messages` waits for messages.
     Any thread may call either method. A caller that reads too slowly misses only progress reports. The last
     message is always `PlayEnded`.
-
-    Attributes:
-        ended: The player's last message; None while the player works.
     """
 
     def __init__(self, plan: PlayPlan) -> None:
-        """Start the player.
-
-        Raises:
-            OSError: The process cannot be started.
-        """
+        """Start the player, or raise OSError."""
         self._plan = plan
         self._pending_cleanup = PendingCleanup((), "", 0)
         self._serial = 0

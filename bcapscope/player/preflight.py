@@ -45,10 +45,9 @@ class PreflightResult:
     Attributes:
         arm_name: Name of the arm whose limits were used.
         problems: Problems found, most serious first.
-        axis_figures: Figures of each axis at the file's own times; () if these times are uneven or a number
-            is not finite.
-        first_point_offsets: Distance from the robot to the first point, one element per axis of the
-            trajectory; None if the robot's pose is unknown.
+        axis_figures: Figures of each axis at the file's own times; () for uneven times or infinite numbers.
+        first_point_offsets: Distance from the robot to the first point for each axis of the trajectory; None
+            if the robot's pose is unknown.
     """
 
     trajectory: Trajectory

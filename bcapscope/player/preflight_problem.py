@@ -44,13 +44,12 @@ class PreflightProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreflightContext:
-    """The trajectory, and the facts that the checks compare with it.
+    """The trajectory, and the facts that the checks compare with it; an unknown fact is None.
 
     Attributes:
         trajectory: The trajectory as read or resampled, with the axes that its file has.
         period: Seconds between two calls of slvMove.
-        current_pose: Current pose of the robot, in the pose type of the trajectory; None if unknown.
-        mode: Slave mode to play in; None if unknown.
+        current_pose: Current pose of the robot, in the pose type of the trajectory.
         loop: Whether the trajectory starts again at its end.
     """
 
@@ -83,10 +82,7 @@ class PreflightContext:
 
 
 def set_point_numbers(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...], int]:
-    """Return the numbers of the set points for which an array is true, and their count.
-
-    The numbers are cut off after `MAX_NUMBERS`; `first` is the number of the array's first element.
-    """
+    """Return the first `MAX_NUMBERS` numbers of set points for which an array is true, and their count."""
     found = np.flatnonzero(where)
     return tuple((found[:MAX_NUMBERS] + first).tolist()), len(found)
 

@@ -41,11 +41,9 @@ def resample(
     period.
 
     Args:
-        trajectory: The trajectory to resample.
         period: Seconds between the set points of the result.
         speed: Share of the original speed, above 0, that the rate never exceeds.
-        ramp: Duration of the start and of the stop in seconds; 0 if the trajectory begins and ends at rest
-            anyway.
+        ramp: Duration of the start and of the stop in seconds; 0 if the trajectory begins and ends at rest.
 
     Raises:
         TrajectoryError: A number is not finite, times do not increase, or there would be too many set points.
@@ -91,19 +89,12 @@ def _resampling_notes(trajectory: Trajectory, period: float, speed: float, ramp:
 def stop_after(
     trajectory: Trajectory, row: int, period: float, limits: ArmLimits = UNKNOWN_ARM, *, loop: bool = False
 ) -> Array:
-    """Return the set points that bring the robot to rest on its path, one row each.
+    """Return the set points that bring the robot to rest on its path after a row, one row each.
 
     The stop takes 0.1 s to 2 s; the function tries longer and longer stops until one keeps within the limits.
     If the trajectory itself exceeds a limit, the stop may exceed this limit as much. If an acceleration limit
     is unknown, the stop takes at least 0.5 s. If the trajectory ends sooner than a stop takes, the result is
-    its remaining points.
-
-    Args:
-        trajectory: Trajectory whose set points follow each other every `period`.
-        row: Index of the last set point sent, from 0.
-        period: Time between set points in seconds.
-        limits: Limits of the arm.
-        loop: Whether the first point follows the last.
+    its remaining points. `period` is in seconds; in a `loop`, the first point follows the last.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
     longest = min(ceil(_LONGEST_STOP / period), 2 * ahead)

@@ -58,8 +58,7 @@ class TrajectorySource:
     Attributes:
         file_format: Kind of the file, or the encoding of its text; None if there is no file.
         part: Name of the trajectory among several in the file; None if the file has only one.
-        columns: Columns of the axes in the order of `Trajectory.axes`, then the columns of times and counter,
-            if any.
+        columns: Columns in the order of `Trajectory.axes`, then those of times and counter, if any.
         notes: Assumptions, omissions and conversions, one clause each.
     """
 
@@ -75,13 +74,11 @@ class Trajectory:
     """Set points of one pose type; an array whose shape does not fit raises ValueError.
 
     Attributes:
-        points: Read-only float64 array, one row per set point, one column per axis in the order of slvMove.
-            Units are mm and degrees (mm for linear joints); Fig and direction cosines have no unit. The
-            number of columns is the number of axes in the file: 1 to 8 joints, 6 or 7 numbers of P type, 9 or
-            10 of T type.
+        points: Read-only array, one row per set point, one column per axis of the file in the order of
+            slvMove: 1 to 8 joints, 6 or 7 numbers of P type, 9 or 10 of T type. Units are mm and degrees; Fig
+            and direction cosines have no unit.
         period: Seconds between two set points according to the file; None if the file does not say.
-        times: Read-only float64 array: seconds from the first set point to each one; None if the file has no
-            times.
+        times: Read-only array: seconds from the first set point to each one; None if the file has no times.
     """
 
     kind: PoseType

@@ -44,12 +44,9 @@ _AXIS_NUMBERS = range(1, len(AXES[PoseType.J]) + 1)
 def read_documents(
     documents: Sequence[object], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read trajectories from the documents of a parsed file: one for JSON, one or several for YAML.
+    """Read trajectories from the documents of a parsed file, or raise TrajectoryError if there are none.
 
-    For ROS messages, options apply only to facts that the messages leave open.
-
-    Raises:
-        TrajectoryError: The documents hold no trajectory.
+    A JSON file is one document. For ROS messages, options apply only to facts that the messages leave open.
     """
     only = documents[0] if len(documents) == 1 else None
     if isinstance(only, dict) and only.get("format") == EXTRACT_FORMAT:

@@ -18,9 +18,7 @@ from bcapscope.protocol.slave_mode.poses import AXES, Axis
 class TrajectoryMotion:
     """The motion of some axes in mm or degrees, with `period` seconds between two rows.
 
-    Attributes:
-        rows: One row per set point, one column per axis; rotations continue beyond half a turn. A row is NaN
-            if the arm does not reach the point.
+    There is one row per set point, and rotations continue beyond half a turn. Out of reach, a row is NaN.
     """
 
     axes: tuple[Axis, ...]
@@ -61,10 +59,7 @@ def _joints(kind: PoseType, points: Array, to_joints: ToJoints) -> Array:
 
 
 def limit_excess(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> float:
-    """Return the largest share of a speed or acceleration limit that any axis uses; 1 is the whole limit.
-
-    The share is infinite if a point is out of reach.
-    """
+    """Return the largest share of a speed or acceleration limit that is used; infinite if out of reach."""
     worst = 0.0
     for motion in motions_of(kind, points, period, limits):
         known = [limits.limit_for(axis.name, axis.unit) for axis in motion.axes]

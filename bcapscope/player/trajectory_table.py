@@ -60,12 +60,9 @@ class TableLine(NamedTuple):
 def read_table(
     lines: Iterable[str], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read a table; `source.file_format` holds its encoding.
+    """Read a table; `source.file_format` holds its encoding. Raise TrajectoryError if it has no set points.
 
     Returns one trajectory, or one per run of records if records are missing between the runs.
-
-    Raises:
-        TrajectoryError: The table holds no set points.
     """
     text = iter(lines)
     head = list(islice(text, HEAD_LINES))

@@ -48,7 +48,7 @@ def read_project(path: Path, read_file: FileReader) -> tuple[Trajectory, ...]:
     because its meaning is unknown. A capture is not read either, because WINCAPS III exports no captures.
 
     Raises:
-        TrajectoryError: The project holds no control log; the message lists its files and says what to
+        TrajectoryError: There is no control log; the message lists the project's files and says what to
             export.
         OSError: The folder cannot be read.
     """

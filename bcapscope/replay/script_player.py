@@ -33,9 +33,8 @@ class NotAtStartError(BcapError):
 class PlayedCall(NamedTuple):
     """A call of the script, and the result that it had when it was played.
 
-    Attributes:
-        delay: Time in ns from the planned time to the time when the call was played. Calls are delayed when
-            earlier calls take longer than in the recording.
+    `delay` is the time in ns from the planned time to the call. It grows if earlier calls take longer than
+    recorded.
     """
 
     script_call: ScriptCall
@@ -86,11 +85,9 @@ class ScriptPlayer:
         longest_pause: int,
         anywhere: bool = False,
     ) -> None:
-        """Prepare to play; nothing is sent yet.
+        """Prepare to play, and send nothing yet; shorten pauses between two calls to `longest_pause` ns.
 
-        Args:
-            longest_pause: Maximum pause between two calls, ns. Longer pauses are shortened to this time.
-            anywhere: Whether to enter slave mode even if the robot is not at the first set point.
+        `anywhere` allows slave mode even if the robot is not at the first set point.
         """
         self._script = script
         self._opener = opener
@@ -100,15 +97,11 @@ class ScriptPlayer:
         self._handles: dict[tuple[ObjectClass, int], int] = {}
 
     async def play(self, on_played: Callable[[PlayedCall], bool]) -> None:
-        """Play the script to its end.
-
-        Args:
-            on_played: Called after each played call. Playing ends early if `on_played` returns False.
+        """Play the script to its end, or until `on_played`, called after each played call, returns False.
 
         Raises:
             ValueError: The script uses an object whose name is unknown.
-            NotAtStartError: The robot is too far from the first set point, or its position is unknown. Slave
-                mode was not entered.
+            NotAtStartError: The robot is too far from the first set point, or its position is unknown.
             BcapError: An object could not be opened, or a call could not be sent.
             OSError: The link is lost.
         """

@@ -53,13 +53,10 @@ def mode_entered(call: ScriptCall) -> int | None:
 
 
 def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
-    """Yield the runs of set points in a script.
+    """Yield the runs of set points in a script; read those before a known mode as joint positions.
 
-    Set points before a known mode are read as joint positions.
-
-    Raises:
-        UnreadableSetPointError: A set point is no pose, or has another number of axes than the first one of
-            its run.
+    Raises UnreadableSetPointError for a set point that is no pose, or has another number of axes than the
+    first one of its run.
     """
     kind, points = PoseType.J, list[ScriptCall]()
     for line in script.calls:

@@ -32,10 +32,7 @@ _NOWHERE: _Step = (0, ())
 
 
 class ArmMotion(NamedTuple):
-    """One ordinary motion from joints to joints; `begin` and `end` are in ns.
-
-    The encoders arrive `ENCODER_LAG_NS` later.
-    """
+    """One ordinary motion from joints to joints; the encoders arrive `ENCODER_LAG_NS` after the command."""
 
     start: Joints
     goal: Joints
@@ -56,10 +53,7 @@ class ArmMotion(NamedTuple):
 def motion_duration(
     start: Joints, goal: Joints, speed: float, limits: tuple[AxisLimit, ...] = AXIS_LIMITS
 ) -> int:
-    """Return the shortest time, ns, in which no axis exceeds its speed or acceleration.
-
-    `speed` is a share of the highest speed, above 0 and at most 1.
-    """
+    """Return the shortest time in ns in which no axis exceeds its limits; `speed` is a share of the top."""
     longest = 0.0
     for a, b, limit in zip(start, goal, limits, strict=False):
         way = abs(b - a)
@@ -136,10 +130,7 @@ class Arm:
         self._changed = now
 
     def add_set_point(self, joints: Joints, began: int, time: int) -> None:
-        """Add a set point; the arm moves to it in a straight line from `began` to `time`, both in ns.
-
-        Until `began`, the arm stays at the previous set point.
-        """
+        """Stay until `began`, then move in a straight line that ends at `joints` at `time`; times in ns."""
         if not self._steps or joints != self._steps[-1][1]:
             self._changed = time
         if self._steps and self._steps[-1][0] < began:
@@ -189,10 +180,7 @@ class TimedMove:
     def __init__(
         self, arm: Arm, goal: Joints, now: int, speed: float, *, passing: int = 0, min_duration: int = 0
     ) -> None:
-        """Begin the motion; `passing` is as in `MotionTarget`, `min_duration` in ns.
-
-        `speed` is a share of the highest speed, above 0 and at most 1.
-        """
+        """Begin the motion at a share of the highest speed; `passing` is as in `MotionTarget`, time in ns."""
         self._arm = arm
         self._goal = goal
         self._speed = speed

@@ -48,12 +48,7 @@ class CallReport(NamedTuple):
 
 
 class CallExecutor:
-    """Runs the calls of one client.
-
-    Attributes:
-        last_heard: Time of the client's last request in ns.
-        running: The call that is running; None if no call runs.
-    """
+    """Runs the calls of one client; `last_heard` is the time of the client's last request in ns."""
 
     def __init__(
         self, machine: Machine, number: int, udp: bool, report: Callable[[CallReport], None]

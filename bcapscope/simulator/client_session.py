@@ -64,7 +64,6 @@ class ClientSession:
     """The session of one client from its first call to its last; the client is known by a number.
 
     Attributes:
-        is_started: Whether the client has called Service_Start.
         wdt: Time in ns between two S_EXECUTING notices; None if the client gets no notices.
         invoke_timeout: Longest time in ns that a call may run.
     """
@@ -166,8 +165,8 @@ def is_allowed_in_slave_mode(
 ) -> bool:
     """Return whether slave mode accepts a call; `is_other` means that another client has the arm.
 
-    Where no source says whether a call is accepted, calls that only read are accepted and all others refused.
-    The function accepts unknown commands, because they are refused later anyway.
+    If no source names a call, it is accepted only if it just reads. Unknown commands are accepted here and
+    refused later.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:

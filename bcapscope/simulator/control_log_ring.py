@@ -28,11 +28,7 @@ class ControlLogRecord(NamedTuple):
 
 
 class ControlLog:
-    """The ring of log records; the oldest record has index 0.
-
-    Attributes:
-        due: Time of the next record in ns; None while the log does not record.
-    """
+    """The ring of log records, oldest first; `due` is the time of the next record in ns, None if off."""
 
     def __init__(self) -> None:
         self.records: deque[ControlLogRecord] = deque(maxlen=MAX_RECORDS)

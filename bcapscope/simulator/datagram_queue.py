@@ -22,7 +22,7 @@ class DatagramQueue(Generic[Sender]):
 
     Attributes:
         waiting: Arrival time and bytes of each waiting datagram by sender, oldest first.
-        dropped: Number of datagrams that were dropped because too many were waiting.
+        dropped: Number of datagrams that did not fit into the queue.
     """
 
     def __init__(self) -> None:

@@ -25,8 +25,7 @@ class Equipment:
         hand: COBOTTA's electric hand, which is also the extension `Hand0`.
         gripper: The 2FG hand.
         vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
-        tools: Definitions of tools by number; the definition of a missing tool is all zeros. `works` holds
-            the definitions of works.
+        tools: Definitions of tools by number; a missing tool is all zeros. `works` holds those of works.
         lines: Numbers of the open serial and socket lines.
         brackets: Names of the open brackets around motions: `time` and `move`.
         force_control: Number of the active force control; None if force control is off.

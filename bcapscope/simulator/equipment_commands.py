@@ -57,10 +57,7 @@ def _close_bracket(context: CallContext, parameter: Variant, name: str) -> None:
 
 
 def _force_control(context: CallContext, parameter: Variant) -> None:
-    """Run ForceCtrl with the parameters on or off, number 1..10, mode.
-
-    Force control stays off while the motor is off.
-    """
+    """Run ForceCtrl: on or off, number 1..10, mode. Force control stays off while the motor is off."""
     items, machine = items_of(parameter), context.machine
     machine.check_arm(context.client)
     if integer_of(argument_at(items, 0)) == 0:

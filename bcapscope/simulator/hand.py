@@ -41,11 +41,7 @@ TWO_FINGER_HAND = HandLimits(1.0, 39.0, 100.0, 1000.0, 20.0, 10.0, 20.0, 140.0)
 
 
 class HandMotion(NamedTuple):
-    """A motion of the fingers that accelerates, keeps its speed and brakes.
-
-    Attributes:
-        speed: Highest speed reached.
-    """
+    """A motion of the fingers that accelerates, keeps its highest speed `speed`, and brakes."""
 
     start: float
     goal: float

@@ -54,10 +54,7 @@ _SUCTION, _SUCTION_LOAD = -0.5, 50.0
 def _move_to(
     context: CallContext, parameter: Variant, relative: bool = False, grips: bool = False
 ) -> HandlerOutcome:
-    """Run HandMoveA, HandMoveR, HandMoveAH or HandMoveRH.
-
-    The parameters are width or distance [mm], speed [%] and, for a grip, force [N].
-    """
+    """Run HandMoveA, -R, -AH or -RH with width or distance [mm], speed [%] and, for a grip, force [N]."""
     items, hand = items_of(parameter), context.machine.equipment.hand
     goal = float(number_of(argument_at(items, 0))) + (hand.width(context.now) if relative else 0.0)
     speed = _speed(hand, argument_at(items, 1))
@@ -82,10 +79,7 @@ def _chuck(context: CallContext, parameter: Variant, closes: bool) -> HandlerOut
 
 
 def _suck(context: CallContext, parameter: Variant) -> None:
-    """Run HandMoveVH of the vacuum hand with the parameters power [%] and whether to draw in.
-
-    HandStop ends the vacuum.
-    """
+    """Run HandMoveVH with the parameters power [%] and whether to draw in; HandStop ends the vacuum."""
     items = items_of(parameter)
     power = float(number_of(argument_at(items, 0)))
     draws = number_of(argument_at(items, 1)) != 0

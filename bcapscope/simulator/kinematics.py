@@ -95,11 +95,7 @@ def position(joints: Joints) -> tuple[float, ...]:
 
 
 def joints_of_position(values: tuple[float, ...]) -> Joints:
-    """Compute the joints that reach X, Y, Z, Rx, Ry, Rz, with the elbow outside and J1 towards the target.
-
-    Raises:
-        RefusedError: The position is out of reach.
-    """
+    """Compute the joints for X, Y, Z, Rx, Ry, Rz, elbow outside; refuse a position that is out of reach."""
     x, y, z, *wrist = values[:6]
     radius, height = hypot(x, y), z - SHOULDER_HEIGHT
     reach = hypot(radius, height) / (2 * LINK_LENGTH)
@@ -111,10 +107,7 @@ def joints_of_position(values: tuple[float, ...]) -> Joints:
 
 
 def trans(joints: Joints) -> tuple[float, ...]:
-    """Compute a T-type pose from joints: X, Y, Z, orientation vector, approach vector, Fig.
-
-    The vectors are the second and third column of the rotation.
-    """
+    """Compute a T-type pose from joints: X, Y, Z, second and third column of the rotation, Fig."""
     _, orientation, approach = _transposed(rotation(joints))
     return (*position(joints)[:3], *orientation, *approach, FIG)
 
@@ -128,11 +121,7 @@ def joints_of_trans(values: tuple[float, ...]) -> Joints:
 
 
 def joints_of(pose_type: PoseType, values: tuple[float, ...]) -> Joints:
-    """Compute the joints of any pose of finite numbers.
-
-    Raises:
-        RefusedError: There are too few numbers, or the position is out of reach.
-    """
+    """Compute the joints of any pose of finite numbers; refuse a pose that is too short or out of reach."""
     if len(values) < (9 if pose_type is _T else AXIS_COUNT):
         raise RefusedError(E_INVALIDARG)
     if pose_type is _J:
@@ -203,8 +192,8 @@ def rotation(pose: PoseNumbers) -> Matrix:
 def _combined_angles(pose: PoseNumbers, other: PoseNumbers, first: Matrix, second: Matrix) -> PoseNumbers:
     """Return the angles of first·second.
 
-    If the second rotation is zero, the angles of `pose` stay exactly the same, so that set points do not jump
-    by a full turn.
+    If the second rotation is zero, return the angles of `pose` unchanged, so that set points do not jump by a
+    full turn.
     """
     if not any(other[3:6]):
         return pose[3:6]

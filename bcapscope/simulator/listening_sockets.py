@@ -22,11 +22,7 @@ class SimulatorListenError(BcapError):
 
 
 def open_sockets(host: str, port: int) -> tuple[socket.socket, socket.socket]:
-    """Open a UDP and a TCP socket on one port; port 0 picks a port that is free for both.
-
-    Raises:
-        SimulatorListenError: The simulator cannot listen on the address or port.
-    """
+    """Open a UDP and a TCP socket on one port, or raise SimulatorListenError; 0 picks a port for both."""
     tries = 1 if port else 20
     for last in range(tries - 1, -1, -1):
         tcp = _bind(host, port, socket.SOCK_STREAM)

@@ -64,8 +64,7 @@ class InitialState:
         empty: Names, in capitals, of robot variables whose value is EMPTY.
         arm_taken: Whether a client outside this network has the arm.
         object_width: Width in mm of an object between the fingers of the hands; None for no object.
-        udp_clients: Number of client places that half-open UDP clients occupy; `tcp_clients` is the number
-            over TCP.
+        udp_clients: Number of places that half-open UDP clients occupy; `tcp_clients` is the number over TCP.
         epoch: Time in ns since 1970 at which the model's clock is 0.
     """
 
@@ -151,7 +150,6 @@ class Machine:
         stop_count: Number of times that Robot_Halt, an error or the emergency stop stopped motion so far.
         stopped_by: Result of the last stop.
         current_move: The last ordinary motion; None if that motion was stopped.
-        equipment: The hands and other equipment.
     """
 
     def __init__(self, profile: Profile, initial_state: InitialState | None = None, now: int = 0) -> None:
@@ -199,10 +197,7 @@ class Machine:
         return self._motor_at is not None and now >= self._motor_at
 
     def switch_motor(self, on: bool, now: int) -> int:
-        """Switch the motor on or off; return the time in ns at which the switching is done.
-
-        The call is refused under the conditions of `check_state`.
-        """
+        """Switch the motor on or off; return when this is done, in ns. `check_state` decides on a refusal."""
         if not on:
             self._lose_power()
             self.stop(now, MOTOR_IS_OFF, is_reported=False)
@@ -236,10 +231,7 @@ class Machine:
             raise RefusedError(E_ARM_NOT_TAKEN)
 
     def check_slave_mode(self, client: int, now: int) -> None:
-        """Refuse slave mode unless a motion could begin and, on RC7, RobSlave runs.
-
-        RC7 needs this program (DENSO Wave 2009, How to use the Slave mode). Its answer is not documented.
-        """
+        """Refuse slave mode unless a motion could begin and, on RC7, RobSlave runs (DENSO Wave 2009)."""
         self.check_motion(client, now)
         if self.profile.needs_robslave and self.tasks.get(ROBSLAVE.casefold()) != RUNNING:
             raise RefusedError(E_FAIL)

@@ -45,10 +45,7 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: CallContext, interpolation: Variant, pose: Variant, option: Variant) -> HandlerOutcome:
-    """Run Robot_Move.
-
-    The simulator executes lines and circles like PTP; free curves hold no points.
-    """
+    """Run Robot_Move; lines and circles are executed like PTP, and free curves hold no points."""
     kind, read = integer_of(interpolation), context.machine.memory.read
     if kind == _CIRCLE:
         targets = [parse_target(each, read) for each in _poses(pose)]

@@ -32,8 +32,7 @@ class ControllerObject:
     Attributes:
         parent: Object from which this one was opened; None for a controller.
         tag: Value that the client stored with PutTag.
-        id: Value that the client stored with PutID; for a variable whose name ends in `*`, the variable's
-            number.
+        id: Value that the client stored with PutID: the number of a variable whose name ends in `*`.
         values: Other values that objects of this class hold, such as a command's parameters.
     """
 

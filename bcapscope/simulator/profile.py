@@ -61,12 +61,9 @@ class Profile:
         replies: Content of the reserved field of replies.
         mode_type: VARIANT type of slvGetMode's result.
         real: VARIANT type of the numbers in a pose.
-        providers: Provider names that Controller_Connect accepts, in upper or lower case; () if the
-            controller ignores the name.
+        providers: Provider names that Controller_Connect accepts; () if the controller ignores the name.
         needs_robslave: Whether slave mode needs the task RobSlave.
         needs_arm: Whether motion needs TakeArm.
-        async_detector: Whether a late set point is an error in RC7's Async modes, which is a setting of the
-            pendant.
         running_result: Result code of slvChangeMode if the robot did not stand still in time.
         lacks: Commands that the controller does not know, in lower case.
     """

@@ -37,10 +37,7 @@ _KEEP, _SQUARE = -1, -2
 
 
 def _take_arm(context: CallContext, parameter: Variant) -> None:
-    """Run TakeArm; refuse it while another client has the arm.
-
-    Unless its second number is 1, TakeArm resets the internal speed, tool and work.
-    """
+    """Run TakeArm, unless another client has the arm; second number 1 keeps internal speed, tool and work."""
     machine, items = context.machine, items_of(parameter)
     keeps = len(items) > 1 and integer_of(items[1]) == 1
     if machine.owner not in (None, context.client):

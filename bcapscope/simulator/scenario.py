@@ -98,10 +98,7 @@ class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class InitialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """State of the controller when it is switched on, as in `machine.InitialState`.
-
-    `joints` holds six angles in degrees, and `empty` holds names in upper or lower case.
-    """
+    """State of the controller when it is switched on, as in `InitialState`; `joints` holds six angles."""
 
     joints: Joints6 = HOME[:6]
     mode: OperatingMode = OperatingMode.AUTOMATIC

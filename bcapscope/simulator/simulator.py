@@ -87,8 +87,7 @@ class ClientHost:
     Attributes:
         dropped: Number of datagrams that were no valid frame, or came from a client beyond the limit.
         refused: Number of connections that were closed because of a bad frame or too many clients.
-        evictable_after: Silence of a UDP client, in ns, after which a new client replaces it if all places
-            are taken.
+        evictable_after: Silence of a UDP client in ns after which a new client may take its place.
         closes_on_bad_frame: Whether a bad frame ends its connection; else the host skips the frame.
     """
 
@@ -241,9 +240,9 @@ class Simulator(ClientHost):
         now: int = 0,
         report: Callable[[Peer, CallReport], None] = lambda peer, report: None,
     ) -> None:
-        """Switch the controller on at `now`, in ns; all later times use the same clock.
+        """Switch the controller on at `now`, in ns of the clock that all later times use.
 
-        The simulator calls `report` with the client and the call for each answered call.
+        `report` gets the client and the call for each answered call.
         """
         self.machine = Machine(profile, initial_state, now)
         super().__init__(partial(CallExecutor, self.machine), report)

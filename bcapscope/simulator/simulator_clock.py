@@ -31,12 +31,7 @@ class ClockedModel(Protocol):
 
 
 class SimulatorClock:
-    """The model's clock. All times are in ns, and the times that the model receives never go back.
-
-    Attributes:
-        latest_time: The latest time that the model received.
-        paused_ns: Total length of all pauses in ns.
-    """
+    """The model's clock, in ns. The model never receives a time before `latest_time`, the last one."""
 
     def __init__(
         self,

@@ -115,11 +115,7 @@ class SimulatorServer:
     """
 
     def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:
-        """Listen on UDP and TCP; port 0 chooses a port that is free for both.
-
-        Raises:
-            SimulatorListenError: The server cannot listen on the port.
-        """
+        """Listen on UDP and TCP, or raise SimulatorListenError; port 0 picks a port that is free for both."""
         self._model = simulator
         self.tap: TrafficTap | None = None
         self.datagram_queue: DatagramQueue[_Address] = DatagramQueue()
@@ -434,10 +430,9 @@ class SimulatorServer:
 def serve(
     server: SimulatorServer, idle: Callable[[], bool], on_readable: Callable[[int], None], extra: list[int]
 ) -> None:
-    """Serve until interrupted.
+    """Serve until interrupted, and call `idle` after each step; it returns whether it has more work to do.
 
-    The loop calls `idle` after each step; `idle` returns whether it has more work to do. The loop calls
-    `on_readable` with each readable descriptor in `extra`; `on_readable` may change that list.
+    The loop calls `on_readable` with each readable descriptor in `extra`; `on_readable` may change that list.
     """
     is_busy = False
     while True:

@@ -41,10 +41,9 @@ class SlaveDrive:
         run_number: Number of slave-mode sessions so far.
         consumed: Number of set points consumed in this slave-mode session.
         next_tick: Time in ns at which the next set point is due.
-        async_detector: Whether a late set point is an error in modes that leave this to the pendant.
+        async_detector: Whether a late set point is an error in RC7's Async modes, a setting of the pendant.
         receive_format: Format of slvMove's result, as set by slvRecvFormat; None before slvRecvFormat.
-        unreported_result: Result that ended slave mode and that no client has received yet; 0 if there is
-            none.
+        unreported_result: Result that ended slave mode and that no client has received yet; 0 for none.
     """
 
     def __init__(
@@ -100,8 +99,7 @@ class SlaveDrive:
     def push(self, joints: Joints) -> int:
         """Put a set point into the buffer; return the value of `consumed` at which slvMove may answer.
 
-        Raises:
-            RefusedError: The buffer is full, and the mode does not make the client wait.
+        A full buffer refuses the set point in modes that do not make the client wait.
         """
         mode = self.mode
         assert mode is not None
