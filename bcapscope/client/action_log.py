@@ -211,9 +211,7 @@ def _hex(raw: bytes) -> dict[str, object]:
 
 
 def _arguments_json(arguments: Sequence[Variant]) -> list[object]:
-    left = [_MAX_VALUES]
-    shown: list[object] = [_typed_json(argument, left) for argument in arguments[:_MAX_VALUES]]
-    return shown + ([f"{len(arguments) - len(shown)} more"] if len(arguments) > len(shown) else [])
+    return _elements_json(arguments, [_MAX_VALUES])
 
 
 def _typed_json(variant: Variant, left: list[int]) -> object:

@@ -58,19 +58,17 @@ class LogFiles:
         path = self.path
         if path.parent != self._folder or not path.name.startswith(f"{self._name}-{day}"):
             self._folder.mkdir(parents=True, exist_ok=True)
-            path = self._numbered_path(
-                day, max(map(_number_of, self._folder.glob(f"{self._name}-{day}*")), default=1)
-            )
+            numbers = map(_number_of, self._folder.glob(f"{self._name}-{day}*"))
+            path = self._numbered_path(day, max(numbers, default=1))
         try:
             size = path.stat().st_size
         except FileNotFoundError:
             self._folder.mkdir(parents=True, exist_ok=True)  # deleted while bcapscope runs
             self._delete_oldest()
             return path
-        return path if size < self._max_file_size else self._current_after(path, day)
-
-    def _current_after(self, full: Path, day: str) -> Path:
-        self.path = self._numbered_path(day, _number_of(full) + 1)
+        if size < self._max_file_size:
+            return path
+        self.path = self._numbered_path(day, _number_of(path) + 1)
         return self._current(day)
 
     def _numbered_path(self, day: str, number: int) -> Path:

@@ -37,11 +37,7 @@ def variant_of(value: object) -> Variant:
 
 
 def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant, ...]:
-    """Convert Python values to the arguments of a request, handle first, with the types of the function.
-
-    Raises:
-        LocalProtocolError: A value does not fit its type, or b-CAP has no type for it.
-    """
+    """Convert values to the arguments of a request, handle first; raise LocalProtocolError if one is bad."""
     return tuple(
         variant_of(value)
         if isinstance(value, Variant) or param.type == "VARIANT"

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from bcapscope.analysis.finding import Severity
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Enumeration, Measured
-from bcapscope.player.arm_limits import MAX_ARM_SPEED
-from bcapscope.player.checks import RESAMPLE_ADVICE
-from bcapscope.player.preflight_problem import (
+from bcapscope.player.arm_limits import MAX_ARM_SPEED, TrajectoryMotion, motions_of
+from bcapscope.player.checks import (
+    RESAMPLE_ADVICE,
     PreflightContext,
     PreflightProblem,
     problem_at,
@@ -26,7 +26,6 @@ from bcapscope.player.smooth_curve import (
     matches_posture,
     unwrap_rotations,
 )
-from bcapscope.player.trajectory_motion import TrajectoryMotion, motions_of
 from bcapscope.protocol.slave_mode.poses import Axis
 from bcapscope.simulator.kinematics import AxisLimit
 
@@ -81,8 +80,8 @@ def check_limits(context: PreflightContext) -> Iterator[PreflightProblem]:
         for place in range(len(motion.axes)):
             yield from _check_axis_limits(context, motion, place)
     yield from _check_turning(context)
-    names = [axis.name for axis in context.trajectory.axes if axis.unit]
-    if not any(map(context.limits.has_limit, names)) and context.limits.to_joints is None:
+    names = {axis.name for axis in context.trajectory.axes if axis.unit}
+    if not context.limits.axes.keys() & names and context.limits.to_joints is None:
         fact, advice = Message("preflight.limits-unknown"), Message("preflight.advice.limits")
         yield PreflightProblem("limits", Severity.NOTE, fact, advice)
 

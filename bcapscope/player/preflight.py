@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -12,9 +12,9 @@ from bcapscope.analysis.finding import Severity
 from bcapscope.messages import Message
 from bcapscope.player import checks, motion_checks
 from bcapscope.player.arm_limits import UNKNOWN_ARM, ArmLimits, limits_for_arm, with_limits
+from bcapscope.player.checks import PreflightContext, PreflightProblem
 from bcapscope.player.motion_checks import AxisFigures
 from bcapscope.player.player_messages import ControllerInfo, PlayPlan
-from bcapscope.player.preflight_problem import PreflightContext, PreflightProblem
 from bcapscope.player.trajectory import Trajectory
 from bcapscope.protocol.slave_mode.modes import SlaveMode
 
@@ -75,6 +75,11 @@ class PreflightResult:
         return (len(trajectory) - 1) * (trajectory.period or self.period)
 
 
+def most_serious_first(problems: Iterable[PreflightProblem]) -> tuple[PreflightProblem, ...]:
+    rank = list(Severity)
+    return tuple(sorted(problems, key=lambda problem: rank.index(problem.severity)))
+
+
 def run_preflight(
     trajectory: Trajectory,
     period: float,
@@ -92,12 +97,11 @@ def run_preflight(
         for each in (*_FORM_CHECKS, *(_NUMBER_CHECKS if sound else ())):
             findings += each(case)
         figures = motion_checks.axis_figures(case) if sound else ()
-    rank = list(Severity)
     return PreflightResult(
         trajectory=trajectory,
         period=period,
         arm_name=limits.arm_name,
-        problems=tuple(sorted(findings, key=lambda finding: rank.index(finding.severity))),
+        problems=most_serious_first(findings),
         axis_figures=figures,
         first_point_offsets=motion_checks.first_point_offsets(case) if sound else None,
     )

@@ -16,11 +16,10 @@ import numpy as np
 from bcapscope.errors import InputError
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Measured
-from bcapscope.player.arm_limits import UNKNOWN_ARM, ArmLimits
+from bcapscope.player.arm_limits import UNKNOWN_ARM, ArmLimits, limit_excess
 from bcapscope.player.set_point_timing import find_gaps
 from bcapscope.player.smooth_curve import Array, SmoothCurve
 from bcapscope.player.trajectory import MAX_POINTS, Trajectory, TrajectoryError
-from bcapscope.player.trajectory_motion import limit_excess
 from bcapscope.protocol.slave_mode.poses import Axis
 
 DEFAULT_RAMP = 0.25

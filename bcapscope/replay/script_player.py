@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
+from bcapscope.client.handle_table import first_number
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.errors import BcapError, ControllerError
 from bcapscope.messages import Message
@@ -132,7 +133,7 @@ class ScriptPlayer:
         """Return the arguments with the current handle instead of the recorded one; None if the call releases
         an object that is not open."""
         function = FUNCTIONS.get(call.kind.function_id)
-        old = _first_number(call.arguments)
+        old = first_number(call.arguments)
         if function is None or not function.takes_handle or old is None:
             return call.arguments
         owner = function.owner
@@ -172,15 +173,10 @@ class ScriptPlayer:
         function = FUNCTIONS.get(call.kind.function_id)
         if function is None or function.creates is None or not isinstance(result, CallAnswered):
             return
-        then = _first_number(call.values)
-        now = _first_number([argument.variant for argument in result.reply.arguments])
+        then = first_number(call.values)
+        now = first_number(result.reply.variants)
         if then is not None and now is not None:
             self._handles[function.creates, then] = now
-
-
-def _first_number(values: Sequence[Variant]) -> int | None:
-    value = values[0].value if values else None
-    return value if isinstance(value, int) else None
 
 
 def _nearly_equal(first: object, second: object) -> bool:

@@ -12,7 +12,7 @@ from collections import deque
 from math import sqrt
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.simulator.kinematics import AXIS_LIMITS, AxisLimit, Joints
+from bcapscope.simulator.kinematics import AXIS_LIMITS, Joints
 from bcapscope.simulator.pose_notation import END_OF_ENCODERS, PASSING
 
 MS = 1_000_000
@@ -50,12 +50,10 @@ class ArmMotion(NamedTuple):
         return tuple(a + (b - a) * share for a, b in zip(self.start, self.goal, strict=True))
 
 
-def motion_duration(
-    start: Joints, goal: Joints, speed: float, limits: tuple[AxisLimit, ...] = AXIS_LIMITS
-) -> int:
+def motion_duration(start: Joints, goal: Joints, speed: float) -> int:
     """Return the shortest time in ns in which no axis exceeds its limits; `speed` is a share of the top."""
     longest = 0.0
-    for a, b, limit in zip(start, goal, limits, strict=False):
+    for a, b, limit in zip(start, goal, AXIS_LIMITS, strict=False):
         way = abs(b - a)
         at_speed = _PEAK_SPEED * way / (limit.speed * speed)
         longest = max(longest, at_speed, sqrt(_PEAK_ACCELERATION * way / limit.acceleration))
@@ -84,11 +82,7 @@ class Arm:
     @property
     def at_rest_from(self) -> int:
         """Time in ns from which the encoders stand still unless a new motion begins."""
-        return (
-            self._changed + ENCODER_LAG_NS
-            if self._steps
-            else max(self._changed, self._motion.ends) + ENCODER_LAG_NS
-        )
+        return (self._changed if self._steps else max(self._changed, self._motion.ends)) + ENCODER_LAG_NS
 
     def is_at_rest(self, now: int) -> bool:
         """Return whether the commanded joints and the encoders stand still."""
@@ -116,9 +110,8 @@ class Arm:
     def move(self, goal: Joints, now: int, speed: float, min_duration: int = 0) -> ArmMotion:
         """Begin an ordinary motion from the commanded joints that takes at least `min_duration` ns."""
         start = self.commanded(now)
-        self._motion = ArmMotion(
-            start, goal, now, now + max(min_duration, motion_duration(start, goal, speed))
-        )
+        duration = max(min_duration, motion_duration(start, goal, speed))
+        self._motion = ArmMotion(start, goal, now, now + duration)
         self._forget_steps()
         return self._motion
 

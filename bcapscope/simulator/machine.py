@@ -157,7 +157,7 @@ class Machine:
         self.initial_state = initial_state or InitialState()
         self.started_at = now
         self.arm = Arm(self.initial_state.joints)
-        self.slave = SlaveDrive(self.arm, self.initial_state.limits, profile.async_detector)
+        self.slave = SlaveDrive(self.arm, self.initial_state.limits)
         self.alarms = Alarms()
         self.log = ControlLog()
         self.memory = VariableMemory(profile.real)

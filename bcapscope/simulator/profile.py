@@ -78,7 +78,6 @@ class Profile:
     providers: tuple[str, ...]
     needs_robslave: bool
     needs_arm: bool
-    async_detector: bool
     running_result: int
     lacks: frozenset[str]
     version: str
@@ -96,13 +95,13 @@ _RC8 = Profile(
     providers=("CaoProv.DENSO.VRC",),
     needs_robslave=False,
     needs_arm=True,
-    async_detector=False,
     running_result=0x8150100D,
     lacks=_RC7_ONLY | _TWO_FINGER_HAND,
     version="2.0.0",
 )
 
-_RC7 = Profile(
+_RC7 = replace(
+    _RC8,
     name="rc7",
     title="RC7",
     generation=Generation.RC7,
@@ -113,13 +112,10 @@ _RC7 = Profile(
     providers=(),
     needs_robslave=True,
     needs_arm=False,
-    async_detector=False,
     running_result=0x0000600B,
     lacks=_RC8_ONLY,
     version="3.0.0",
 )
-
-
 _RC9 = replace(
     _RC8,
     name="rc9",

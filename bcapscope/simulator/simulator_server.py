@@ -148,10 +148,7 @@ class SimulatorServer:
         self._spares.close()
 
     def step(self, until: float = LONGEST_WAIT, extra: Sequence[int] = ()) -> list[int]:
-        """Wait up to `until` seconds for a socket or a due time, and serve it.
-
-        `extra` holds other file descriptors to wait for; the method returns those that are readable.
-        """
+        """Serve sockets and due times for at most `until` seconds; return the readable ones of `extra`."""
         now = self._clock.now()
         self._tidy()
         due = self._model.due(now)

@@ -46,9 +46,7 @@ class SlaveDrive:
         unreported_result: Result that ended slave mode and that no client has received yet; 0 for none.
     """
 
-    def __init__(
-        self, arm: Arm, limits: tuple[AxisLimit, ...] = AXIS_LIMITS, async_detector: bool = False
-    ) -> None:
+    def __init__(self, arm: Arm, limits: tuple[AxisLimit, ...] = AXIS_LIMITS) -> None:
         self.mode: SlaveMode | None = None
         self.run_number = 0
         self.consumed = 0
@@ -56,9 +54,9 @@ class SlaveDrive:
         self.send_format = POSE_ONLY_FORMAT
         self.receive_format: ReceiveFormat | None = None
         self.unreported_result = 0
+        self.async_detector = False
         self._arm = arm
         self._limits = limits
-        self.async_detector = async_detector
         self._queue: deque[Joints] = deque()
         self._speed: Joints = (0.0,) * 8
         self._moving = False
