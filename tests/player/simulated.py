@@ -10,6 +10,7 @@ from random import Random
 from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.messages import Message
 from bcapscope.player.blocking_caller import run_blocking
+from bcapscope.player.channel import Channel
 from bcapscope.player.frame_recorder import FrameRecorder
 from bcapscope.player.play_session import YES, PlaySession
 from bcapscope.player.player_messages import (
@@ -37,7 +38,7 @@ _SLVMOVE = "slvMove".encode("utf-16-le")
 TARGET = ControllerTarget("simulator")
 
 
-class SimulatedChannel:
+class SimulatedChannel(Channel):
     """A way to a simulator, over a network that takes its time and loses some.
 
     Attributes:
