@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
+from itertools import permutations
 from typing import TypeAlias
 
 from bcapscope.protocol.codec.variant import Variant
@@ -43,7 +44,7 @@ from bcapscope.simulator.kinematics import (
 from bcapscope.simulator.pose_notation import parse_pose, parse_target
 from bcapscope.simulator.result_codes import BAD_INDEX
 
-_P, _J, _T = PoseType.P, PoseType.J, PoseType.T
+_P = PoseType.P
 ZERO_FRAME: CoordinateFrame = (0.0,) * 6
 """Definition of a tool or work that no client has defined."""
 
@@ -182,12 +183,10 @@ FRAMES: Mapping[str, FrameTable] = {
 }
 
 FRAME_COMMANDS: CommandTable = {
-    "j2p": partial(_convert, source=_J, target=_P),
-    "j2t": partial(_convert, source=_J, target=_T),
-    "p2j": partial(_convert, source=_P, target=_J),
-    "p2t": partial(_convert, source=_P, target=_T),
-    "t2j": partial(_convert, source=_T, target=_J),
-    "t2p": partial(_convert, source=_T, target=_P),
+    **{
+        f"{source}2{target}".lower(): partial(_convert, source=source, target=target)
+        for source, target in permutations(PoseType, 2)
+    },
     "outrange": _out_range,
     "checkvirtualfence": _check_virtual_fence,
     "dev": partial(_move, move=moved_in_base),
