@@ -120,7 +120,7 @@ class ActionLog:
             "who": who,
             "serial": item.serial,
             "sent": name,
-            "arguments": _arguments_json(item.variants),
+            "arguments": _elements_json(item.variants, [_MAX_VALUES]),
             **_hex(item.raw),
         }
         self._write(time, connection, fields, needs_arming(item.code, item.variants))
@@ -208,10 +208,6 @@ def _hex(raw: bytes) -> dict[str, object]:
     """Return the first bytes of a frame as hex, and the frame's size if bytes are left out."""
     shown: dict[str, object] = {"hex": raw[:_MAX_BYTES].hex()}
     return shown if len(raw) <= _MAX_BYTES else {**shown, "bytes": len(raw)}
-
-
-def _arguments_json(arguments: Sequence[Variant]) -> list[object]:
-    return _elements_json(arguments, [_MAX_VALUES])
 
 
 def _typed_json(variant: Variant, left: list[int]) -> object:

@@ -7,7 +7,7 @@ both ends. Position, speed and acceleration therefore stay continuous, and both 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from math import ceil, inf, isfinite
 
@@ -20,7 +20,6 @@ from bcapscope.player.arm_limits import UNKNOWN_ARM, ArmLimits, limit_excess
 from bcapscope.player.set_point_timing import find_gaps
 from bcapscope.player.smooth_curve import Array, SmoothCurve
 from bcapscope.player.trajectory import MAX_POINTS, Trajectory, TrajectoryError
-from bcapscope.protocol.slave_mode.poses import Axis
 
 DEFAULT_RAMP = 0.25
 """Default duration of a start or a stop, seconds."""
@@ -100,7 +99,8 @@ def stop_after(
     window = np.arange(row - 2, row + 2 + (longest + 1) // 2)
     places = window % len(trajectory) if loop else np.clip(window, 0, len(trajectory) - 1)
     near = trajectory.points[places]
-    turning = _moving_axes(trajectory.axes, near)
+    widths = zip(trajectory.axes, np.ptp(near, axis=0), strict=True)
+    turning = [axis for axis, width in widths if width > 0 and axis.unit]
     bounded = all(limits.limit_for(axis.name, axis.unit).acceleration < inf for axis in turning)
     cycles = max(ceil((_SHORTEST_STOP if bounded else _DEFAULT_STOP) / period), 2)
     if longest < cycles:
@@ -114,11 +114,6 @@ def stop_after(
         if cycles == longest or limit_excess(trajectory.kind, whole, period, limits) <= allowed:
             return points
         cycles = min(ceil(cycles * _STOP_GROWTH), longest)
-
-
-def _moving_axes(axes: Sequence[Axis], points: Array) -> list[Axis]:
-    span = np.ptp(points, axis=0)
-    return [axis for axis, width in zip(axes, span, strict=True) if width > 0 and axis.unit]
 
 
 def _curve_parameters(end: float, period: float, speed: float, ramp: float) -> Array:

@@ -88,11 +88,6 @@ def _force_sensor(context: CallContext, parameter: Variant) -> None:
         raise RefusedError(E_INVALIDARG)
 
 
-def _robot_info(context: CallContext, parameter: Variant) -> Variant:
-    """Run RobInfo, which returns the type name for parameter 1 and an empty text for others."""
-    return bstr(context.machine.initial_state.type_name if integer_of(parameter) == 1 else "")
-
-
 def _button_state(context: CallContext, parameter: Variant) -> Variant:
     """Run GetMechaButtonState or ClearMechaButtonState; the buttons 0 to 2 are never pressed."""
     number_within(parameter, _BUTTONS, BAD_INDEX)
@@ -109,23 +104,16 @@ def _scene_info(context: CallContext, parameter: Variant) -> Variant:
 
 def _switch_area(context: CallContext, parameter: Variant) -> None:
     """Run SetAreaEnabled, whose parameters are the area's number and on or off."""
-    items, areas = items_of(parameter), context.machine.equipment.areas
-    number = number_within(argument_at(items, 0), range(MAX_AREAS), BAD_INDEX)
-    (areas.add if number_of(argument_at(items, 1)) else areas.discard)(number)
+    areas = context.machine.equipment.areas
+    (areas.add if number_of(argument_at(items_of(parameter), 1)) else areas.discard)(_area(parameter))
 
 
-def _area_state(context: CallContext, parameter: Variant) -> Variant:
-    number = number_within(argument_at(items_of(parameter), 0), range(MAX_AREAS), BAD_INDEX)
-    return boolean(number in context.machine.equipment.areas)
+def _area(parameter: Variant) -> int:
+    return number_within(argument_at(items_of(parameter), 0), range(MAX_AREAS), BAD_INDEX)
 
 
 def _line(parameter: Variant) -> int:
     return number_within(parameter, range(MAX_LINES), BAD_INDEX)
-
-
-def _line_state(context: CallContext, parameter: Variant) -> Variant:
-    """Run State of the extension Comm, which returns 2 for an open line and 0 for a closed one."""
-    return i4(_LINE_IS_OPEN if _line(parameter) in context.machine.equipment.lines else 0)
 
 
 def _of_line(value: Variant | None) -> CommandHandler:
@@ -153,14 +141,17 @@ EQUIPMENT_COMMANDS: CommandTable = {
     ),
     "forcewaitcondition": accept_without_effect,
     "autocal": accept_without_effect,
-    "robinfo": _robot_info,
+    # RobInfo returns the type name for 1, and an empty text for other numbers.
+    "robinfo": lambda context, kind: bstr(
+        context.machine.initial_state.type_name if integer_of(kind) == 1 else ""
+    ),
     "getmechabuttonstate": _button_state,
     "clearmechabuttonstate": _button_state,
     "curscene": lambda context, _: i4(0),
     "cursubscene": lambda context, _: i4(0),
     "sceneinfo": _scene_info,
     "setareaenabled": _switch_area,
-    "getareaenabled": _area_state,
+    "getareaenabled": lambda context, area: boolean(_area(area) in context.machine.equipment.areas),
 }
 """Handlers of the commands of Robot_Execute by the commands' names in lower case."""
 
@@ -168,7 +159,7 @@ LINE_COMMANDS: CommandTable = {
     # Every line number exists, and no line has a device at its other end.
     "open": lambda context, line: context.machine.equipment.lines.add(_line(line)),
     "close": lambda context, line: context.machine.equipment.lines.discard(_line(line)),
-    "state": _line_state,
+    "state": lambda context, line: i4(_LINE_IS_OPEN if _line(line) in context.machine.equipment.lines else 0),
     "clear": _of_line(None),
     "count": _of_line(i4(0)),
     "input": _of_line(bstr("")),

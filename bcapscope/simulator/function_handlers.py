@@ -141,10 +141,6 @@ def command_runner(commands: CommandTable) -> FunctionHandler:
 _EXTENSION_HANDLERS = {name.casefold(): command_runner(commands) for name, commands in _EXTENSIONS.items()}
 
 
-def _extension_execute(context: CallContext, arguments: Arguments) -> HandlerOutcome:
-    return _EXTENSION_HANDLERS[context.object.name.casefold()](context, arguments)
-
-
 def _command_execute(context: CallContext, arguments: Arguments) -> None:
     """Run the command that a Command object holds; a command that takes time stores no result."""
     values = context.object.values
@@ -155,14 +151,6 @@ def _command_execute(context: CallContext, arguments: Arguments) -> None:
 
 def _stored_value(key: str, default: Variant = EMPTY) -> FunctionHandler:
     return lambda context, arguments: context.object.values.get(key, default)
-
-
-def _put_parameters(context: CallContext, arguments: Arguments) -> None:
-    context.object.values["parameters"] = check_storable(argument_at(arguments, 0))
-
-
-def _put_timeout(context: CallContext, arguments: Arguments) -> None:
-    context.object.values["timeout"] = i4(integer_of(argument_at(arguments, 0)))
 
 
 def _robot_move(context: CallContext, arguments: Arguments) -> HandlerOutcome:
@@ -213,12 +201,10 @@ def _date(context: CallContext, arguments: Arguments) -> Variant:
     return Variant(VT.DATE, context.machine.date(context.now))
 
 
-def _put_tag(context: CallContext, arguments: Arguments) -> None:
-    context.object.tag = check_storable(argument_at(arguments, 0))
-
-
-def _put_id(context: CallContext, arguments: Arguments) -> None:
-    context.object.id = check_storable(argument_at(arguments, 0))
+def _put(field: str) -> FunctionHandler:
+    return lambda context, arguments: setattr(
+        context.object, field, check_storable(argument_at(arguments, 0))
+    )
 
 
 def _variable_names(context: CallContext, arguments: Arguments) -> Variant:
@@ -231,9 +217,9 @@ _SHARED_HANDLERS: Mapping[str, FunctionHandler] = {
     "GetHelp": lambda context, _: bstr(""),
     "GetName": lambda context, _: bstr(context.object.name),
     "GetTag": lambda context, _: context.object.tag,
-    "PutTag": _put_tag,
+    "PutTag": _put("tag"),
     "GetID": lambda context, _: context.object.id,
-    "PutID": _put_id,
+    "PutID": _put("id"),
     "Release": lambda context, _: context.objects.release(context.object),
     "Disconnect": lambda context, _: context.objects.release(context.object),
     "GetVariableNames": _variable_names,
@@ -255,7 +241,9 @@ _OWN_HANDLERS: Mapping[str, FunctionHandler] = {
     "File_GetSize": lambda context, _: i4(0),
     "File_GetType": lambda context, _: bstr(context.object.name.rpartition(".")[2]),
     "File_GetValue": lambda context, _: bstr(""),
-    "Extension_Execute": _extension_execute,
+    "Extension_Execute": lambda context, arguments: _EXTENSION_HANDLERS[context.object.name.casefold()](
+        context, arguments
+    ),
     "Robot_Execute": command_runner(ROBOT_COMMANDS),
     "Robot_Accelerate": _robot_accelerate,
     "Robot_Change": _robot_change,
@@ -277,10 +265,14 @@ _OWN_HANDLERS: Mapping[str, FunctionHandler] = {
     "Variable_GetMicrosecond": lambda context, _: i4(context.now // 1000 % 1_000_000),
     "Command_Execute": _command_execute,
     "Command_GetTimeout": _stored_value("timeout", i4(0)),
-    "Command_PutTimeout": _put_timeout,
+    "Command_PutTimeout": lambda context, arguments: context.object.values.update(
+        timeout=i4(integer_of(argument_at(arguments, 0)))
+    ),
     "Command_GetState": lambda context, _: i4(_STATE_DONE),
     "Command_GetParameters": _stored_value("parameters"),
-    "Command_PutParameters": _put_parameters,
+    "Command_PutParameters": lambda context, arguments: context.object.values.update(
+        parameters=check_storable(argument_at(arguments, 0))
+    ),
     "Command_GetResult": _stored_value("result"),
     "Message_Clear": lambda context, _: None,
 }

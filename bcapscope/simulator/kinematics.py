@@ -79,11 +79,8 @@ def axis_beyond_limit(joints: Joints, limits: tuple[AxisLimit, ...] = AXIS_LIMIT
         and l6[0] <= j6 <= l6[1]
     ):
         return None
-    return next(axis for axis in range(1, 7) if not _is_within(joints[axis - 1], limits[axis - 1]))
-
-
-def _is_within(joint: float, limit: AxisLimit) -> bool:
-    return limit.low <= joint <= limit.high
+    inside = (limit.low <= joint <= limit.high for joint, limit in zip(joints, limits, strict=False))
+    return list(inside).index(False) + 1
 
 
 def position(joints: Joints) -> tuple[float, ...]:

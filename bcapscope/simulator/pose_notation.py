@@ -63,7 +63,7 @@ def parse_pose(pose: Variant, read: ReadVariable) -> WrittenPose:
     if isinstance(pose.value, str):
         return _from_text(pose.value, read)
     items = argument_values.items_of(pose)
-    if items and (not _is_number(items[0]) or _is_index(items)):
+    if items and (not _is_number(items[0]) or 1 < len(items) <= 4):  # or number, type and pass of a variable
         return _from_parts(items, read)
     return _make_pose(None, argument_values.numbers_of(pose), 0)
 
@@ -93,7 +93,8 @@ def _from_text(text: str, read: ReadVariable) -> WrittenPose:
     if match["index"]:
         numbers = argument_values.numbers_of(read(type_, int(match["index"])))
     else:
-        numbers = tuple(map(_number, match["list"].split(",")))
+        texts = map(argument_values.bstr, match["list"].split(","))
+        numbers = tuple(float(argument_values.number_of(text)) for text in texts)
     return _make_pose(type_, numbers, parse_pass_text(match["pass"]))
 
 
@@ -123,11 +124,6 @@ def _is_number(item: Variant) -> bool:
     return isinstance(item.value, int | float)
 
 
-def _is_index(items: tuple[Variant, ...]) -> bool:
-    """Return whether an array is the number, type and pass of a variable, not the numbers of a pose."""
-    return 1 < len(items) <= 4 and _is_number(items[0])
-
-
 def _make_pose(type_: PoseType | None, numbers: tuple[float, ...], passing: int) -> WrittenPose:
     type_ = type_ or guess_pose_type(numbers)
     if type_ is None or len(numbers) < FEWEST_NUMBERS[type_]:
@@ -147,7 +143,3 @@ def _type(part: Variant) -> PoseType | None:
         return PoseType(letter.upper())
     except ValueError:
         raise RefusedError(E_INVALIDARG) from None
-
-
-def _number(text: str) -> float:
-    return float(argument_values.number_of(argument_values.bstr(text)))

@@ -89,10 +89,6 @@ def _current_pose(pose_type: PoseType, timed: bool = False) -> CommandHandler:
     return run
 
 
-def _destination(context: CallContext, parameter: Variant) -> Variant:
-    return float_array(context.machine.profile.real, pose_of(_P, context.machine.arm.goal))
-
-
 def _motion_complete(context: CallContext, parameter: Variant) -> Variant:
     """Run MotionComplete for the commanded motion; a second number 1 means that of the encoders."""
     items = items_of(parameter)
@@ -135,7 +131,9 @@ ROBOT_COMMANDS: CommandTable = {
     "curjnt": _current_pose(_J),
     "curtrn": _current_pose(_T),
     "highcurjntex": _current_pose(_J, timed=True),
-    "destpos": _destination,
+    "destpos": lambda context, _: float_array(
+        context.machine.profile.real, pose_of(_P, context.machine.arm.goal)
+    ),
     "curspd": _current_speed("internal"),
     "curacc": _current_speed("acceleration"),
     "curextspd": _current_speed("external"),
@@ -149,12 +147,8 @@ ROBOT_COMMANDS: CommandTable = {
     "stoplog": lambda context, _: context.machine.log.stop(),
     "getlogcount": lambda context, _: i4(len(context.machine.log.records)),
     "getlogrecord": _log_record,
-    "payload": accept_without_effect,
-    "speedmode": accept_without_effect,
-    "highpathaccuracy": accept_without_effect,
-    "grvoffset": accept_without_effect,
-    "manualresetpreparation": accept_without_effect,
-    "motionpreparation": accept_without_effect,
+    **dict.fromkeys(("payload", "speedmode", "highpathaccuracy", "grvoffset"), accept_without_effect),
+    **dict.fromkeys(("manualresetpreparation", "motionpreparation"), accept_without_effect),
     "getmotionpreparationstate": lambda context, _: boolean(True),
 }
 """Handlers of the commands of Robot_Execute by the commands' names in lower case."""

@@ -206,20 +206,17 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         self.write_variables(VariableMemory(VT.R8))
-        self._check_names()
-        axis = axis_beyond_limit(pad_joints(self.start.joints), self.limits.axis_limits)
-        if axis:
-            raise FieldError(
-                ("start", "joints", axis - 1), Message("scenario.beyond-limits", axis=f"J{axis}")
-            )
-
-    def _check_names(self) -> None:
         seen: set[str] = set()
         for field in ("faults", "in_slave_mode"):
             for index, each in enumerate(getattr(self, field)):
                 if each.name and each.name in seen:
                     raise FieldError((field, index, "name"), Message("scenario.same-name", name=each.name))
                 seen.add(each.name)
+        axis = axis_beyond_limit(pad_joints(self.start.joints), self.limits.axis_limits)
+        if axis:
+            raise FieldError(
+                ("start", "joints", axis - 1), Message("scenario.beyond-limits", axis=f"J{axis}")
+            )
 
     @property
     def controller_profile(self) -> Profile:
