@@ -160,7 +160,7 @@ def _show_simulator(context: click.Context, port: int, profile: str, scenario: s
 
 def _server_port(ports: tuple[int, ...]) -> int:
     """Return the given port, or the default port of b-CAP."""
-    from bcapscope.client.retry_policies import (
+    from bcapscope.client.controller_target import (
         DEFAULT_PORT,  # imported here because it loads the client, which showing a capture does not need
     )
 

@@ -58,10 +58,10 @@ class LoggedConnection(NamedTuple):
     client_port: int = 0
 
     @classmethod
-    def of_target(cls, target: ControllerTarget, client_port: int = 0) -> LoggedConnection:
+    def of_target(cls, target: ControllerTarget) -> LoggedConnection:
         """Return the connection to a target, with the host as the user typed it."""
         transport = Transport.TCP if target.tcp else Transport.UDP
-        return cls(target.host, target.port, transport.value, client_port)
+        return cls(target.host, target.port, transport.value)
 
     @classmethod
     def of_conversation(cls, conversation: Conversation) -> LoggedConnection:

@@ -13,8 +13,8 @@ from contextlib import asynccontextmanager
 from typing import Any, TypeVar
 
 from bcapscope.client.caller import EventListener, Observer
+from bcapscope.client.controller_target import DEFAULT_RETRY_POLICIES, RetryPolicies
 from bcapscope.client.remote_object import RemoteObject, expect_value, handle_of
-from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES, RetryPolicies
 from bcapscope.client.session import LinkOpener, Session, open_session
 from bcapscope.protocol.codec.variant import VT, Value, Variant
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention

@@ -7,14 +7,14 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppres
 from typing import Protocol, TypeAlias
 
 from bcapscope.client.caller import Caller, EventListener, Observer
-from bcapscope.client.controller_target import ControllerTarget
-from bcapscope.client.handle_table import HandleTable, first_number
-from bcapscope.client.retry_policies import (
+from bcapscope.client.controller_target import (
     DEFAULT_PORT,
     DEFAULT_RETRY_POLICIES,
     OTHERS_IN_ASYNC_MODE,
+    ControllerTarget,
     RetryPolicies,
 )
+from bcapscope.client.handle_table import HandleTable, first_number
 from bcapscope.client.variant_values import arguments_of
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
 from bcapscope.protocol.closing_calls import closing_calls

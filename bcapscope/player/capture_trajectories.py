@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -42,9 +42,8 @@ def read_capture(
     packets: Iterable[Packet],
     source: TrajectorySource,
     options: ReadOptions,
-    ports: Collection[int] = BCAP_PORTS,
 ) -> tuple[Trajectory, ...]:
-    """Read the set points of each slave-mode session; `ports` are the controllers' ports.
+    """Read the set points of each slave-mode session.
 
     Raises:
         TrajectoryError: The capture holds no set points of the wanted type.
@@ -55,7 +54,7 @@ def read_capture(
     pipeline = Pipeline(extractor)
     broken: CaptureError | None = None
     try:
-        for observation in PacketDecoder(ports).decode(packets):
+        for observation in PacketDecoder(BCAP_PORTS).decode(packets):
             pipeline.add(observation)
             if extractor.ready:
                 _add_set_points(sessions, extractor.ready)

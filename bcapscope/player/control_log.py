@@ -13,10 +13,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.controller_target import DEFAULT_RETRY_POLICIES, ControllerTarget
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.remote_objects import Robot
-from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES
 from bcapscope.client.session import Session
 from bcapscope.player.blocking_caller import BlockingCaller, run_blocking
 from bcapscope.player.channel import open_channel

@@ -107,26 +107,21 @@ class Trajectory:
     def axes(self) -> tuple[Axis, ...]:
         return AXES[self.kind][: self.points.shape[1]]
 
-    def set_point(self, row: int, current_pose: Sequence[float] = ()) -> tuple[float, ...]:
-        """Return one set point with all numbers that slvMove needs, as `completed` does for all."""
-        return tuple(_complete(self.kind, self.points[row : row + 1], current_pose)[0].tolist())
+    def set_point(self, row: int) -> tuple[float, ...]:
+        return tuple(self.points[row].tolist())
 
-    def completed(self, current_pose: Sequence[float] = ()) -> Trajectory:
+    def completed(self, current_pose: Sequence[float]) -> Trajectory:
         """Fill in the axes that the file lacks with the robot's current pose, so that these axes do not move.
 
         The result has 7 columns for P type, 8 for J type, 10 for T type. Axes beyond the end of the pose get
         0; controllers also report 0 for joints that a robot lacks.
         """
-        return replace(self, points=_complete(self.kind, self.points, current_pose))
+        have, width = self.points.shape[1], len(AXES[self.kind])
+        missing = np.zeros(width - have)
+        held = np.asarray(current_pose[have:width], dtype=np.float64)
+        missing[: len(held)] = held
+        return replace(self, points=np.hstack((self.points, np.tile(missing, (len(self.points), 1)))))
 
 
 MIN_COLUMNS = {**SHORTEST_POSE, PoseType.J: 1, PoseType.T: 9}
 """Minimum number of columns by pose type; a file may have fewer joints than slvMove needs."""
-
-
-def _complete(kind: PoseType, points: NDArray[np.float64], present: Sequence[float]) -> NDArray[np.float64]:
-    have, width = points.shape[1], len(AXES[kind])
-    missing = np.zeros(width - have)
-    held = np.asarray(present[have:width], dtype=np.float64)
-    missing[: len(held)] = held
-    return np.hstack((points, np.broadcast_to(missing, (len(points), width - have))))

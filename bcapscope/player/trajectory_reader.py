@@ -10,7 +10,7 @@ import codecs
 import io
 import os
 import stat
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -21,7 +21,6 @@ from bcapscope.capture.byte_source import GZIP_MAGIC
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.pcap import MAGICS
 from bcapscope.capture.pcapng import MAGIC
-from bcapscope.capture.role_detection import BCAP_PORTS
 from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
@@ -61,13 +60,12 @@ _BOM_ENCODINGS = (
 
 
 def read_trajectories(
-    path: str | os.PathLike[str], options: ReadOptions | None = None, ports: Collection[int] = BCAP_PORTS
+    path: str | os.PathLike[str], options: ReadOptions | None = None
 ) -> tuple[Trajectory, ...]:
     """Read the trajectories of a file or a WINCAPS III project: its folder or its .wpj file.
 
     A file is a table (CSV, TSV, numbers separated by spaces; UTF-8, UTF-16 or Shift-JIS), output of
-    `bcapscope extract`, a JointTrajectory as JSON or YAML, or a capture. `ports` are the ports of controllers
-    in captures.
+    `bcapscope extract`, a JointTrajectory as JSON or YAML, or a capture.
 
     Returns one trajectory per slave-mode session of a capture, per message of a ROS file, or per control log
     of a project. A table gives one trajectory, or one per part without a gap if records are missing.
@@ -79,15 +77,15 @@ def read_trajectories(
     try:
         with np.errstate(all="ignore"):  # no warning here: the pre-flight check reports absurd numbers
             if is_project(Path(path)):
-                return read_project(Path(path), lambda file: _read_file(file, options, ports))
-            return _read_file(Path(path), options, ports)
+                return read_project(Path(path), lambda file: _read_file(file, options))
+            return _read_file(Path(path), options)
     except OSError as error:
         raise TrajectoryError(Message("trajectory.cannot-read", reason=os_reason(error))) from error
     except CaptureError as error:
         raise TrajectoryError(error.message) from error
 
 
-def _read_file(path: Path, options: ReadOptions, ports: Collection[int]) -> tuple[Trajectory, ...]:
+def _read_file(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
     with _open_regular_file(path) as stream:
         size = os.fstat(stream.fileno()).st_size
         if size > MAX_TABLE_SIZE:
@@ -97,7 +95,7 @@ def _read_file(path: Path, options: ReadOptions, ports: Collection[int]) -> tupl
             raise TrajectoryError(Message("trajectory.file-empty"))
         if head[:4] == MAGIC or head[:4] in MAGICS or head.startswith(GZIP_MAGIC):
             with open_capture(path) as capture:
-                return read_capture(capture, TrajectorySource(str(path)), options, ports)
+                return read_capture(capture, TrajectorySource(str(path)), options)
         _refuse_foreign(head)
         stream.seek(0)
         if path.suffix.casefold() in _YAML:

@@ -27,7 +27,7 @@ from bcapscope.simulator.argument_values import (
 )
 from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable
 from bcapscope.simulator.call_outcome import DONE, CallResult, HandlerOutcome, RefusedError, RunningCall
-from bcapscope.simulator.hand import Hand
+from bcapscope.simulator.equipment import Hand
 from bcapscope.simulator.result_codes import (
     GRIP_BEYOND_LIMIT,
     HAND_IS_MOVING,

@@ -8,13 +8,14 @@ and all durations are assumed. All times are ns of the caller's clock.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
+from bcapscope.protocol.slave_mode.modes import PERIOD_NS
 from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_FAIL, E_NOT_IN_SLAVE_MODE, describe_hresult
 from bcapscope.simulator.arm import MS, Arm, TimedMove
 from bcapscope.simulator.call_outcome import RefusedError
-from bcapscope.simulator.control_log_ring import ControlLog, ControlLogRecord
 from bcapscope.simulator.equipment import Equipment
 from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, Joints, axis_beyond_limit
 from bcapscope.simulator.object_table import ObjectTable
@@ -41,6 +42,7 @@ READY, RUNNING = 2, 3
 ROBSLAVE = "RobSlave"
 ROBOT_TYPE = "BCAPSCOPE-SIM6"
 
+MAX_RECORDS = 10_000
 MAX_ACTIVE = 32
 MAX_LOGGED = 128
 
@@ -139,6 +141,40 @@ class Alarms:
     def clear(self) -> None:
         """Clear the active errors; the log keeps them."""
         self.active.clear()
+
+
+class ControlLogRecord(NamedTuple):
+    """One record: time in ns since the controller's start, commanded joints, and joints of the encoders."""
+
+    time: int
+    commanded: Joints
+    actual: Joints
+
+
+class ControlLog:
+    """The control log: joint records, oldest first, one every 8 ms; `due` is the next time, None if off."""
+
+    def __init__(self) -> None:
+        self.records: deque[ControlLogRecord] = deque(maxlen=MAX_RECORDS)
+        self.due: int | None = None
+
+    def start(self, now: int) -> None:
+        self.due = now if self.due is None else self.due
+
+    def stop(self) -> None:
+        self.due = None
+
+    def advance(self, now: int, sample: Callable[[int], ControlLogRecord]) -> None:
+        """Store the records that are due; after a long pause, only as many records as the ring holds."""
+        due = self.due
+        if due is None:
+            return
+        if now - due > MAX_RECORDS * PERIOD_NS:
+            due += (now - due) // PERIOD_NS * PERIOD_NS - MAX_RECORDS * PERIOD_NS
+        while due <= now:
+            self.records.append(sample(due))
+            due += PERIOD_NS
+        self.due = due
 
 
 class Machine:

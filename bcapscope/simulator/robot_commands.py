@@ -19,11 +19,11 @@ from bcapscope.simulator.argument_values import (
     items_of,
     numbers_of,
     r8,
+    variant_array,
 )
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable, accept_without_effect
 from bcapscope.simulator.call_outcome import RefusedError, RunningCall, succeed_at
-from bcapscope.simulator.control_log_ring import log_record_variant
 from bcapscope.simulator.equipment_commands import EQUIPMENT_COMMANDS
 from bcapscope.simulator.frame_commands import FRAME_COMMANDS
 from bcapscope.simulator.hand_commands import GRIPPER_COMMANDS
@@ -104,11 +104,21 @@ def _servo_data(context: CallContext, parameter: Variant) -> Variant:
 
 
 def _log_record(context: CallContext, parameter: Variant) -> Variant:
-    """Run GetLogRecord, for which index 0 is the oldest record."""
+    """Run GetLogRecord, for which index 0 is the oldest record.
+
+    The 39 values of a record and their order are those of ShoheiKobata/orin_bcap_python_samples
+    others/Get_Syslog.py. The counter in ms, and current and load computed from the encoders' lag, are
+    assumptions of bcapscope.
+    """
     index, machine = integer_of(parameter), context.machine
     if not 0 <= index < len(machine.log.records):
         raise RefusedError(BAD_INDEX)
-    return log_record_variant(machine.log.records[index], machine.tool, machine.work)
+    record, values = machine.log.records[index], []
+    for commanded, actual in zip(record.commanded, record.actual, strict=True):
+        lag = commanded - actual
+        values += [r8(commanded), r8(actual), r8(lag), r8(abs(lag) * 10)]
+    program = i4(0), i4(0), bstr(""), i4(0)
+    return variant_array(*values, *program, i4(record.time // MS), i4(machine.tool), i4(machine.work))
 
 
 def _current_speed(name: str) -> CommandHandler:

@@ -11,9 +11,8 @@ from pathlib import Path
 import pytest
 
 from bcapscope.capture.rotating_recording import RotatingRecording
-from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.controller_target import DEFAULT_RETRY_POLICIES, ControllerTarget
 from bcapscope.client.remote_objects import Robot
-from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES
 from bcapscope.client.session import Session
 from bcapscope.messages import Message
 from bcapscope.player import __main__ as process

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 
 from bcapscope.client import Session, open_session, over_link
-from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.controller_target import DEFAULT_RETRY_POLICIES, ControllerTarget
 from bcapscope.client.object_opener import ObjectOpener
-from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES
 from bcapscope.player.blocking_caller import BlockingCaller, run_blocking
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.replay.replay_script import ReplayScript, scripts_of

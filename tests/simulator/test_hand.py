@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, r8, variant_array
-from bcapscope.simulator.hand import COBOTTA_HAND, SECOND, Hand, HandMotion
+from bcapscope.simulator.equipment import COBOTTA_HAND, SECOND, Hand, HandMotion
 from bcapscope.simulator.machine import InitialState
 from bcapscope.simulator.scenario import read_scenario
 from tests.simulator.desk import Desk, Operator, Reply, ints
