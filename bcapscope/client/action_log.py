@@ -1,8 +1,8 @@
 """The action log: what bcapscope's own clients send to a controller, one JSON object per line.
 
 `call`, `replay`, `play` and the Tester write the same lines to the same files. A separate thread writes the
-lines, so a slow disk never delays a stop. A call that needs arming waits until its line is written, but only
-for `LINE_TIMEOUT`: if the log fails, operators get a warning, and the robot still obeys commands.
+lines, so a slow disk never delays a stop. A call that needs arming waits for its line, but at most for
+`LINE_TIMEOUT`. If the log fails, operators get a warning, and the robot still obeys commands.
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ class ArmedCallLogger:
         self._set_points += count
 
     def end_set_points(self, timestamp: int | None = None) -> None:
-        """Log the number of set points since the last call of this method, if any, at a time in ns or now."""
+        """Log the number of set points since the last call, if any; `timestamp` is in ns, None means now."""
         count, self._set_points = self._set_points, 0
         if count:
             self._log.log_set_points(

@@ -52,7 +52,7 @@ class ControllerTarget:
         retries: Number of retries, for all calls but slvMove.
         convention: Convention of the reserved field; None for the default.
         service: Option string of Service_Start.
-        name: Name of the controller in Controller_Connect, as for `provider`, `machine` and `connect_option`.
+        name: Argument of Controller_Connect, like `provider`, `machine` and `connect_option`.
     """
 
     host: str

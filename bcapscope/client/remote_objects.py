@@ -225,7 +225,7 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Unhold", option)
 
     async def slv_change_mode(self, mode: int) -> None:
-        """Enter a slave mode; mode 0, and the end of the session's block, leave it."""
+        """Enter a slave mode; mode 0 leaves it, and so does the end of the session's block."""
         await self.execute("slvChangeMode", Variant(VT.I4, mode))
 
     async def slv_get_mode(self) -> int:

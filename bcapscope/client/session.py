@@ -105,8 +105,7 @@ class Session:
         mode = requested_slave_mode(function_id, arguments)
         robot = _first_handle(arguments)
         before = self._slave_modes.get(robot, 0)
-        # The controller may still execute a call that is cancelled here while it waits for the reply. So note
-        # its effect first.
+        # The controller may still execute a call that is cancelled here, so note the effect of the call first.
         self._is_starting = function_id == _SERVICE_START
         if mode:
             self._slave_modes[robot] = mode
@@ -215,8 +214,8 @@ class Session:
 async def halt_robot(session: Session, robot: int, pause: Callable[[int], Awaitable[None]]) -> None:
     """Stop the arm at once, or raise the errors of `Session.call`; `pause` waits for a number of ns.
 
-    While a controller executes another call of the connection, the controller replies that it is busy, or
-    sends no reply until that call ends (orin_bcap C/src/bCAPServer/bcap_server.c).
+    While a controller executes another call of the connection, it replies that it is busy, or does not reply
+    (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
     usual = session.retry_policies
     session.retry_policies = usual._replace(others=HALT_RETRY_POLICY)

@@ -1,9 +1,8 @@
 """Limits of an arm, axis by axis; speed and acceleration of set points, also as a share of these limits.
 
 The type name that the controller reports identifies an arm. No public document lists the limits of all arms,
-so the user has to give the limits of a real arm. bcapscope knows only the limits of the simulator's arm. If
-the speed limits of an axis are unknown, `MAX_ARM_SPEED` applies: no arm of DENSO Wave turns or moves that
-fast, so a larger step is a fault of the file.
+so the user gives the limits of a real arm. bcapscope knows only the simulator's arm. `MAX_ARM_SPEED` replaces
+an unknown speed limit: no arm of DENSO Wave is faster, so a larger step is a fault of the file.
 """
 
 from __future__ import annotations
@@ -133,7 +132,8 @@ def _axis_range(text: str, first: str, last: str) -> tuple[str, ...]:
 class TrajectoryMotion:
     """The motion of some axes in mm or degrees, with `period` seconds between two rows.
 
-    There is one row per set point, and rotations continue beyond half a turn. Out of reach, a row is NaN.
+    There is one row per set point, and rotations continue beyond half a turn. The row of a point out of reach
+    is NaN.
     """
 
     axes: tuple[Axis, ...]

@@ -35,8 +35,7 @@ sends a hundred replies together. Reading all of them takes longer than the time
 _CONNECT_TIMEOUT = 5.0  # seconds
 
 _CLOCK_TOLERANCE = 100_000
-"""Maximum difference in ns between two readings of the clocks while nobody sets a clock; reading both takes
-time."""
+"""Change of the difference between both clocks, in ns, that shows a set clock or a delayed thread."""
 
 
 class Channel:
@@ -74,7 +73,7 @@ class Channel:
             pass
 
     def sleep_until(self, until: int) -> None:
-        """Sleep until about a time, but only if the system records when data arrives meanwhile."""
+        """Sleep until about `until`, but only if the system records when data arrives."""
         length = until - time.monotonic_ns()
         if self._has_kernel_times and length > 0:
             time.sleep(length / 1e9)  # data that arrives during the sleep is not needed before its end

@@ -26,7 +26,7 @@ all later ones."""
 
 @contextmanager
 def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
-    """Create a recording for a block, or raise OSError; delete it if it stays empty. No path yields None."""
+    """Create a recording, or raise OSError; delete it if it stays empty. Without a path, yield None."""
     if path is None:
         yield None
         return

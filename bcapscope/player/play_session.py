@@ -2,9 +2,9 @@
 
 However the session ends, the player undoes its steps in reverse order: slave mode, the log, motor, arm,
 RobSlave, handles, Controller_Disconnect, Service_Stop. If the controller stops answering, the player skips
-the remaining steps. After an order to stop, the robot first slows to a halt on its path. After a failure the
-robot cannot slow down on its path: a controller with an error has left slave mode, and a controller that does
-not answer accepts no set points. Before the cleanup, an order from the user ends every wait.
+the remaining steps. After an order to stop, the robot first slows to a halt on its path. After a failure, the
+robot cannot do this: a controller with an error has left slave mode, and a silent controller accepts no set
+points. Before the cleanup, an order from the user ends every wait.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Keeping the processor: real-time priority, locked memory, no garbage collection.
 
 A program with SCHED_FIFO runs before all programs without real-time priority, so that no such program can
-delay a set point (sched(7)). Locked memory is never swapped to disk (mlockall(2)). Without real-time priority
-the player asks for short time slices: the player then gets the processor sooner, but no larger share of its
+delay a set point (sched(7)). Locked memory is never swapped to disk (mlockall(2)). Without real-time
+priority, the player asks for short time slices. It then gets the processor sooner, but no larger share of its
 time (sched-eevdf, Linux 6.12).
 """
 

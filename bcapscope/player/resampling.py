@@ -87,7 +87,7 @@ def _resampling_notes(trajectory: Trajectory, period: float, speed: float, ramp:
 def stop_after(
     trajectory: Trajectory, row: int, period: float, limits: ArmLimits = UNKNOWN_ARM, *, loop: bool = False
 ) -> Array:
-    """Return the set points that bring the robot to rest on its path after a row, one row each.
+    """Return the set points, one row each, that bring the robot to rest on its path after set point `row`.
 
     The stop takes 0.1 s to 2 s; the function tries longer and longer stops until one keeps within the limits.
     If the trajectory itself exceeds a limit, the stop may exceed this limit as much. If an acceleration limit

@@ -55,7 +55,7 @@ def timing_from_due_times(times: Array) -> SetPointTiming:
 def timing_from_send_times(times: Array) -> SetPointTiming:
     """Return the timing that results from the times, in seconds, at which set points were sent.
 
-    If the usual interval is close to a cycle time, each set point counts as one cycle: a controller takes one
+    If the usual interval is close to a cycle time, each set point counts as one cycle. A controller takes one
     set point per cycle, whatever its exact arrival time.
     """
     steps = np.diff(times)

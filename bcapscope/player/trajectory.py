@@ -74,9 +74,9 @@ class Trajectory:
     """Set points of one pose type; an array whose shape does not fit raises ValueError.
 
     Attributes:
-        points: Read-only array, one row per set point, one column per axis of the file in the order of
-            slvMove: 1 to 8 joints, 6 or 7 numbers of P type, 9 or 10 of T type. Units are mm and degrees; Fig
-            and direction cosines have no unit.
+        points: Read-only array, one row per set point, one column per axis in the order of slvMove. Units are
+            mm and degrees; Fig and direction cosines have no unit. A file has 1 to 8 joints, 6 or 7 numbers
+            of P type, 9 or 10 of T type.
         period: Seconds between two set points according to the file; None if the file does not say.
         times: Read-only array: seconds from the first set point to each one; None if the file has no times.
     """

@@ -156,8 +156,8 @@ def _read_numbers(
 ) -> tuple[Array, list[bool]]:
     """Return the numbers of some columns, NaN in empty columns; and whether each column has numbers.
 
-    Raises TrajectoryError if a cell is no number, if a column is empty in only some lines, or if lines differ
-    in their number of cells.
+    Raises TrajectoryError if a cell is no number, if a column is empty in only some lines, or if a line has
+    another number of cells.
     """
     numbers, filled, count = array("d"), [False] * len(columns), 0
     for count, line in enumerate(lines, 1):

@@ -1,8 +1,7 @@
 """Projects of WINCAPS III: search for control logs that can be read.
 
-No public source describes how a project stores a log itself, so bcapscope does not guess. It looks for
-exported logs in the project. If there are no exported logs, the error lists the project's files and says what
-to export.
+No public source describes how a project stores a log itself, so bcapscope does not guess, and looks for
+exported logs in the project. If there are none, the error lists the project's files and says what to export.
 """
 
 from __future__ import annotations

@@ -34,8 +34,7 @@ class NotAtStartError(BcapError):
 class PlayedCall(NamedTuple):
     """A call of the script, and the result that it had when it was played.
 
-    `delay` is the time in ns from the planned time to the call. It grows if earlier calls take longer than
-    recorded.
+    `delay` is the time in ns from the planned time to the call; long earlier calls increase it.
     """
 
     script_call: ScriptCall

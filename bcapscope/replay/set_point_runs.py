@@ -55,8 +55,7 @@ def mode_entered(call: ScriptCall) -> int | None:
 def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
     """Yield the runs of set points in a script; read those before a known mode as joint positions.
 
-    Raises UnreadableSetPointError for a set point that is no pose, or has another number of axes than the
-    first one of its run.
+    Raises UnreadableSetPointError if a set point is no pose, or if the number of axes changes within a run.
     """
     kind, points = PoseType.J, list[ScriptCall]()
     for line in script.calls:

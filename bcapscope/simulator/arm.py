@@ -1,9 +1,8 @@
 """The arm over time: ordinary motions, set points, and encoders that lag behind.
 
-Times are ns, joints degrees. An ordinary motion follows the minimum-jerk curve, which begins and ends at
-rest. The encoders show the joints that were commanded `ENCODER_LAG_NS` earlier. Real servos lag less
-regularly: the replies in DENSO Wave 2009, How to use the Slave mode, show joints about a degree behind their
-set points.
+Times are in ns, joints in degrees. An ordinary motion follows the minimum-jerk curve, which begins and ends
+at rest. The encoders show the joints that were commanded `ENCODER_LAG_NS` earlier. The lag of real servos
+varies: the replies in DENSO Wave 2009, How to use the Slave mode, show joints about a degree behind.
 """
 
 from __future__ import annotations
@@ -51,7 +50,7 @@ class ArmMotion(NamedTuple):
 
 
 def motion_duration(start: Joints, goal: Joints, speed: float) -> int:
-    """Return the shortest time in ns in which no axis exceeds its limits; `speed` is a share of the top."""
+    """Return the shortest time in ns that keeps all axis limits; `speed` is a share of the speed limits."""
     longest = 0.0
     for a, b, limit in zip(start, goal, AXIS_LIMITS, strict=False):
         way = abs(b - a)
@@ -173,7 +172,7 @@ class TimedMove:
     def __init__(
         self, arm: Arm, goal: Joints, now: int, speed: float, *, passing: int = 0, min_duration: int = 0
     ) -> None:
-        """Begin the motion at a share of the highest speed; `passing` is as in `MotionTarget`, time in ns."""
+        """Begin the motion at a share `speed` of the highest speed; `passing` is as in `MotionTarget`."""
         self._arm = arm
         self._goal = goal
         self._speed = speed

@@ -1,7 +1,7 @@
 """Execute the calls of one client, one after another: request frames in, reply frames out.
 
-Sources for keep-alive, InvokeTimeout and busy: orin_bcap C/src/bCAPServer/bcap_server.c, and that server
-observed on loopback. In the C server a stuck call blocks one TCP connection, or all UDP clients. In the
+Sources for keep-alive, InvokeTimeout and busy: orin_bcap C/src/bCAPServer/bcap_server.c, and that server's
+behaviour on loopback. In the C server, a stuck call blocks one TCP connection or all UDP clients. In the
 simulator, a stuck call blocks only its own client.
 """
 

@@ -14,8 +14,8 @@ from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import S_OK
 
 
-# Every call makes one object of this class. A struct compares by its type, which a named tuple does not, and
-# takes 0.1 µs to make (named tuple 0.4 µs, frozen dataclass 0.9 µs).
+# Every call makes one object of this class. A struct takes 0.1 µs to make, a named tuple 0.4 µs, and a frozen
+# dataclass 0.9 µs. Unlike a named tuple, a struct never equals an object of another class.
 class CallResult(msgspec.Struct, frozen=True):
     """The result of a call.
 

@@ -18,8 +18,7 @@ CoordinateFrame: TypeAlias = tuple[float, ...]
 """Position and orientation of a coordinate frame: X, Y, Z [mm], Rx, Ry, Rz [deg]."""
 
 MAX_FRAMES = 64
-"""Number of tool frames, and of work frames. Tool frames, and work frames, are numbered 0 to 63. The limit is
-assumed."""
+"""Number of tool frames, and number of work frames, both from 0. The limit is assumed."""
 
 MAX_AREAS = 32
 MAX_LINES = 256

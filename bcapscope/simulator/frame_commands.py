@@ -145,9 +145,10 @@ def _fig(pose: PoseNumbers) -> float:
 def _pallet_position(context: CallContext, parameter: Variant) -> Variant:
     """Run CalcPos of the extension Pallet.
 
-    The parameter holds rows, columns, height of a layer in mm, the four corners, the number of the place and,
-    optionally, of the layer, both from 1. Places are counted from the first corner to the second, then row by
-    row towards the third. This order is assumed, because the samples do not show the order.
+    The parameter holds rows, columns, layer height in mm, the four corners, the number of the place and
+    optionally the layer. Place and layer count from 1. Places are counted from the first corner to the
+    second, then row by row towards the third. This order is assumed, because the samples do not show the
+    order.
     """
     items = items_of(parameter)
     rows, columns = (_count(argument_at(items, index)) for index in (0, 1))

@@ -1,11 +1,10 @@
 """Kinematics of a simple arm: joints to position, and position to joints.
 
-No public source gives the link lengths of the real arms, so the simulated arm has lengths of its own. J1
-turns about the vertical. J2 and J3 move two links of equal length in a vertical plane. The wrist has no
-length: J4, J5 and J6 are Rx, Ry and Rz themselves. The conversion is exact in both directions, which is all
-that clients and tests need. The simulated arm is no model of any DENSO robot.
-
-The rotation of a pose is Rz·Ry·Rx. Poses hold X, Y, Z in mm, Rx, Ry, Rz in degrees, and other numbers.
+No public source gives the link lengths of the real arms, so the simulated arm has lengths of its own and is
+no model of any DENSO robot. J1 turns about the vertical. J2 and J3 move two links of equal length in a
+vertical plane. The wrist has no length: J4, J5 and J6 are Rx, Ry and Rz themselves. The conversion is exact
+in both directions. The rotation of a pose is Rz·Ry·Rx. A pose holds X, Y, Z in mm, then Rx, Ry, Rz in
+degrees.
 """
 
 from __future__ import annotations
@@ -92,7 +91,7 @@ def position(joints: Joints) -> tuple[float, ...]:
 
 
 def joints_of_position(values: tuple[float, ...]) -> Joints:
-    """Compute the joints for X, Y, Z, Rx, Ry, Rz, elbow outside; refuse a position that is out of reach."""
+    """Compute the joints that reach X, Y, Z, Rx, Ry, Rz, or refuse a position that is out of reach."""
     x, y, z, *wrist = values[:6]
     radius, height = hypot(x, y), z - SHOULDER_HEIGHT
     reach = hypot(radius, height) / (2 * LINK_LENGTH)

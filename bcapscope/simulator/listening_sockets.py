@@ -22,7 +22,7 @@ class SimulatorListenError(BcapError):
 
 
 def open_sockets(host: str, port: int) -> tuple[socket.socket, socket.socket]:
-    """Open a UDP and a TCP socket on one port, or raise SimulatorListenError; 0 picks a port for both."""
+    """Open a UDP and a TCP socket on one port, or raise SimulatorListenError; port 0 means any free port."""
     tries = 1 if port else 20
     for last in range(tries - 1, -1, -1):
         tcp = _bind(host, port, socket.SOCK_STREAM)

@@ -47,8 +47,8 @@ MAX_ACTIVE = 32
 MAX_LOGGED = 128
 
 OTHER_CLIENT = 0
-"""Number of an owner of the arm that is no client: the pendant, or a client on another network. Clients have
-numbers from 1."""
+"""Number that stands for the pendant or a client on another network as owner of the arm. Clients have numbers
+from 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +152,7 @@ class ControlLogRecord(NamedTuple):
 
 
 class ControlLog:
-    """The control log: joint records, oldest first, one every 8 ms; `due` is the next time, None if off."""
+    """The control log: joint records, oldest first, one every 8 ms; `due` is the time of the next in ns."""
 
     def __init__(self) -> None:
         self.records: deque[ControlLogRecord] = deque(maxlen=MAX_RECORDS)
@@ -281,9 +281,9 @@ class Machine:
     def stop(self, now: int, code: int, is_reported: bool = True) -> None:
         """End motions and slave mode at once; calls that wait for these return `code`.
 
-        If slave mode was on, the next slvMove returns `code`, unless `is_reported` says that a client
-        receives it anyway (issues 20 and 49 of DENSORobot/denso_robot_ros). Later calls of slvMove return
-        that slave mode is off (issues 6 and 42).
+        If slave mode was on, the next slvMove also returns `code` (issues 20 and 49 of
+        DENSORobot/denso_robot_ros), unless another reply reports it (`is_reported`). Later calls of slvMove
+        return that slave mode is off (issues 6 and 42).
         """
         self.slave.leave(0 if is_reported else code)
         self.arm.halt(now)
@@ -313,8 +313,8 @@ class Machine:
         would push the error that ended slave mode out of the list.
 
         A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). It is
-        assumed that an RC7 does the same, because any result other than S_OK stops RobSlave and ends slave
-        mode (DENSO Wave 2009, How to use the Slave mode).
+        assumed that an RC7 does the same: any result other than S_OK stops RobSlave and ends slave mode
+        (DENSO Wave 2009).
         """
         if not self.alarms.is_active(code):
             self.raise_error(code, now, is_reported=True)
@@ -333,7 +333,7 @@ class Machine:
             self.stop(now, NOT_AUTOMATIC, is_reported=False)
 
     def start_task(self, name: str) -> None:
-        """Start a program; refuse this under the conditions of `check_state`."""
+        """Start a program, unless `check_state` refuses."""
         self.check_state()
         self.tasks[name.casefold()] = RUNNING
 

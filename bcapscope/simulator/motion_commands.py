@@ -2,8 +2,7 @@
 
 Unless the option is NEXT, a call lasts as long as its motion: until the command ends, or with @E until the
 encoders arrive. With @P, the next motion may begin when most of the first motion's time is over. A second
-motion before that time is answered with 80010004, as in the ANSI-C client's b-Cap.h; that client then repeats
-its Robot_Move.
+motion before that time returns 80010004 (b-Cap.h of the ANSI-C client, which then repeats its Robot_Move).
 """
 
 from __future__ import annotations
@@ -182,7 +181,7 @@ def _distance(part: Variant) -> tuple[float, int]:
 
 
 def _approach(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run Approach: interpolation, pose, distance."""
+    """Run Approach, whose parameters are interpolation, pose and distance."""
     items = items_of(parameter)
     target = parse_target(argument_at(items, 1), context.machine.memory.read)
     distance, passing = _distance(argument_at(items, 2))
@@ -192,7 +191,7 @@ def _approach(context: CallContext, parameter: Variant) -> HandlerOutcome:
 
 
 def _depart(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run Depart: interpolation, distance."""
+    """Run Depart, whose parameters are interpolation and distance."""
     items = items_of(parameter)
     distance, passing = _distance(argument_at(items, 1))
     goal = _before_position(context.machine.arm.goal, distance)

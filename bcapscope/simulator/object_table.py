@@ -32,7 +32,7 @@ class ControllerObject:
     Attributes:
         parent: Object from which this one was opened; None for a controller.
         tag: Value that the client stored with PutTag.
-        id: Value that the client stored with PutID: the number of a variable whose name ends in `*`.
+        id: Value that the client stored with PutID, such as the number of a variable whose name ends in `*`.
         values: Other values that objects of this class hold, such as a command's parameters.
     """
 
@@ -56,7 +56,7 @@ class ObjectTable:
         return len(self._by_handle)
 
     def open(self, kind: ObjectClass, name: str, parent: ControllerObject | None) -> ControllerObject:
-        """Open an object; refuse this if the client already has 1000 objects or the name is too long."""
+        """Open an object, unless the client already has 1000 objects or the name is too long."""
         if len(self._by_handle) >= MAX_OBJECTS:
             raise RefusedError(E_MAX_OBJECT)
         if len(name) > LONGEST_NAME:

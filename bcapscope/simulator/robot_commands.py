@@ -37,7 +37,7 @@ _KEEP, _SQUARE = -1, -2
 
 
 def _take_arm(context: CallContext, parameter: Variant) -> None:
-    """Run TakeArm, unless another client has the arm; second number 1 keeps internal speed, tool and work."""
+    """Run TakeArm, unless another client has the arm. A second number 1 keeps speed, tool and work."""
     machine, items = context.machine, items_of(parameter)
     keeps = len(items) > 1 and integer_of(items[1]) == 1
     if machine.owner not in (None, context.client):
@@ -90,7 +90,7 @@ def _current_pose(pose_type: PoseType, timed: bool = False) -> CommandHandler:
 
 
 def _motion_complete(context: CallContext, parameter: Variant) -> Variant:
-    """Run MotionComplete for the commanded motion; a second number 1 means that of the encoders."""
+    """Run MotionComplete: whether the command has ended or, with a second number 1, the encoders rest."""
     items = items_of(parameter)
     if len(items) > 1 and integer_of(items[1]) == 1:
         return boolean(context.machine.arm.is_at_rest(context.now))

@@ -1,8 +1,8 @@
 """The simulated controller with its clients: datagrams and segments in, datagrams and segments out.
 
 The model does no I/O and has no clock. The limits on clients are those of orin_bcap
-C/src/bCAPServer/bcap_server.c. That server's UDP service ends when a datagram begins like a frame but is
-none. The simulator drops and counts such a datagram.
+C/src/bCAPServer/bcap_server.c. A datagram that begins like a frame but is not one ends that server's UDP
+service. The simulator drops and counts such a datagram.
 """
 
 from __future__ import annotations

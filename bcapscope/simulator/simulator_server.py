@@ -1,7 +1,7 @@
 """The sockets of the simulator: UDP and TCP on one port, in one thread that waits no longer than needed.
 
-The number of sockets is limited: 20 TCP clients, a few more that send stops, connections that have not sent a
-frame yet, and the listening sockets.
+The number of sockets is limited: 20 TCP clients, a few more that send stops, new connections without a frame,
+and the listening sockets.
 """
 
 from __future__ import annotations
@@ -106,8 +106,8 @@ class SimulatorServer:
 
     The model's time is the time of a `SimulatorClock`: requests count from their arrival, which Linux
     records. On TCP, Linux records only the arrival of the last byte. In modes where the client sets the pace,
-    set points can pile up; the server spreads their times evenly between the client's previous bytes and the
-    last ones. In other modes, all requests that were read together count as arriving at once.
+    set points can pile up. The server then spreads their times evenly between the client's previous bytes and
+    the last ones. In other modes, all requests that were read together count as arriving at once.
 
     Attributes:
         address: Host and port that the server listens on.
@@ -427,7 +427,7 @@ class SimulatorServer:
 def serve(
     server: SimulatorServer, idle: Callable[[], bool], on_readable: Callable[[int], None], extra: list[int]
 ) -> None:
-    """Serve until interrupted, and call `idle` after each step; it returns whether it has more work to do.
+    """Serve until interrupted, and call `idle` after each step; `idle` returns whether it has more work.
 
     The loop calls `on_readable` with each readable descriptor in `extra`; `on_readable` may change that list.
     """

@@ -1,9 +1,9 @@
 """Slave mode inside the controller: the buffer of set points, and what happens to them every 8 ms.
 
-Sources for slots, pacing and errors: DENSO Wave 2009, How to use the Slave mode (RC7); documentation of
-ShoheiKobata/orin_bcap_python_samples (table of slave modes) and issues of DENSORobot/denso_robot_ros (RC8).
-Two facts are assumed: the `MOVING_THRESHOLD` above which an axis counts as moving, and a grid of 8 ms that
-does not follow the client.
+Sources for slots, pacing and errors: DENSO Wave 2009, How to use the Slave mode (RC7); the table of slave
+modes in ShoheiKobata/orin_bcap_python_samples and issues of DENSORobot/denso_robot_ros (RC8). Two facts are
+assumed: the `MOVING_THRESHOLD` above which an axis counts as moving, and that the 8 ms cycle does not follow
+the client.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ def read_variable(context: CallContext) -> Variant:
 
 
 def write_variable(context: CallContext, value: Variant) -> HandlerOutcome:
-    """Write the variable of `context.object`; if this acts as a command, the call lasts as long."""
+    """Write the variable of `context.object`; if it acts as a command, the call takes as long."""
     place = _numbered_variable(context.object)
     if place:
         if place[0] in FRAMES:
