@@ -105,7 +105,7 @@ class Session:
         mode = requested_slave_mode(function_id, arguments)
         robot = _first_handle(arguments)
         before = self._slave_modes.get(robot, 0)
-        # The controller may still execute a call that is cancelled here, so note the effect of the call first.
+        # The controller may still execute a call that is cancelled here, so note its effect before the call.
         self._is_starting = function_id == _SERVICE_START
         if mode:
             self._slave_modes[robot] = mode

@@ -27,7 +27,6 @@ _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.774  # peaks of the minimum-jerk curv
 
 
 _Step: TypeAlias = tuple[int, Joints]
-_NOWHERE: _Step = (0, ())
 
 
 class ArmMotion(NamedTuple):
@@ -65,7 +64,6 @@ class Arm:
     def __init__(self, joints: Joints) -> None:
         self._motion = ArmMotion(joints, joints, 0, 0)
         self._steps: deque[_Step] = deque(maxlen=8)
-        self._last_segment = _NOWHERE, _NOWHERE  # steps around the time of the last query
         self._changed = -ENCODER_LAG_NS
 
     @property
@@ -89,15 +87,11 @@ class Arm:
 
     def commanded(self, now: int) -> Joints:
         """Return the joints that are commanded at `now`."""
-        before, after = self._last_segment
-        if before[0] <= now < after[0]:
-            return _interpolate(before, after, now)
         if not self._steps:
             return self._motion.at(now)
         before = self._steps[0]
         for step in self._steps:
             if step[0] > now:
-                self._last_segment = before, step
                 return _interpolate(before, step, now)
             before = step
         return before[1]
@@ -111,14 +105,14 @@ class Arm:
         start = self.commanded(now)
         duration = max(min_duration, motion_duration(start, goal, speed))
         self._motion = ArmMotion(start, goal, now, now + duration)
-        self._forget_steps()
+        self._steps.clear()
         return self._motion
 
     def halt(self, now: int) -> None:
         """Stop at the commanded joints."""
         here = self.commanded(now)
         self._motion = ArmMotion(here, here, now, now)
-        self._forget_steps()
+        self._steps.clear()
         self._changed = now
 
     def add_set_point(self, joints: Joints, began: int, time: int) -> None:
@@ -131,12 +125,8 @@ class Arm:
 
     def begin_set_points(self, now: int) -> None:
         here = self.goal
-        self._forget_steps()
-        self._steps.append((now, here))
-
-    def _forget_steps(self) -> None:
         self._steps.clear()
-        self._last_segment = _NOWHERE, _NOWHERE
+        self._steps.append((now, here))
 
 
 def _interpolate(before: _Step, after: _Step, time: int) -> Joints:
@@ -144,7 +134,7 @@ def _interpolate(before: _Step, after: _Step, time: int) -> Joints:
     share = (time - before[0]) / span if span else 1.0
     if not 0.0 <= share <= 1.0:
         share = 0.0 if share < 0.0 else 1.0
-    # Unrolled for speed: every slvMove calls this function, and a loop takes three times as long.
+    # Unrolled for speed: every slvMove calls this function, and a loop makes slvMove a tenth slower.
     a1, a2, a3, a4, a5, a6, _, _ = before[1]
     b1, b2, b3, b4, b5, b6, _, _ = after[1]
     return (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Hashable, Iterator
-from typing import Generic, TypeVar
+from typing import TypeAlias
 
 MAX_PER_SENDER = 32
 """Maximum number of waiting datagrams of one sender: the attempts of a call, and some further calls."""
@@ -14,10 +14,11 @@ MAX_BYTES = 2 << 20
 
 _COST = 512
 
-Sender = TypeVar("Sender", bound=Hashable)
+Sender: TypeAlias = Hashable
+"""Address of a client."""
 
 
-class DatagramQueue(Generic[Sender]):
+class DatagramQueue:
     """Waiting datagrams by sender.
 
     Attributes:

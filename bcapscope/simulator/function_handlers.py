@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Container, Mapping
-from functools import lru_cache
 from typing import TypeAlias
 
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
@@ -29,7 +28,7 @@ from bcapscope.simulator.argument_values import (
     number_within,
     text_of,
 )
-from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable
+from bcapscope.simulator.call_context import CallContext, CommandTable
 from bcapscope.simulator.call_outcome import CallResult, HandlerOutcome, RefusedError, RunningCall
 from bcapscope.simulator.controller_commands import CONTROLLER_COMMANDS, TASK_COMMANDS
 from bcapscope.simulator.equipment_commands import LINE_COMMANDS
@@ -123,17 +122,11 @@ def _message_values(alarm: Alarm, context: CallContext) -> dict[str, Variant]:
 def command_runner(commands: CommandTable) -> FunctionHandler:
     """Return a handler of an ..._Execute function that refuses commands the profile lacks."""
 
-    @lru_cache(maxsize=256)
-    def named(name: str, lacks: frozenset[str]) -> CommandHandler:
-        folded = name.casefold()
-        found = commands.get(folded)
-        if found is None or folded in lacks:
-            raise RefusedError(INVALID_COMMAND)
-        return found
-
     def execute(context: CallContext, arguments: Arguments) -> HandlerOutcome:
-        run = named(text_of(argument_at(arguments, 0)), context.machine.profile.lacks)
-        return run(context, arguments[1] if len(arguments) > 1 else EMPTY)
+        name = text_of(argument_at(arguments, 0)).casefold()
+        if name not in commands or name in context.machine.profile.lacks:
+            raise RefusedError(INVALID_COMMAND)
+        return commands[name](context, arguments[1] if len(arguments) > 1 else EMPTY)
 
     return execute
 

@@ -233,7 +233,7 @@ class Machine:
         return self._motor_at is not None and now >= self._motor_at
 
     def switch_motor(self, on: bool, now: int) -> int:
-        """Switch the motor on or off; return when this is done, in ns. `check_state` decides on a refusal."""
+        """Switch the motor off, or on unless `check_state` refuses; return the time in ns when it is done."""
         if not on:
             self._lose_power()
             self.stop(now, MOTOR_IS_OFF, is_reported=False)

@@ -12,10 +12,10 @@ import socket
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 from bcapscope.protocol.first_frame import first_frame_stops
-from bcapscope.simulator.datagram_queue import DatagramQueue
+from bcapscope.simulator.datagram_queue import DatagramQueue, Sender
 from bcapscope.simulator.listening_sockets import open_sockets
 from bcapscope.simulator.simulator import STOP_CLIENTS, Peer, ResetMarker, SimulatorOutput
 from bcapscope.simulator.simulator_clock import ClockedModel, SimulatorClock
@@ -50,8 +50,6 @@ _SPARE_DESCRIPTORS = 3  # kept for clients that send a stop when no other descri
 _TIDY_INTERVAL_NS = 1_000_000_000  # ns
 
 _SAME_MOMENT_NS = 2_000_000  # ns; set points that arrive within this time belong to one cycle
-
-_Address: TypeAlias = "tuple[Any, ...]"  # two values, four with IPv6
 
 Address: TypeAlias = tuple[str, int]
 ReadyDescriptors: TypeAlias = tuple[list[int], list[int]]
@@ -118,7 +116,7 @@ class SimulatorServer:
         """Listen on UDP and TCP, or raise SimulatorListenError; port 0 picks a port that is free for both."""
         self._model = simulator
         self.tap: TrafficTap | None = None
-        self.datagram_queue: DatagramQueue[_Address] = DatagramQueue()
+        self.datagram_queue = DatagramQueue()
         self._connections: dict[int, _Connection] = {}
         self._by_peer: dict[object, _Connection] = {}
         self._lobby: FirstFrameQueue[int] = FirstFrameQueue()
@@ -243,7 +241,7 @@ class SimulatorServer:
         for address, came, data in self.datagram_queue.pop_one_per_sender():
             self._deliver_datagram(address, came, data)
 
-    def _deliver_datagram(self, address: _Address, came: int, data: bytes) -> None:
+    def _deliver_datagram(self, address: Sender, came: int, data: bytes) -> None:
         self._send(self._model.on_datagram(("udp", address), data, self._clock.make_monotonic(came)))
         self._clock.on_replies_sent()
 
