@@ -105,21 +105,14 @@ def set_point_numbers(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...]
     return tuple((found[:MAX_NUMBERS] + first).tolist()), len(found)
 
 
-def problem_at(
-    where: ArrayLike,
-    check: str,
-    severity: Severity,
-    id: str,
-    advice: Message | None,
-    *,
-    first: int = 1,
-    **places: PlaceValue,
+def error_at(
+    where: ArrayLike, check: str, id: str, advice: Message | None, **places: PlaceValue
 ) -> Iterator[PreflightProblem]:
-    """Yield a problem if an array is true for any set point; the place `points` holds their count."""
-    points, count = set_point_numbers(where, first)
+    """Yield an error if an array is true for any set point; the place `points` holds their count."""
+    points, count = set_point_numbers(where)
     if count:
         fact = Message(id, **places, points=Count(count, "set-point"))
-        yield PreflightProblem(check, severity, fact, advice, points, count)
+        yield PreflightProblem(check, Severity.ERROR, fact, advice, points, count)
 
 
 def interval_ms(seconds: float) -> Measured:
@@ -128,10 +121,9 @@ def interval_ms(seconds: float) -> Measured:
 
 def check_finite(context: PreflightContext) -> Iterator[PreflightProblem]:
     """Look for NaN, infinity and absurd numbers."""
-    yield from problem_at(
+    yield from error_at(
         ~(np.abs(context.trajectory.points) <= LARGEST_NUMBER).all(axis=1),
         "not-finite",
-        Severity.ERROR,
         "preflight.not-finite",
         _CORRECT,
         total=len(context.trajectory),
@@ -188,7 +180,7 @@ def check_fig(context: PreflightContext) -> Iterator[PreflightProblem]:
         advice = Message("preflight.advice.parts")
         yield PreflightProblem("fig", Severity.WARNING, fact, advice, points, count)
     advice, uneven = Message("preflight.advice.fig-column"), values != np.round(values)
-    yield from problem_at(uneven, "fig", Severity.ERROR, "preflight.fig-not-whole", advice)
+    yield from error_at(uneven, "fig", "preflight.fig-not-whole", advice)
 
 
 def check_directions(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -200,7 +192,7 @@ def check_directions(context: PreflightContext) -> Iterator[PreflightProblem]:
     wrong |= np.abs(np.linalg.norm(approach, axis=1) - 1) > _UNIT
     wrong |= np.abs((orientation * approach).sum(axis=1)) > _UNIT
     advice = Message("preflight.advice.columns")
-    yield from problem_at(wrong, "directions", Severity.ERROR, "preflight.directions", advice)
+    yield from error_at(wrong, "directions", "preflight.directions", advice)
 
 
 def check_cycle(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -249,7 +241,7 @@ def _check_times(context: PreflightContext, times: Array) -> Iterator[PreflightP
     back = ~(steps > 0)
     if back.any():
         id = "preflight.time-order"
-        yield from problem_at(back, "time-order", Severity.ERROR, id, _CORRECT, first=2)
+        yield from error_at(np.append(False, back), "time-order", id, _CORRECT)
         return
     usual = float(np.median(steps))
     points, count = set_point_numbers(find_gaps(times), 2)

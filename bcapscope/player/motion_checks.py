@@ -16,7 +16,7 @@ from bcapscope.player.checks import (
     RESAMPLE_ADVICE,
     PreflightContext,
     PreflightProblem,
-    problem_at,
+    error_at,
     set_point_numbers,
 )
 from bcapscope.player.smooth_curve import (
@@ -36,6 +36,7 @@ _SLACK = 1.000001  # tolerance for set points that were rounded to single precis
 _DIRECTIONS = Axis("Ox..Az", "deg")
 _MOVE = Message("preflight.advice.move-there")
 _SLOWER, _POSITIONS = Message("preflight.advice.slower"), Message("preflight.advice.positions")
+_SLOWER_OR_RESAMPLE = Message("preflight.advice.slower-or-resample")
 _SLOW, _CRAWL = 0.1, 1.0  # maximum speed at rest: share of the top speed, units per second
 
 
@@ -201,10 +202,9 @@ def _check_axis_limits(
     limit, unit = context.limits.limit_for(axis.name, axis.unit), axis.unit
     values = motion.rows[1 : count + 1, place]
     outside = (values < limit.low) | (values > limit.high)
-    yield from problem_at(
+    yield from error_at(
         outside,
         "range",
-        Severity.ERROR,
         "preflight.range",
         _POSITIONS,
         axis=axis.name,
@@ -215,29 +215,23 @@ def _check_axis_limits(
     )
     if context.step is None:
         return
-    speeds = np.abs(motion.speeds[:, place])
     is_known = limit.speed != MAX_ARM_SPEED.get(unit)
-    yield from problem_at(
-        _mark_set_points(speeds > limit.speed * _SLACK, count),
-        "speed",
-        Severity.ERROR,
-        "preflight.speed" if is_known else "preflight.speed.any-arm",
-        _SLOWER,
-        axis=axis.name,
-        speed=Measured(float(speeds.max()), f"{unit}/s", 4),
-        limit=Measured(limit.speed),
-    )
-    accelerations = np.abs(motion.accelerations[:, place])
-    yield from problem_at(
-        _mark_set_points(accelerations > limit.acceleration * _SLACK, count),
-        "acceleration",
-        Severity.ERROR,
-        "preflight.acceleration",
-        Message("preflight.advice.slower-or-resample"),
-        axis=axis.name,
-        acceleration=Measured(float(accelerations.max()), f"{unit}/s²", 4),
-        limit=Measured(limit.acceleration),
-    )
+    speed_id = "preflight.speed" if is_known else "preflight.speed.any-arm"
+    for check, id, advice, rates, most, per in (
+        ("speed", speed_id, _SLOWER, motion.speeds, limit.speed, "/s"),
+        (
+            "acceleration",
+            "preflight.acceleration",
+            _SLOWER_OR_RESAMPLE,
+            motion.accelerations,
+            limit.acceleration,
+            "/s²",
+        ),
+    ):
+        found = np.abs(rates[:, place])
+        places = {check: Measured(float(found.max()), f"{unit}{per}", 4), "limit": Measured(most)}
+        beyond = _mark_set_points(found > most * _SLACK, count)
+        yield from error_at(beyond, check, id, advice, axis=axis.name, **places)
 
 
 def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -247,10 +241,9 @@ def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
     points, most = context.trajectory.points, MAX_ARM_SPEED[_DIRECTIONS.unit]
     after = points[:1] if context.loop else points[-1:]
     speeds = direction_turns(context.trajectory.kind, np.vstack((points[:1], points, after))) / context.step
-    yield from problem_at(
+    yield from error_at(
         _mark_set_points(speeds > most, len(points)),
         "speed",
-        Severity.ERROR,
         "preflight.speed.any-arm",
         _SLOWER,
         axis=_DIRECTIONS.name,
