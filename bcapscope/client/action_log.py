@@ -35,8 +35,7 @@ CLOSE_TIMEOUT = 2.0
 """Maximum time in s that `ActionLog.close` waits for unwritten lines."""
 
 MAX_WAITING = 4096
-"""Maximum number of lines that wait for the disk, and of requests that wait for a reply. Beyond this number,
-lines are lost."""
+"""Maximum number of lines that wait for the disk, and of requests that wait for a reply."""
 
 _MAX_TEXT, _MAX_VALUES, _MAX_BYTES = 512, 128, 1024
 

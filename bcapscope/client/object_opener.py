@@ -30,8 +30,7 @@ DEFAULT_OBJECT_NAMES: Mapping[ObjectClass, str] = {
 
 
 _UNKNOWN_PROVIDER_CODES = (E_INVALIDARG, 0x80000201)
-"""Result codes for an unknown provider name, from RC8 and from the CAO engine (orin_bcap
-C/include/bcap_common.h)."""
+"""Refusals of a provider name by RC8 and the CAO engine (orin_bcap C/include/bcap_common.h)."""
 
 
 class ObjectOpener:

@@ -31,8 +31,7 @@ from bcapscope.protocol.tables.hresult import S_EXECUTING
 R = TypeVar("R")
 
 FrameCallback: TypeAlias = Callable[[bool, bytes, int], None]
-"""Function called for every frame, with: whether the frame was sent, its bytes, and its time in ns of the
-channel's clock."""
+"""Function called for every frame: whether it was sent, its bytes, its time in ns of the channel."""
 
 
 def run_blocking(steps: Coroutine[Any, Any, R]) -> R:

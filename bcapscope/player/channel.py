@@ -22,8 +22,7 @@ from bcapscope.transport.receive_timestamps import (
 from bcapscope.transport.udp_link import preferred_address
 
 SPIN_TIME = 200_000
-"""Time in ns before a deadline at which the thread stops sleeping and watches the clock; sleeps overrun by
-less."""
+"""Time in ns before a deadline from which the thread watches the clock; sleeps overrun by less."""
 
 _DATAGRAM_SIZE = 4096
 """Largest datagram in bytes; controllers send at most 503."""

@@ -20,8 +20,7 @@ MAX_FRAMES = 2_000_000
 """Maximum number of frames kept, enough for more than two hours at 8 ms; later frames are not recorded."""
 
 _FRAMES_PER_WRITE = 1000
-"""Number of frames written at once; if the disk becomes full, the recording lacks at most these frames and
-all later ones."""
+"""Number of frames written at once; if the disk becomes full, the last write is lost."""
 
 
 @contextmanager

@@ -25,8 +25,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Enumeration
 
 FIFO_PRIORITY = 40
-"""Real-time priority of the player: above all ordinary programs, and below the kernel's interrupt threads,
-which have 50 and deliver the replies."""
+"""Real-time priority: above ordinary programs, below interrupts (50), which deliver the replies."""
 
 _THROTTLE_FILES = Path("/proc/sys/kernel/sched_rt_runtime_us"), Path("/proc/sys/kernel/sched_rt_period_us")
 _NEEDED_SHARE = 0.5
@@ -39,8 +38,7 @@ _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
 """Number of the system call sched_setattr by machine; older C libraries have no function for it."""
 
 _SCHED_ATTR = struct.Struct("=IIQiIQQQ")
-"""Fields of sched_attr: size, policy, flags, niceness, priority, runtime, deadline, period
-(sched_setattr(2))."""
+"""Size, policy, flags, niceness, priority, runtime, deadline, period (sched_setattr(2))."""
 
 
 class RealtimeReport(msgspec.Struct, frozen=True, tag=True):

@@ -35,8 +35,7 @@ MAX_TABLE_SIZE = 1 << 30
 """Largest table that is read, in bytes: two hours of a log with 73 columns."""
 
 MAX_OBJECT_SIZE = 24 << 20
-"""Largest JSON or YAML file that is read, in bytes; a file takes up to 24 times its size in memory. See
-`MAX_VALUES`."""
+"""Largest JSON or YAML file in bytes; it takes up to 24 times its size in memory. See `MAX_VALUES`."""
 
 LONGEST_LINE = 1 << 16
 

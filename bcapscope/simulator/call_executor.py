@@ -26,8 +26,7 @@ MAX_WAITING = 16
 """Maximum number of requests of one client that wait while a call runs; the limit is bcapscope's own."""
 
 MAX_KEPT_REPLIES = 8
-"""Number of replies kept to answer retries: more than the seven attempts of any client. Each kept reply costs
-time in every call."""
+"""Number of replies kept for retries: more than any client sends. Each one costs time in every call."""
 
 _ROBOT_EXECUTE = 64
 _NEW = RequestKind.NEW

@@ -284,5 +284,4 @@ def _handler(function: Function) -> FunctionHandler | None:
 FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, FunctionHandler | None]] = {
     function.id: (function.owner, _handler(function)) for function in FUNCTIONS.values() if function.id > 3
 }
-"""Class of object that a function is called on, and the function's handler (None if not implemented), by
-function id."""
+"""Class of object and handler of each function by its id; without handler, the function is refused."""

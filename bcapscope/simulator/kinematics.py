@@ -50,8 +50,7 @@ AXIS_LIMITS: tuple[AxisLimit, ...] = (
     AxisLimit(-120.0, 120.0, 400.0, 8000.0),
     AxisLimit(-360.0, 360.0, 700.0, 14000.0),
 )
-"""Limits of the simulated arm, wide enough for the set points in DENSO Wave 2009, How to use the Slave mode.
-The figures are assumed."""
+"""Assumed limits, wide enough for the set points in DENSO Wave 2009, How to use the Slave mode."""
 
 
 _P, _J, _T = PoseType.P, PoseType.J, PoseType.T

@@ -47,8 +47,7 @@ MAX_ACTIVE = 32
 MAX_LOGGED = 128
 
 OTHER_CLIENT = 0
-"""Number that stands for the pendant or a client on another network as owner of the arm. Clients have numbers
-from 1."""
+"""Number of the pendant or a client on another network as owner of the arm; clients start at 1."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,8 +19,7 @@ from bcapscope.simulator.result_codes import OUT_OF_MEMORY, TYPE_MISMATCH
 MAX_OBJECTS = 1000
 LONGEST_NAME = 255
 LARGEST_VALUE = 4096
-"""Maximum number of bytes of a tag or an ID that a client may store with an object; the limit is bcapscope's
-own."""
+"""Maximum size in bytes of a tag or an ID that a client stores; the limit is bcapscope's own."""
 
 _HANDLE_TYPES = (VT.I4, VT.UI4, VT.I2)  # VARIANT types that the C server accepts
 

@@ -16,8 +16,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 STALL_NS = 1_000_000
-"""Longest normal delay in ns after a due time or an arrival; a longer delay means that this process got no
-processor."""
+"""Longest normal delay in ns after a due time or an arrival; a longer one means a lack of processor."""
 
 
 class ClockedModel(Protocol):

@@ -172,12 +172,10 @@ _WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CommandHandler] = {
     ),
     **{(ObjectClass.ROBOT, name): _put_speed(field) for name, field in _SPEEDS.items()},
 }
-"""Handlers of variables whose writing acts like a command or function, such as Motor, Task_Start and
-ExtSpeed."""
+"""Handlers of variables whose writing acts like a command or function, such as Motor."""
 
 _REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
-"""Variables that cannot be written in slave mode, because slave mode refuses the equivalent command or
-function."""
+"""Variables that slave mode protects, because it refuses the equivalent command or function."""
 
 
 def _speed(field: str) -> VariableReader:

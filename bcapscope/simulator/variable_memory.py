@@ -21,8 +21,7 @@ IO_BYTES = 64
 """512 bits, IO0 to IO511."""
 
 LONGEST_TEXT = 247
-"""Maximum number of characters of an S variable, as on RC8 (by the manual's table of string variables; not
-verified)."""
+"""Maximum length of an S variable on RC8, by the manual's table of string variables; not verified."""
 
 _ROW_LENGTHS = {"V": 3, "P": 7, "J": 8, "T": 10}
 _SCALARS = {"I": VT.I4, "F": VT.R4, "D": VT.R8}
