@@ -15,7 +15,7 @@ from bcapscope.protocol.tables.hresult import E_INVALIDARG, describe_hresult
 from bcapscope.simulator.argument_values import boolean, bstr, i2, i4, integer_of, variant_array
 from bcapscope.simulator.call_context import CallContext, CommandTable, accept_without_effect
 from bcapscope.simulator.call_outcome import RefusedError
-from bcapscope.simulator.hand_commands import HAND_COMMANDS
+from bcapscope.simulator.equipment_commands import HAND_COMMANDS
 from bcapscope.simulator.machine import AUTOMATIC, MANUAL, READY, RUNNING, Alarm
 from bcapscope.simulator.result_codes import BAD_INDEX, EMERGENCY_STOP
 

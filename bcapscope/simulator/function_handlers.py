@@ -31,14 +31,12 @@ from bcapscope.simulator.argument_values import (
 from bcapscope.simulator.call_context import CallContext, CommandTable
 from bcapscope.simulator.call_outcome import CallResult, HandlerOutcome, RefusedError, RunningCall
 from bcapscope.simulator.controller_commands import CONTROLLER_COMMANDS, TASK_COMMANDS
-from bcapscope.simulator.equipment_commands import LINE_COMMANDS
-from bcapscope.simulator.frame_commands import PALLET_COMMANDS
-from bcapscope.simulator.hand_commands import HAND_EXTENSION_COMMANDS
+from bcapscope.simulator.equipment_commands import HAND_EXTENSION_COMMANDS, LINE_COMMANDS
 from bcapscope.simulator.machine import Alarm
 from bcapscope.simulator.motion_commands import drive, halt, hold, move, unhold
 from bcapscope.simulator.object_table import check_storable
 from bcapscope.simulator.result_codes import INVALID_COMMAND, OBJECT_NOT_FOUND, OUT_OF_MEMORY
-from bcapscope.simulator.robot_commands import ROBOT_COMMANDS
+from bcapscope.simulator.robot_commands import PALLET_COMMANDS, ROBOT_COMMANDS
 
 Arguments: TypeAlias = "tuple[Variant, ...]"
 """Arguments of a request, without its handle."""

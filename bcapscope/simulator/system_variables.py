@@ -19,12 +19,11 @@ from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT, SIMULATOR
 from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, integer_of, number_of, r4
 from bcapscope.simulator.call_context import CallContext, CommandHandler
 from bcapscope.simulator.call_outcome import HandlerOutcome, RefusedError
-from bcapscope.simulator.frame_commands import FRAMES, ZERO_FRAME, frame_number
 from bcapscope.simulator.kinematics import pose_of
 from bcapscope.simulator.machine import READY, RUNNING
 from bcapscope.simulator.object_table import ControllerObject
 from bcapscope.simulator.result_codes import BAD_INDEX, NOT_WRITABLE, OBJECT_NOT_FOUND
-from bcapscope.simulator.robot_commands import motor
+from bcapscope.simulator.robot_commands import FRAMES, ZERO_FRAME, frame_number, motor
 from bcapscope.simulator.variable_memory import LETTERS, VARIABLES_PER_LETTER, vector_of
 
 _NUMBERED = re.compile(r"(IO[BWDF]?|[IFDVPJTS]|TOOL|WORK)([0-9]{1,9}|\*)")
