@@ -16,9 +16,8 @@ from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, Listing, Measured, Times
 from bcapscope.player.arm_limits import ArmLimits
-from bcapscope.player.set_point_timing import find_gaps
 from bcapscope.player.smooth_curve import FIG_COLUMN, Array
-from bcapscope.player.trajectory import Trajectory
+from bcapscope.player.trajectory import Trajectory, find_gaps
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType, SlaveMode
 from bcapscope.protocol.slave_mode.poses import AXES
 

@@ -17,9 +17,8 @@ from bcapscope.errors import InputError
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Measured
 from bcapscope.player.arm_limits import UNKNOWN_ARM, ArmLimits, limit_excess
-from bcapscope.player.set_point_timing import find_gaps
 from bcapscope.player.smooth_curve import Array, SmoothCurve
-from bcapscope.player.trajectory import MAX_POINTS, Trajectory, TrajectoryError
+from bcapscope.player.trajectory import MAX_POINTS, Trajectory, TrajectoryError, find_gaps
 
 DEFAULT_RAMP = 0.25
 """Default duration of a start or a stop, seconds."""

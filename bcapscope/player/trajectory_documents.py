@@ -19,9 +19,16 @@ import yaml
 from bcapscope.faults.yaml_events import YamlError, yaml_events
 from bcapscope.messages import Message
 from bcapscope.player.column_layout import ReadOptions, layout_of_titles, list_titles
-from bcapscope.player.set_point_timing import SetPointTiming, timing_from_due_times
 from bcapscope.player.smooth_curve import Array
-from bcapscope.player.trajectory import MAX_POINTS, Column, Trajectory, TrajectoryError, TrajectorySource
+from bcapscope.player.trajectory import (
+    MAX_POINTS,
+    Column,
+    SetPointTiming,
+    Trajectory,
+    TrajectoryError,
+    TrajectorySource,
+    timing_from_due_times,
+)
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
 

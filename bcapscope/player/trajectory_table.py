@@ -22,20 +22,18 @@ from bcapscope.player.column_layout import (
     layout_of_titles,
     list_titles,
 )
-from bcapscope.player.set_point_timing import (
-    SetPointTiming,
-    find_runs,
-    timing_from_due_times,
-    timing_from_send_times,
-)
 from bcapscope.player.smooth_curve import Array
 from bcapscope.player.trajectory import (
     MAX_POINTS,
     MIN_COLUMNS,
     Column,
+    SetPointTiming,
     Trajectory,
     TrajectoryError,
     TrajectorySource,
+    find_runs,
+    timing_from_due_times,
+    timing_from_send_times,
 )
 from bcapscope.protocol.slave_mode.modes import PoseType
 

@@ -15,9 +15,14 @@ from bcapscope.messages.places import Count
 from bcapscope.player.arm_limits import ArmLimits
 from bcapscope.player.checks import PreflightProblem, interval_ms, set_point_numbers
 from bcapscope.player.preflight import PreflightResult, most_serious_first, run_preflight
-from bcapscope.player.set_point_timing import find_gaps, timing_from_send_times
 from bcapscope.player.smooth_curve import Array
-from bcapscope.player.trajectory import MIN_COLUMNS, Trajectory, TrajectorySource
+from bcapscope.player.trajectory import (
+    MIN_COLUMNS,
+    Trajectory,
+    TrajectorySource,
+    find_gaps,
+    timing_from_send_times,
+)
 from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.slave_mode.modes import PoseType, pose_type_of_mode
 from bcapscope.protocol.slave_mode.poses import AXES, pose_numbers

@@ -13,9 +13,8 @@ from typing import Any
 import orjson
 import pytest
 
-from bcapscope.client.action_log import LINE_TIMEOUT, ActionLog, LoggedConnection
+from bcapscope.client.action_log import LINE_TIMEOUT, ActionLog, LogFiles, LoggedConnection
 from bcapscope.client.armed_call_logger import ArmedCallLogger
-from bcapscope.client.log_files import LogFiles
 from bcapscope.protocol.codec.frame import Frame, encode_frame, parse_datagram
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 
