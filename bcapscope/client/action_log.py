@@ -30,32 +30,23 @@ from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.traffic.observation import Conversation, Transport
 
-MAX_FILE_SIZE = 16 << 20
-"""Size limit of a log file in bytes. Beyond this size, the next file of the day begins."""
-
-MAX_TOTAL_SIZE = 128 << 20
-"""Size limit of all log files together in bytes. The oldest files are deleted when a new file begins."""
-
 
 class LogFiles:
-    """Appends lines to ``<name>-<date>.jsonl``, then ``<name>-<date>.2.jsonl`` and so on.
+    """Appends lines to ``actions-<date>.jsonl``, then ``actions-<date>.2.jsonl`` and so on.
 
-    `path` is the file that holds the last line, or the folder before the first line.
+    Attributes:
+        path: Path of the file that holds the last line; the folder before the first line.
+        max_file_size: Size limit of a file in bytes. Beyond this size, the next file of the day begins.
+        max_total_size: Size limit of all files in bytes. A new file replaces the oldest files.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        name: str,
-        max_file_size: int = MAX_FILE_SIZE,
-        max_total_size: int = MAX_TOTAL_SIZE,
-    ) -> None:
+    max_file_size = 16 << 20
+    max_total_size = 128 << 20
+
+    def __init__(self, folder: Path) -> None:
         """Set up the log files; the first line creates the folder."""
         self.path = folder
         self._folder = folder
-        self._name = name
-        self._max_file_size = max_file_size
-        self._max_total_size = max_total_size
         self._is_torn = False
 
     def append(self, line: bytes) -> None:
@@ -77,9 +68,9 @@ class LogFiles:
 
     def _current(self, day: str) -> Path:
         path = self.path
-        if path.parent != self._folder or not path.name.startswith(f"{self._name}-{day}"):
+        if path.parent != self._folder or not path.name.startswith(f"actions-{day}"):
             self._folder.mkdir(parents=True, exist_ok=True)
-            numbers = map(_number_of, self._folder.glob(f"{self._name}-{day}*"))
+            numbers = map(_number_of, self._folder.glob(f"actions-{day}*"))
             path = self._numbered_path(day, max(numbers, default=1))
         try:
             size = path.stat().st_size
@@ -87,21 +78,21 @@ class LogFiles:
             self._folder.mkdir(parents=True, exist_ok=True)  # deleted while bcapscope runs
             self._delete_oldest()
             return path
-        if size < self._max_file_size:
+        if size < self.max_file_size:
             return path
         self.path = self._numbered_path(day, _number_of(path) + 1)
         return self._current(day)
 
     def _numbered_path(self, day: str, number: int) -> Path:
-        return self._folder / f"{self._name}-{day}{f'.{number}' if number > 1 else ''}.jsonl"
+        return self._folder / f"actions-{day}{f'.{number}' if number > 1 else ''}.jsonl"
 
     def _delete_oldest(self) -> None:
         """Delete the oldest files until a new file fits into the limit, or a file cannot be deleted."""
         with suppress(OSError):
-            found = [(path.stat(), path) for path in self._folder.glob(f"{self._name}-*.jsonl")]
-            left = sum(stat.st_size for stat, _ in found) + self._max_file_size
+            found = [(path.stat(), path) for path in self._folder.glob("actions-*.jsonl")]
+            left = sum(stat.st_size for stat, _ in found) + self.max_file_size
             for stat, path in sorted(found, key=lambda each: (each[0].st_mtime_ns, _number_of(each[1]))):
-                if left <= self._max_total_size:
+                if left <= self.max_total_size:
                     return
                 path.unlink()
                 left -= stat.st_size
@@ -169,7 +160,7 @@ class ActionLog:
         self.folder = folder
         self._program = program
         self._on_error = on_error
-        self._files = LogFiles(folder, "actions")
+        self._files = LogFiles(folder)
         self._lock = threading.Lock()
         self._logged_requests: dict[tuple[LoggedConnection, int], str] = {}
         self._lines: queue.Queue[tuple[bytes, threading.Event] | None] = queue.Queue(MAX_WAITING)

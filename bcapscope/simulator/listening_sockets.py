@@ -22,16 +22,15 @@ class SimulatorListenError(BcapError):
 
 def open_sockets(host: str, port: int) -> tuple[socket.socket, socket.socket]:
     """Open a UDP and a TCP socket on one port, or raise SimulatorListenError; port 0 means any free port."""
-    tries = 1 if port else 20
-    for last in range(tries - 1, -1, -1):
+    for attempts_left in range(0 if port else 20, -1, -1):
         tcp = _bind(host, port, socket.SOCK_STREAM)
         try:
             return _bind(host, tcp.getsockname()[1], socket.SOCK_DGRAM), tcp
         except SimulatorListenError:
             tcp.close()
-            if not last:
+            if not attempts_left:
                 raise
-    raise AssertionError("each attempt but the last continues, and the last returns or raises")
+    raise AssertionError("the last attempt returns or raises")
 
 
 def _bind(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
