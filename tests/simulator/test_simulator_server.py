@@ -61,7 +61,7 @@ class Ends:
     """Keeps how TCP connections ended: by the client or not, and whether by reset."""
 
     def __init__(self, server: SimulatorServer) -> None:
-        self.told: list[tuple[bool, bool]] = []
+        self.ends: list[tuple[bool, bool]] = []
         self._server = server.address
 
     def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
@@ -71,10 +71,10 @@ class Ends:
         pass
 
     def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
-        self.told.append((target == self._server, reset))
+        self.ends.append((target == self._server, reset))
 
     def on_connection_end(self, client: Address, server: Address) -> None:
-        self.told.append((False, False))
+        self.ends.append((False, False))
 
 
 @pytest.mark.parametrize("kind", [socket.SOCK_STREAM, socket.SOCK_DGRAM])
@@ -322,9 +322,9 @@ def test_who_ended_a_connection_is_told_and_how(server: SimulatorServer) -> None
                 server.reset()
             else:
                 sock.close()
-                while not ends.told:
+                while not ends.ends:
                     server.step(0.05)
-        found.append(ends.told)
-        ends.told = []
+        found.append(ends.ends)
+        ends.ends = []
     gone = (False, False)
     assert found == [[(True, False), (False, False), gone], [(True, True), gone], [(False, False), gone]]
