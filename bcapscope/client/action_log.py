@@ -14,6 +14,7 @@ import os
 import queue
 import re
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from datetime import datetime
@@ -23,12 +24,13 @@ from typing import NamedTuple, TypeAlias
 import platformdirs
 
 from bcapscope.client.controller_target import ControllerTarget
-from bcapscope.protocol.codec.frame import Frame, Malformed
+from bcapscope.protocol.codec.frame import SMALLEST_FRAME, Frame, Malformed
 from bcapscope.protocol.codec.variant import Value, Variant, vt_name
 from bcapscope.protocol.guard import needs_arming
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.protocol.tables.hresult import hresult_name
-from bcapscope.traffic.observation import Conversation, Transport
+from bcapscope.traffic.call_kind import call_kind_of
+from bcapscope.traffic.observation import Conversation, Direction, Observation, Transport
 
 
 class LogFiles:
@@ -314,3 +316,59 @@ def _elements_json(values: Sequence[Value], left: list[int]) -> list[object]:
 def _shortened(text: str) -> str:
     more = len(text) - _MAX_TEXT
     return text if more <= 0 else f"{text[:_MAX_TEXT]}, {more} more"
+
+
+_WHO = "user"
+_FUNCTION_ID = 9
+
+
+class ArmedCallLogger:
+    """Logs the calls that need arming, from all frames of a connection.
+
+    Of consecutive set points, the logger logs the first one like any other call, and later the number of set
+    points. A set point that is sent again before any reply is a retry.
+    """
+
+    def __init__(self, log: ActionLog, connection: LoggedConnection) -> None:
+        self._log = log
+        self._connection = connection
+        self._set_points = 0
+        self._unanswered = b""
+
+    def on_observation(self, observation: Observation) -> None:
+        self.add_frame(
+            observation.flow.direction is Direction.REQUEST, observation.item.raw, observation.time
+        )
+
+    def add_frame(self, sent: bool, raw: bytes, timestamp: int) -> None:
+        """Process a frame that was sent or received; `timestamp` is ns since 1970-01-01 UTC."""
+        if len(raw) < SMALLEST_FRAME:
+            return
+        frame = Frame(raw)
+        if not sent:
+            self._unanswered = b""
+            self._log.log_reply(self._connection, frame, timestamp)
+            return
+        if (call_kind_of(frame).command or "").casefold() == "slvmove":
+            is_retry, self._unanswered = raw[_FUNCTION_ID:] == self._unanswered, raw[_FUNCTION_ID:]
+            self._set_points += not is_retry
+            self._log.log_request(
+                self._connection, frame, timestamp, _WHO, is_logged=self._set_points == 1 and not is_retry
+            )
+            return
+        wanted = needs_arming(frame.code, frame.variants)
+        if wanted:
+            self.end_set_points(timestamp)
+        self._log.log_request(self._connection, frame, timestamp, _WHO, wanted)
+
+    def add_set_points(self, count: int) -> None:
+        """Count set points that were sent without `add_frame`."""
+        self._set_points += count
+
+    def end_set_points(self, timestamp: int | None = None) -> None:
+        """Log the number of set points since the last call, if any; `timestamp` is in ns, None means now."""
+        count, self._set_points = self._set_points, 0
+        if count:
+            self._log.log_set_points(
+                self._connection, count, time.time_ns() if timestamp is None else timestamp, _WHO
+            )

@@ -21,7 +21,7 @@ from typing import Self
 
 from msgspec import structs
 
-from bcapscope.client.armed_call_logger import ArmedCallLogger
+from bcapscope.client.action_log import ArmedCallLogger
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.player.player_messages import (

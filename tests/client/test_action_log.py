@@ -13,8 +13,7 @@ from typing import Any
 import orjson
 import pytest
 
-from bcapscope.client.action_log import LINE_TIMEOUT, ActionLog, LogFiles, LoggedConnection
-from bcapscope.client.armed_call_logger import ArmedCallLogger
+from bcapscope.client.action_log import LINE_TIMEOUT, ActionLog, ArmedCallLogger, LogFiles, LoggedConnection
 from bcapscope.protocol.codec.frame import Frame, encode_frame, parse_datagram
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import orjson
 import pytest
 
-from bcapscope.client.action_log import ActionLog, LoggedConnection
-from bcapscope.client.armed_call_logger import ArmedCallLogger
+from bcapscope.client.action_log import ActionLog, ArmedCallLogger, LoggedConnection
 from bcapscope.player.player_messages import (
     ControllerInfo,
     FrameMessage,

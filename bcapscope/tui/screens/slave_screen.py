@@ -17,8 +17,7 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.css.query import NoMatches
 from textual.widgets import Button, ContentSwitcher, Input, Select
 
-from bcapscope.client.action_log import LoggedConnection
-from bcapscope.client.armed_call_logger import ArmedCallLogger
+from bcapscope.client.action_log import ArmedCallLogger, LoggedConnection
 from bcapscope.client.controller_target import DEFAULT_ROBOT
 from bcapscope.errors import BcapError
 from bcapscope.live.controller.controller_session import ControllerSession
