@@ -221,64 +221,48 @@ def read_yaml(data: bytes) -> Iterator[object]:
     Raises:
         TrajectoryError: The data is no YAML, is nested too deep, or has too many values.
     """
-    builder = _DocumentBuilder()
+    events = yaml_events(data)
     try:
-        for event in yaml_events(data):
+        for event in events:
             if isinstance(event, yaml.DocumentStartEvent):
-                builder = _DocumentBuilder()
-            elif isinstance(event, yaml.DocumentEndEvent):
-                yield builder.root
-            else:
-                builder.add_event(event)
+                yield _build_document(events)
     except YamlError as error:
         raise TrajectoryError(error.message, error.line or None, error.column or None) from error
 
 
-class _DocumentBuilder:
-    """Builds a document from parser events; `root` is complete after the last event."""
-
-    def __init__(self) -> None:
-        self.root: object = None
-        self._open: list[list[Any] | dict[str, Any]] = []
-        self._keys: list[str | None] = []  # key of the next value, for each open mapping
-        self._anchors: dict[str, object] = {}
-        self._values = 0
-
-    def add_event(self, event: yaml.Event) -> None:
-        """Process a parser event of a document; ignore events of the stream itself."""
+def _build_document(events: Iterator[yaml.Event]) -> object:
+    """Build a document from the parser events up to its end, without recursion."""
+    roots: list[object] = []
+    open_nodes: list[tuple[Any, list[str]]] = [(roots, [])]  # each with the key of its next value, if known
+    anchors: dict[str, object] = {}
+    values = 0
+    for event in events:
+        if isinstance(event, yaml.DocumentEndEvent):
+            break
+        if isinstance(event, yaml.CollectionEndEvent):
+            open_nodes.pop()
+            continue
+        assert isinstance(event, yaml.NodeEvent)
+        line = event.start_mark.line + 1 if event.start_mark else None
+        node: object = {} if isinstance(event, yaml.MappingStartEvent) else []
         if isinstance(event, yaml.ScalarEvent):
-            self._add_node(event.value, event)
-        elif isinstance(event, yaml.AliasEvent):
-            if event.anchor not in self._anchors:
-                raise TrajectoryError(Message("yaml.unknown-anchor", anchor=str(event.anchor)), _line(event))
-            self._add_node(self._anchors[event.anchor], event)
-        elif isinstance(event, yaml.CollectionStartEvent):
-            node: list[Any] | dict[str, Any] = {} if isinstance(event, yaml.MappingStartEvent) else []
-            self._add_node(node, event)
-            self._open.append(node)
-            self._keys.append(None)
-        elif isinstance(event, yaml.CollectionEndEvent):
-            self._open.pop()
-            self._keys.pop()
-
-    def _add_node(self, node: object, event: yaml.NodeEvent) -> None:
-        self._values += 1
-        if self._values > MAX_VALUES:
-            raise TrajectoryError(TOO_MANY_VALUES, _line(event))
-        if event.anchor and not isinstance(event, yaml.AliasEvent):
-            self._anchors[event.anchor] = node
-        if not self._open:
-            self.root = node
-            return
-        place = self._open[-1]
-        if isinstance(place, list):
-            place.append(node)
-        elif self._keys[-1] is None:
-            self._keys[-1] = node if isinstance(node, str) else "?"
+            node = event.value
+        if isinstance(event, yaml.AliasEvent):
+            if event.anchor not in anchors:
+                raise TrajectoryError(Message("yaml.unknown-anchor", anchor=str(event.anchor)), line)
+            node = anchors[event.anchor]
+        elif event.anchor:
+            anchors[event.anchor] = node
+        values += 1
+        if values > MAX_VALUES:
+            raise TrajectoryError(TOO_MANY_VALUES, line)
+        parent, key = open_nodes[-1]
+        if isinstance(parent, list):
+            parent.append(node)
+        elif key:
+            parent[key.pop()] = node
         else:
-            place[self._keys[-1]] = node
-            self._keys[-1] = None
-
-
-def _line(event: yaml.Event) -> int | None:
-    return event.start_mark.line + 1 if event.start_mark else None
+            key.append(node if isinstance(node, str) else "?")
+        if isinstance(event, yaml.CollectionStartEvent):
+            open_nodes.append((node, []))
+    return roots[0] if roots else None
