@@ -9,6 +9,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from copy import copy
 
 from bcapscope.errors import LocalProtocolError, TooLargeError
 from bcapscope.protocol.codec.frame import LARGEST_FRAME, LARGEST_UDP_FRAME, Frame
@@ -28,19 +29,6 @@ client sends its next attempt sooner (DENSO Wave 2009, How to use the Slave mode
 _SERVICE_START = CallKind(1, None)
 
 
-class ScriptIndex:
-    """Index of a script's calls by function, command and arguments, shared by all clients."""
-
-    def __init__(self, calls: Iterable[ScriptCall]) -> None:
-        self.calls: dict[CallKind, list[ScriptCall]] = {}
-        self.positions: dict[tuple[CallKind, tuple[Variant, ...]], list[int]] = {}
-        for call in calls:
-            kind = _casefolded(call.kind)
-            alike = self.calls.setdefault(kind, [])
-            self.positions.setdefault((kind, call.arguments), []).append(len(alike))
-            alike.append(call)
-
-
 class ScriptLookup:
     """Finds the recorded call that answers a request of one client.
 
@@ -49,20 +37,33 @@ class ScriptLookup:
     function and command. A Service_Start after the last recorded Service_Start begins the script again.
     """
 
-    def __init__(self, index: ScriptIndex) -> None:
-        self._index = index
+    def __init__(self, calls: Iterable[ScriptCall]) -> None:
+        """Index the calls of a script by function, command and arguments."""
+        self._calls: dict[CallKind, list[ScriptCall]] = {}
+        self._positions: dict[tuple[CallKind, tuple[Variant, ...]], list[int]] = {}
         self._next: dict[CallKind, int] = {}
+        for call in calls:
+            kind = _casefolded(call.kind)
+            alike = self._calls.setdefault(kind, [])
+            self._positions.setdefault((kind, call.arguments), []).append(len(alike))
+            alike.append(call)
+
+    def for_new_client(self) -> ScriptLookup:
+        """Return a lookup in the same index, at the start of the script."""
+        lookup = copy(self)
+        lookup._next = {}
+        return lookup
 
     def find(self, kind: CallKind, arguments: tuple[Variant, ...]) -> ScriptCall | None:
         """Return the recorded call that answers a request; None if the function or command was not called."""
         kind = _casefolded(kind)
-        calls = self._index.calls.get(kind)
+        calls = self._calls.get(kind)
         if calls is None:
             return None
         if kind == _SERVICE_START and self._next.get(kind) == len(calls):
             self._next.clear()
         begin = self._next.get(kind, 0)
-        places = self._index.positions.get((kind, arguments), [])
+        places = self._positions.get((kind, arguments), [])
         index = bisect_left(places, begin)
         if index == len(places) > 0:
             return calls[places[-1]]
@@ -205,7 +206,7 @@ class RecordedController(ClientHost):
         """Start without clients; `delays` makes replies take as long as those of the recorded controller."""
         super().__init__(self._replay_to_client, report)
         self.unknown_calls = 0
-        self._index = ScriptIndex(script.calls)
+        self._lookup = ScriptLookup(script.calls)
         self._reply_reserved = script.reply_reserved
         self._delays = delays
 
@@ -221,5 +222,5 @@ class RecordedController(ClientHost):
             reply_reserved=self._reply_reserved,
             largest_answer=LARGEST_UDP_FRAME if udp else LARGEST_FRAME,
         )
-        lookup = ScriptLookup(self._index)
+        lookup = self._lookup.for_new_client()
         return _ReplayClient(number, lookup, responder, delays=self._delays, report=on_answered)

@@ -61,12 +61,12 @@ def _clear_error(context: CallContext, parameter: Variant) -> None:
 
 
 def _current_error_info(context: CallContext, parameter: Variant) -> Variant:
-    alarm = _alarm_at(context.machine.alarms.active, integer_of(parameter))
+    alarm = _alarm_at(context.machine.active_alarms, integer_of(parameter))
     return variant_array(i4(alarm.code), bstr(alarm.text), i4(0), i4(0), bstr(""), i4(0), i4(0))
 
 
 def _error_log(context: CallContext, parameter: Variant) -> Variant:
-    alarm = _alarm_at(context.machine.alarms.log, integer_of(parameter))
+    alarm = _alarm_at(context.machine.alarm_log, integer_of(parameter))
     at = _DAY_0 + timedelta(days=context.machine.date(alarm.time))
     date = (at.year, at.month, at.isoweekday() % 7, at.day)
     clock = (at.hour, at.minute, at.second, at.microsecond // 1000)
@@ -87,7 +87,7 @@ def _system_state(context: CallContext, parameter: Variant) -> Variant:
     automatic = machine.mode == AUTOMATIC
     bits = {
         0: RUNNING in machine.tasks.values(),
-        1: bool(machine.alarms.active),
+        1: bool(machine.active_alarms),
         2: machine.motor_is_on(now),
         3: True,
         4: automatic,
@@ -115,9 +115,9 @@ CONTROLLER_COMMANDS: CommandTable = {
     "clearerror": _clear_error,
     # The text of an error is bcapscope's, not the controller's.
     "geterrordescription": lambda context, code: bstr(describe_hresult(integer_of(code)).text),
-    "getcurerrorcount": lambda context, _: i4(len(context.machine.alarms.active)),
+    "getcurerrorcount": lambda context, _: i4(len(context.machine.active_alarms)),
     "getcurerrorinfo": _current_error_info,
-    "geterrorlogcount": lambda context, _: i4(len(context.machine.alarms.log)),
+    "geterrorlogcount": lambda context, _: i4(len(context.machine.alarm_log)),
     "geterrorlog": _error_log,
     # SysInfo returns the serial number for 0, and an empty text for other numbers.
     "sysinfo": lambda context, kind: bstr("" if integer_of(kind) else "SIMULATOR"),
@@ -196,7 +196,7 @@ def _create_file(context: CallContext, name: str, option: str) -> None:
 
 def _get_message(context: CallContext, arguments: Arguments) -> Variant:
     """Run Controller_GetMessage, which returns the newest active error or, without one, is refused."""
-    active = context.machine.alarms.active
+    active = context.machine.active_alarms
     if not active:
         raise RefusedError(OBJECT_NOT_FOUND)
     made = context.objects.open(ObjectClass.MESSAGE, "", context.object)

@@ -122,26 +122,6 @@ class Alarm:
         return describe_hresult(self.code).text
 
 
-class Alarms:
-    """The active errors until ClearError, and the log of all errors; both list the newest error first."""
-
-    def __init__(self) -> None:
-        self.active: deque[Alarm] = deque(maxlen=MAX_ACTIVE)
-        self.log: deque[Alarm] = deque(maxlen=MAX_LOGGED)
-
-    def add(self, code: int, now: int) -> None:
-        alarm = Alarm(code & 0xFFFFFFFF, now)
-        self.active.appendleft(alarm)
-        self.log.appendleft(alarm)
-
-    def is_active(self, code: int) -> bool:
-        return any(alarm.code == code for alarm in self.active)
-
-    def clear(self) -> None:
-        """Clear the active errors; the log keeps them."""
-        self.active.clear()
-
-
 class ControlLogRecord(NamedTuple):
     """One record: time in ns since the controller's start, commanded joints, and joints of the encoders."""
 
@@ -180,6 +160,7 @@ class Machine:
     """The state of one controller.
 
     Attributes:
+        active_alarms: Errors until ClearError, newest first; `alarm_log` holds all errors.
         owner: Number of the client that has the arm; None if no client has it.
         open_objects: Objects that each client has opened, by client number.
         stop_count: Number of times that Robot_Halt, an error or the emergency stop stopped motion so far.
@@ -193,7 +174,8 @@ class Machine:
         self.started_at = now
         self.arm = Arm(self.initial_state.joints)
         self.slave = SlaveDrive(self.arm, self.initial_state.limits)
-        self.alarms = Alarms()
+        self.active_alarms: deque[Alarm] = deque(maxlen=MAX_ACTIVE)
+        self.alarm_log: deque[Alarm] = deque(maxlen=MAX_LOGGED)
         self.log = ControlLog()
         self.memory = VariableMemory(profile.real)
         self.speeds = Speeds(external=self.initial_state.speed)
@@ -213,7 +195,7 @@ class Machine:
         self.equipment = Equipment(self.initial_state.object_width)
         self._motor_at: int | None = now if self.initial_state.motor else None
         for code in (*self.initial_state.errors, *((EMERGENCY_STOP,) if self.emergency else ())):
-            self.alarms.add(code, now)
+            self._add_alarm(code, now)
 
     def date(self, now: int) -> float:
         """Return the controller's date and time as days since 1899-12-30."""
@@ -246,7 +228,7 @@ class Machine:
         """Refuse a call during an emergency stop or error, outside automatic mode, or without token."""
         if self.emergency:
             raise RefusedError(EMERGENCY_STOP)
-        if self.alarms.active:
+        if self.active_alarms:
             raise RefusedError(ERROR_IS_ACTIVE)
         if self.mode != AUTOMATIC:
             raise RefusedError(NOT_AUTOMATIC)
@@ -298,7 +280,7 @@ class Machine:
         in nkawa/Denso_CobottaPro900_MQTT_Control). The motor also goes off at the emergency stop.
         `is_reported` is as for `stop`.
         """
-        self.alarms.add(code, now)
+        self._add_alarm(code, now)
         self.stop(now, code, is_reported)
         if ROBSLAVE.casefold() in self.tasks:
             self.tasks[ROBSLAVE.casefold()] = READY
@@ -315,13 +297,13 @@ class Machine:
         assumed that an RC7 does the same: any result other than S_OK stops RobSlave and ends slave mode
         (DENSO Wave 2009).
         """
-        if not self.alarms.is_active(code):
+        if all(alarm.code != code for alarm in self.active_alarms):
             self.raise_error(code, now, is_reported=True)
         raise RefusedError(code)
 
     def clear_errors(self) -> None:
         """Clear the active errors; slvMove no longer returns a cleared error."""
-        self.alarms.clear()
+        self.active_alarms.clear()
         self.slave.unreported_result = 0
 
     def switch_mode(self, mode: int, now: int) -> None:
@@ -366,6 +348,11 @@ class Machine:
         due = None if slave.mode is None or slave.is_empty else slave.next_tick
         collision = self.equipment.hand.collides_at
         return due if collision is None else collision if due is None else min(due, collision)
+
+    def _add_alarm(self, code: int, now: int) -> None:
+        alarm = Alarm(code & 0xFFFFFFFF, now)
+        self.active_alarms.appendleft(alarm)
+        self.alarm_log.appendleft(alarm)
 
     def _lose_power(self) -> None:
         self._motor_at = None

@@ -121,12 +121,12 @@ def _pose(pose_type: PoseType) -> VariableReader:
 
 
 def _error_code(context: CallContext) -> Variant:
-    active = context.machine.alarms.active
+    active = context.machine.active_alarms
     return i4(active[0].code if active else 0)
 
 
 def _error_text(context: CallContext) -> Variant:
-    active = context.machine.alarms.active
+    active = context.machine.active_alarms
     return bstr(active[0].text if active else "")
 
 
@@ -197,7 +197,7 @@ _READERS: Mapping[ObjectClass, Mapping[str, VariableReader]] = {
         "@LOCK": _fixed(boolean(False)),
         "@EMERGENCY_STOP": lambda context: boolean(context.machine.emergency),
         "@BUSY_STATUS": lambda context: boolean(RUNNING in context.machine.tasks.values()),
-        "@NORMAL_STATUS": lambda context: boolean(not context.machine.alarms.active),
+        "@NORMAL_STATUS": lambda context: boolean(not context.machine.active_alarms),
         "@AUTO_ENABLE": _fixed(boolean(True)),
         "@IO_ALLOC_MODE": _fixed(i4(0)),
         "_ITP": _fixed(i4(0)),

@@ -158,7 +158,7 @@ class Stage:
         assert simulator.client_count <= 2 * (MAX_CLIENTS + STOP_CLIENTS)
         assert set(simulator._running) <= set(simulator._links)
         assert len(machine.files) <= MAX_FILES
-        assert len(machine.alarms.active) <= MAX_ACTIVE
+        assert len(machine.active_alarms) <= MAX_ACTIVE
         assert len(machine.log.records) <= MAX_RECORDS
         assert machine.slave.waiting <= 256
         for table in (machine.memory._numbers, machine.memory._rows, machine.memory._texts):

@@ -48,7 +48,7 @@ def test_an_order_at_any_moment_leaves_everything_as_it_was(profile: str, order:
         assert (machine.slave.mode, machine.owner, machine.open_objects) == (None, None, {}), moment
         assert not machine.motor_is_on(stage.channel.now())
         assert set(machine.tasks.values()) == {2}
-        assert not machine.alarms.active
+        assert not machine.active_alarms
         logged = len(machine.log.records)
         stage.simulator.advance(stage.channel.now() + 100 * MS)
         assert len(machine.log.records) == logged
@@ -109,7 +109,7 @@ def test_another_player_ends_what_one_has_left(profile: str) -> None:
     assert not machine.motor_is_on(after.channel.now())
     assert (machine.owner, machine.open_objects) == (None, {})
     assert set(machine.tasks.values()) == {2}
-    assert not machine.alarms.active
+    assert not machine.active_alarms
     assert not [message for message in after.pipe.messages if isinstance(message, PlayerProblem)]
 
 

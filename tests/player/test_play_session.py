@@ -116,7 +116,7 @@ def test_a_robot_that_somebody_else_moves_is_left_alone() -> None:
         "Service_Stop",
     ]
     assert stage.simulator.machine.slave.mode is taken
-    assert not stage.simulator.machine.alarms.active
+    assert not stage.simulator.machine.active_alarms
 
 
 def test_looking_changes_nothing() -> None:
@@ -244,7 +244,7 @@ def test_a_stop_brings_the_robot_to_rest_on_its_way(profile: str, mode: int) -> 
     assert max(steps) > 0.1
     assert steps[-1] == 0
     assert max(abs(b - a) for a, b in pairwise(steps)) < 0.1
-    assert not stage.simulator.machine.alarms.active
+    assert not stage.simulator.machine.active_alarms
     assert stage.calls[-5:] == [
         *(["Motor", "GiveArm"] if profile == "rc8" else ["Task_Stop", "Task_Release"]),
         *("Robot_Release", "Controller_Disconnect", "Service_Stop"),
@@ -353,7 +353,7 @@ def test_an_error_is_read_before_it_is_cleared() -> None:
     assert [hex(code)[:6] for code, _ in trouble.errors] == ["0x8420"]
     commands = [str(frame.arguments[1].variant.value) for _, frame in stage.channel.sent if frame.code == 17]
     assert commands == ["GetCurErrorCount", "GetCurErrorInfo", "ClearError"]
-    assert not stage.simulator.machine.alarms.active
+    assert not stage.simulator.machine.active_alarms
     assert stage.calls[-1] == "Service_Stop"
 
 
@@ -379,14 +379,14 @@ def test_an_error_on_the_way_to_the_first_point_is_read_and_clearing_offered() -
 def test_an_error_is_left_where_nobody_wants_it_cleared() -> None:
     stage = Stage()
     assert stage.play(plan(0x202, points=[*wave()[:60], (90.0, *HOME[1:6])])).outcome is PlayOutcome.REFUSED
-    assert stage.simulator.machine.alarms.active
+    assert stage.simulator.machine.active_alarms
 
 
 def test_an_order_when_there_is_an_error_does_not_hide_it() -> None:
     stage = Stage()
     stage.pipe.at_poll = lambda _: Order.STOP if QuestionTopic.CLEAR in stage.pipe.asked else None
     assert stage.play(plan(0x202, points=[*wave()[:60], (90.0, *HOME[1:6])])).outcome is PlayOutcome.REFUSED
-    assert stage.simulator.machine.alarms.active
+    assert stage.simulator.machine.active_alarms
 
 
 def test_after_clearing_it_begins_again_with_robslave_and_the_first_point() -> None:
@@ -429,7 +429,7 @@ def test_clearing_is_offered_again_where_it_was_refused() -> None:
     machine = stage.simulator.machine
 
     def press(_: int) -> None:
-        if stage.channel.points > 150 and not machine.alarms.active:
+        if stage.channel.points > 150 and not machine.active_alarms:
             machine.press_emergency_stop(stage.channel.now())
         if stage.pipe.asked.count(QuestionTopic.CLEAR) == 2:
             machine.emergency = False

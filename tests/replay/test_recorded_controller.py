@@ -12,7 +12,7 @@ from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.retry.reserved_convention import ReplyReserved
 from bcapscope.protocol.tables.hresult import E_BUSY, E_FAIL, E_NOTIMPL, E_TOO_MUCH_DATA, S_EXECUTING, S_OK
-from bcapscope.replay.recorded_controller import IDLE_CLIENT_NS, RecordedController, ScriptIndex, ScriptLookup
+from bcapscope.replay.recorded_controller import IDLE_CLIENT_NS, RecordedController, ScriptLookup
 from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 from bcapscope.simulator.argument_values import bstr, i4
 from bcapscope.simulator.call_executor import MAX_WAITING
@@ -74,13 +74,13 @@ def test_lines_are_found_in_order(asked: list[int], answers: list[int]) -> None:
         line(GET, i4(1), answer=12),
         line(GET, i4(1), answer=13),
     )
-    lookup = ScriptLookup(ScriptIndex(lines))
+    lookup = ScriptLookup(lines)
     found = [lookup.find(GET, (i4(handle),)) for handle in asked]
     assert [each and each.values[0].value for each in found] == answers
 
 
 def test_a_new_start_begins_from_the_top() -> None:
-    lookup = ScriptLookup(ScriptIndex((line(START), line(GET, i4(1), answer=1), line(GET, i4(1), answer=2))))
+    lookup = ScriptLookup((line(START), line(GET, i4(1), answer=1), line(GET, i4(1), answer=2)))
     told = []
     for question in (START, GET, GET, START, GET):
         found = lookup.find(question, () if question is START else (i4(1),))
@@ -90,7 +90,7 @@ def test_a_new_start_begins_from_the_top() -> None:
 
 
 def test_commands_are_told_apart_without_regard_to_case() -> None:
-    lookup = ScriptLookup(ScriptIndex((line(MOVE, i4(1), bstr("slvMove")),)))
+    lookup = ScriptLookup((line(MOVE, i4(1), bstr("slvMove")),))
     assert lookup.find(CallKind(64, "SLVMOVE"), ()) is not None
     assert lookup.find(CallKind(64, "slvMov"), ()) is None
     assert lookup.find(GET, ()) is None

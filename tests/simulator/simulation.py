@@ -172,7 +172,7 @@ class Operator(SimulatedClient):
 
     def machine_error(self) -> int:
         """Return the newest active error as the controller's own panel shows it; 0 for none."""
-        active = self.simulation.machine.alarms.active
+        active = self.simulation.machine.active_alarms
         return active[0].code if active else 0
 
     def ready(self) -> None:

@@ -172,7 +172,7 @@ def test_a_match_may_be_by_lot() -> None:
         operator = Operator(simulation)
         for _ in range(200):
             operator.robot("CurJnt")
-        counts.append(len(simulation.machine.alarms.log))
+        counts.append(len(simulation.machine.alarm_log))
     assert counts[0] == counts[1] != counts[2]
     assert all(30 < count < 90 for count in counts)
 
