@@ -121,12 +121,7 @@ ErrorCallback: TypeAlias = Callable[[Path, OSError], None]
 
 
 class LoggedConnection(NamedTuple):
-    """A connection to a controller, as the action log names it.
-
-    Attributes:
-        transport: "udp" or "tcp".
-        client_port: Port of the client; 0 if unknown.
-    """
+    """A connection to a controller over "udp" or "tcp"; the `client_port` is 0 if unknown."""
 
     host: str
     port: int

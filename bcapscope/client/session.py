@@ -120,11 +120,8 @@ class Session:
     async def call(self, function_id: int, arguments: Sequence[Variant]) -> Frame:
         """Make a call and return the reply.
 
-        Raises:
-            ControllerError: The controller refused the call.
-            CallTimeout: No attempt was answered in time.
-            LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
-            ConnectionError: The link is lost.
+        Raises ControllerError if the controller refuses the call, CallTimeout if it answers no attempt in
+        time, LocalProtocolError if the call cannot be sent, and ConnectionError if the link is lost.
         """
         settled = await self.perform_call(function_id, arguments)
         if isinstance(settled, CallAnswered):

@@ -83,11 +83,10 @@ class BlockingCaller:
     async def perform_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy
     ) -> RequesterOutcome:
-        """Make a call and return its outcome; the method blocks and needs no event loop.
+        """Make a call and return its outcome; block, without an event loop.
 
-        Raises:
-            LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
-            OSError: The link is gone. The other methods raise the same error.
+        Raises LocalProtocolError if the call cannot be sent, and OSError if the link is gone, as other
+        methods do.
         """
         try:
             self.begin_call(function_id, arguments, retry_policy, self.link.now())

@@ -45,9 +45,8 @@ def read_capture(
 ) -> tuple[Trajectory, ...]:
     """Read the set points of each slave-mode session.
 
-    Raises:
-        TrajectoryError: The capture holds no set points of the wanted type.
-        CaptureError: The capture is damaged, and holds no set points before the damage.
+    Raises TrajectoryError if there are none of the wanted type, or CaptureError for damage before the first
+    one.
     """
     sessions: dict[int, _SlaveSessionPoints] = {}
     extractor = TrajectoryExtractor()

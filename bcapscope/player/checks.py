@@ -63,11 +63,7 @@ class PreflightProblem:
 class PreflightContext:
     """The trajectory, and the facts that the checks compare with it; an unknown fact is None.
 
-    Attributes:
-        trajectory: The trajectory as read or resampled, with the axes that its file has.
-        period: Seconds between two calls of slvMove.
-        current_pose: Current pose of the robot, in the pose type of the trajectory.
-        loop: Whether the trajectory starts again at its end.
+    `period` is in seconds between two calls of slvMove. `current_pose` has the pose type of the trajectory.
     """
 
     trajectory: Trajectory

@@ -124,12 +124,9 @@ class ReadOptions:
 
 @dataclass(frozen=True, slots=True)
 class ColumnLayout:
-    """The columns that make a trajectory; each note is one clause about a choice or an assumption.
+    """The columns of the axes in their order, and those of the times and of a counter, if any.
 
-    Attributes:
-        columns: Column of each axis, in the order of the axes.
-        time: Column of the times; None if there is none.
-        counter: Column that counts records or time; None if there is none.
+    Each note is one clause about a choice or an assumption.
     """
 
     kind: PoseType

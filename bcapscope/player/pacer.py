@@ -159,11 +159,8 @@ class Pacer:
     def play(self) -> None:
         """Send all set points.
 
-        Raises:
-            ControllerError: The controller refused a set point.
-            CallTimeout: The controller no longer answers.
-            HaltedError: Raised by `on_idle`.
-            OSError: The link is gone.
+        Raises ControllerError if the controller refuses a set point, CallTimeout if it no longer answers,
+        OSError if the link is gone, and what `on_idle` raises.
         """
         due = self._last_answered_at = self._caller.link.now() + _START_DELAY
         for point in self._sequence:

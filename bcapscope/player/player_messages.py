@@ -199,8 +199,7 @@ class PlayProgress(msgspec.Struct, frozen=True, tag=True):
     Attributes:
         index: Number of set points of the trajectory sent so far, in all rounds.
         of: Total number of set points in all rounds; 0 if the play has no end.
-        elapsed: Seconds since the first set point.
-        left: Seconds until the last set point; None if there is no end.
+        elapsed: Seconds since the first set point; `left` are those until the last one, None without an end.
         lateness: Distribution of the time from each set point's deadline to its sending, so far.
         commanded: The last set point sent; `returned` is the pose in the last reply.
         sent: The last frame sent; `received` is the last frame received.
@@ -270,14 +269,12 @@ class PlayOutcome(StrEnum):
 
 
 class PlayEnded(msgspec.Struct, frozen=True, tag=True):
-    """The last message of a player.
+    """The last message of a player; the distributions are exact and in ns.
 
     Attributes:
         reason: Why the player ended; None if the play is complete.
-        lateness: Exact distribution of the lateness of all set points, in ns.
-        cycle: Exact distribution of the time between set points, in ns.
+        cycle: Distribution of the time between set points.
         index: Number of set points of the trajectory that were sent.
-        realtime: Whether the player had real-time priority.
         left: Whether the cleanup ran; False if the controller no longer answered.
         logged: Number of records of the controller's log that were saved.
         retries_expected: Whether retries are normal, because replies came over UDP and set the pace.

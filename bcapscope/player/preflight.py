@@ -40,14 +40,12 @@ _NUMBER_CHECKS: tuple[Check, ...] = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreflightResult:
-    """Result of the pre-flight check.
+    """Result of the pre-flight check; `arm_name` names the arm whose limits were used.
 
     Attributes:
-        arm_name: Name of the arm whose limits were used.
         problems: Problems found, most serious first.
         axis_figures: Figures of each axis at the file's own times; () for uneven times or infinite numbers.
-        first_point_offsets: Distance from the robot to the first point for each axis of the trajectory; None
-            if the robot's pose is unknown.
+        first_point_offsets: Distance from the robot to the first point for each axis; None if unknown.
     """
 
     trajectory: Trajectory

@@ -42,12 +42,9 @@ _SCHED_ATTR = struct.Struct("=IIQiIQQQ")
 
 
 class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
-    """What the system grants.
+    """What the system grants: real-time priority, and locked memory that is never swapped to disk.
 
-    Attributes:
-        realtime: Whether the player has real-time priority, so that other programs cannot delay it.
-        locked: Whether the player's memory is locked, so that it is not swapped to disk.
-        text: Both facts as a sentence, with advice if the system refused one.
+    `text` states both facts in a sentence, with advice if the system refused one.
     """
 
     realtime: bool

@@ -147,12 +147,7 @@ _CYCLE_TOLERANCE = 0.05
 
 
 class SetPointTiming(NamedTuple):
-    """Timing of set points in seconds, and notes on assumptions.
-
-    Attributes:
-        period: Time between set points; None if this time is uneven or unknown.
-        times: Times of the set points from the first one; None if the times have no meaning.
-    """
+    """Timing of set points in seconds; `period` is None if uneven, `times` is None if meaningless."""
 
     period: float | None
     times: Array | None

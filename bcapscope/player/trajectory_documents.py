@@ -213,13 +213,10 @@ def _number_table(rows: Sequence[Sequence[object]], names: Sequence[str]) -> Arr
 
 
 def read_yaml(data: bytes) -> Iterator[object]:
-    """Yield the documents of a YAML stream as lists, dictionaries and text; even numbers are text.
+    """Yield the documents of a YAML stream as lists, dictionaries and text, or raise TrajectoryError.
 
-    PyYAML's loaders first build a node for each value. For a trajectory of 140,000 values, these nodes took
-    71 MB more memory, and reading took four times as long (PyYAML 6, libyaml).
-
-    Raises:
-        TrajectoryError: The data is no YAML, is nested too deep, or has too many values.
+    Even numbers are text. PyYAML's loaders first build a node for each value. For a trajectory of 140,000
+    values, these nodes took 71 MB more memory, and reading took four times as long (PyYAML 6, libyaml).
     """
     events = yaml_events(data)
     try:

@@ -77,16 +77,13 @@ _BOM_ENCODINGS = (
 def read_trajectories(
     path: str | os.PathLike[str], options: ReadOptions | None = None
 ) -> tuple[Trajectory, ...]:
-    """Read the trajectories of a file or a WINCAPS III project: its folder or its .wpj file.
+    """Read the trajectories of a file or of a WINCAPS III project: its folder or its .wpj file.
 
     A file is a table (CSV, TSV, numbers separated by spaces; UTF-8, UTF-16 or Shift-JIS), output of
     `bcapscope extract`, a JointTrajectory as JSON or YAML, or a capture.
 
     Returns one trajectory per slave-mode session of a capture, per message of a ROS file, or per control log
     of a project. A table gives one trajectory, or one per part without a gap if records are missing.
-
-    Raises:
-        TrajectoryError: No trajectory can be read; the error's message gives the reason in one sentence.
     """
     options = options or ReadOptions()
     try:

@@ -188,12 +188,8 @@ class _ReplayClient:
 class RecordedController(ClientHost):
     """Plays the role of a recorded controller. Each client is answered with the whole script.
 
-    Attributes:
-        unknown_calls: Number of calls that were answered with E_NOTIMPL, because the recording has no such
-            call or no usable reply.
-        runs_in_real_time: Always False, because the replayed time may stop while the process gets no
-            processor time.
-        has_running_calls: Always False, because a call waits only for its recorded delay.
+    `unknown_calls` counts the calls without a usable recorded reply, which get E_NOTIMPL. The replayed time
+    may stop while the process gets no processor, and a call waits only for its recorded delay.
     """
 
     evictable_after = IDLE_CLIENT_NS

@@ -99,11 +99,8 @@ class ScriptPlayer:
     async def play(self, on_played: Callable[[PlayedCall], bool]) -> None:
         """Play the script to its end, or until `on_played`, called after each played call, returns False.
 
-        Raises:
-            ValueError: The script uses an object whose name is unknown.
-            NotAtStartError: The robot is too far from the first set point, or its position is unknown.
-            BcapError: An object could not be opened, or a call could not be sent.
-            OSError: The link is lost.
+        Raises NotAtStartError, ValueError if the script uses an object of unknown name, BcapError if an
+        object cannot be opened or a call cannot be sent, and OSError.
         """
         channel = self._channel
         start = channel.now()

@@ -150,13 +150,9 @@ def _interpolate(before: _Step, after: _Step, time: int) -> Joints:
 
 
 class TimedMove:
-    """An ordinary motion as seen by the calls that wait for it: when the motion is done, hold and resume.
+    """An ordinary motion for the calls that wait for it; the next may begin at `done_at` in ns.
 
     It is assumed that Hold stops the motion at once, and that Unhold starts the rest of the motion from rest.
-    No source says so.
-
-    Attributes:
-        done_at: Time in ns from which the next motion may begin; `NEVER` while the motion is held.
     """
 
     def __init__(

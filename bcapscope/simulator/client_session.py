@@ -61,11 +61,9 @@ them. The hand cannot move while slave mode moves the arm (issue 13 of DENSORobo
 
 
 class ClientSession:
-    """The session of one client from its first call to its last; `number` identifies the client.
+    """The session of one client, known by its `number`, from its first call to its last.
 
-    Attributes:
-        wdt: Time in ns between two S_EXECUTING notices; None if the client gets no notices.
-        invoke_timeout: Longest time in ns that a call may run.
+    Times are in ns. `wdt` is the time between two S_EXECUTING notices, or None if the client gets no notices.
     """
 
     def __init__(self, machine: Machine, number: int) -> None:

@@ -19,12 +19,7 @@ Sender: TypeAlias = Hashable
 
 
 class DatagramQueue:
-    """Waiting datagrams by sender.
-
-    Attributes:
-        waiting: Arrival time and bytes of each waiting datagram by sender, oldest first.
-        dropped: Number of datagrams that did not fit into the queue.
-    """
+    """Waiting datagrams by sender, oldest first; `dropped` counts the datagrams that did not fit."""
 
     def __init__(self) -> None:
         self.waiting: dict[Sender, deque[tuple[int, bytes]]] = {}

@@ -272,10 +272,7 @@ def bundled_scenarios() -> Mapping[str, str]:
 def load_scenario(name_or_path: str) -> Scenario:
     """Read a bundled scenario by its name, or a scenario from a file.
 
-    Raises:
-        DocumentError: The scenario is invalid.
-        LookupError: There is no bundled scenario of that name.
-        OSError: The file cannot be read.
+    Raises DocumentError for an invalid scenario, LookupError for an unknown name, and OSError.
     """
     bundled = bundled_scenarios()
     if name_or_path in bundled:

@@ -100,16 +100,12 @@ class _Connection:
 
 
 class SimulatorServer:
-    """Moves bytes between sockets and a simulator.
+    """Moves bytes between sockets and a simulator; `tap` receives all traffic.
 
     The model's time is the time of a `SimulatorClock`: requests count from their arrival, which Linux
     records. On TCP, Linux records only the arrival of the last byte. In modes where the client sets the pace,
     set points can pile up. The server then spreads their times evenly between the client's previous bytes and
     the last ones. In other modes, all requests that were read together count as arriving at once.
-
-    Attributes:
-        address: Host and port that the server listens on.
-        tap: Object that receives all traffic; None if there is none.
     """
 
     def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:

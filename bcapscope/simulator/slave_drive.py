@@ -37,10 +37,8 @@ class SlaveDrive:
     """Consumes one set point every 8 ms while slave mode is on.
 
     Attributes:
-        mode: The current slave mode; None while slave mode is off.
         run_number: Number of slave-mode sessions so far.
         consumed: Number of set points consumed in this slave-mode session.
-        next_tick: Time in ns at which the next set point is due.
         async_detector: Whether a late set point is an error in RC7's Async modes, a setting of the pendant.
         receive_format: Format of slvMove's result, as set by slvRecvFormat; None before slvRecvFormat.
         unreported_result: Result that ended slave mode and that no client has received yet; 0 for none.
