@@ -27,7 +27,7 @@ from bcapscope.protocol.retry.requester import (
     UnmatchedItem,
 )
 from bcapscope.proxy.policy import CloseAction, SendAction
-from bcapscope.simulator.alarms import Alarm
+from bcapscope.simulator.machine import Alarm
 from bcapscope.simulator.slave_drive import SlaveModeFault
 from bcapscope.traffic.observation import Direction
 from tests.faults.traffic import talk

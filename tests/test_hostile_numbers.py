@@ -161,7 +161,7 @@ def test_arguments_of_calls(vt: VT, text: str) -> None:
 
 @pytest.mark.parametrize("text", NUMBERS.values(), ids=NUMBERS)
 def test_questions_to_a_proxy(text: str) -> None:
-    desk = ControlApi(rules())
+    api = ControlApi(rules())
     quoted = msgspec.json.encode(text).decode()
     for value, form in product(
         (text, quoted, f"[{text}]"),
@@ -174,7 +174,7 @@ def test_questions_to_a_proxy(text: str) -> None:
             '{{"do":"add","fault":{{"action":"rewrite","step":{{"arg[2]":{}}}}}}}',
         ),
     ):
-        reply = desk.handle_line(form.format(value).encode(), 0)
+        reply = api.handle_line(form.format(value).encode(), 0)
         answer = msgspec.json.decode(reply.line)
         assert answer["ok"] in (True, False)
         assert "set_int_max_str_digits" not in reply.line.decode()

@@ -16,8 +16,7 @@ from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.planned_call import LONGEST_LINE, PlannedCall, PlannedCallParser, check_owners
 from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, target_options
-from bcapscope.client.action_log import LoggedConnection
-from bcapscope.client.armed_call_logger import ArmedCallLogger
+from bcapscope.client.action_log import ArmedCallLogger, LoggedConnection
 from bcapscope.client.object_opener import DEFAULT_OBJECT_NAMES, ObjectOpener
 from bcapscope.client.session import open_target_session
 from bcapscope.errors import CallTimeout

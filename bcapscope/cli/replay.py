@@ -24,8 +24,7 @@ from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode, exit_on, exit_with
 from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, optional_target_options
-from bcapscope.client.action_log import LoggedConnection
-from bcapscope.client.armed_call_logger import ArmedCallLogger
+from bcapscope.client.action_log import ArmedCallLogger, LoggedConnection
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.session import Session
 from bcapscope.errors import BcapError, message_of

@@ -139,9 +139,9 @@ def command(
 
 def _server_port(ports: tuple[int, ...]) -> int:
     """Return the given port, or the default port of b-CAP."""
-    from bcapscope.client.retry_policies import (
-        DEFAULT_PORT,
-    )  # loads the client, which a capture does not need
+    from bcapscope.client.controller_target import (
+        DEFAULT_PORT,  # imported here because it loads the client, which showing a capture does not need
+    )
 
     return ports[0] if ports else DEFAULT_PORT
 

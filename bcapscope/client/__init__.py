@@ -9,6 +9,7 @@ The block releases everything that it opened, newest first, even after an error.
 """
 
 from bcapscope.client.blocking import Blocking
+from bcapscope.client.controller_target import DEFAULT_RETRY_POLICIES, RetryPolicies
 from bcapscope.client.remote_objects import (
     Command,
     Controller,
@@ -16,11 +17,11 @@ from bcapscope.client.remote_objects import (
     Extension,
     File,
     Robot,
+    Service,
     Task,
     Variable,
+    connect,
 )
-from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES, RetryPolicies
-from bcapscope.client.service import Service, connect
 from bcapscope.client.session import Session, open_session, over_tcp, over_udp
 
 __all__ = [

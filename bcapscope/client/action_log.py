@@ -1,18 +1,22 @@
 """The action log: what bcapscope's own clients send to a controller, one JSON object per line.
 
 `call`, `replay`, `play` and the Tester write the same lines to the same files. A separate thread writes the
-lines, so a slow disk never delays a stop. A call that needs arming waits until its line is written, but only
-for `LINE_TIMEOUT`: if the log fails, operators get a warning, and the robot still obeys commands.
+lines, so a slow disk never delays a stop. A call that needs arming waits for its line, but at most for
+`LINE_TIMEOUT`. If the log fails, operators get a warning, and the robot still obeys commands.
 """
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
 import queue
+import re
 import threading
+import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
@@ -20,13 +24,86 @@ from typing import NamedTuple, TypeAlias
 import platformdirs
 
 from bcapscope.client.controller_target import ControllerTarget
-from bcapscope.client.log_files import LogFiles
-from bcapscope.protocol.codec.frame import Frame, Malformed
+from bcapscope.protocol.codec.frame import SMALLEST_FRAME, Frame, Malformed
 from bcapscope.protocol.codec.variant import Value, Variant, vt_name
 from bcapscope.protocol.guard import needs_arming
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.protocol.tables.hresult import hresult_name
-from bcapscope.traffic.observation import Conversation, Transport
+from bcapscope.traffic.call_kind import call_kind_of
+from bcapscope.traffic.observation import Conversation, Direction, Observation, Transport
+
+
+class LogFiles:
+    """Appends lines to ``actions-<date>.jsonl``, then ``actions-<date>.2.jsonl`` and so on.
+
+    Attributes:
+        path: Path of the file that holds the last line; the folder before the first line.
+        max_file_size: Size limit of a file in bytes. Beyond this size, the next file of the day begins.
+        max_total_size: Size limit of all files in bytes. A new file replaces the oldest files.
+    """
+
+    max_file_size = 16 << 20
+    max_total_size = 128 << 20
+
+    def __init__(self, folder: Path) -> None:
+        """Set up the log files; the first line creates the folder."""
+        self.path = folder
+        self._folder = folder
+        self._is_torn = False
+
+    def append(self, line: bytes) -> None:
+        """Append a line with a single write, so that other processes can append to the same file.
+
+        Raises OSError if the line was not written, or only in part.
+        """
+        self.path = self._current(datetime.now().strftime("%Y-%m-%d"))
+        data = b"\n" + line if self._is_torn else line
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0)
+        descriptor = os.open(self.path, flags, 0o644)
+        try:
+            written = os.write(descriptor, data)
+        finally:
+            os.close(descriptor)
+        self._is_torn = written < len(data)
+        if self._is_torn:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def _current(self, day: str) -> Path:
+        path = self.path
+        if path.parent != self._folder or not path.name.startswith(f"actions-{day}"):
+            self._folder.mkdir(parents=True, exist_ok=True)
+            numbers = map(_number_of, self._folder.glob(f"actions-{day}*"))
+            path = self._numbered_path(day, max(numbers, default=1))
+        try:
+            size = path.stat().st_size
+        except FileNotFoundError:
+            self._folder.mkdir(parents=True, exist_ok=True)  # deleted while bcapscope runs
+            self._delete_oldest()
+            return path
+        if size < self.max_file_size:
+            return path
+        self.path = self._numbered_path(day, _number_of(path) + 1)
+        return self._current(day)
+
+    def _numbered_path(self, day: str, number: int) -> Path:
+        return self._folder / f"actions-{day}{f'.{number}' if number > 1 else ''}.jsonl"
+
+    def _delete_oldest(self) -> None:
+        """Delete the oldest files until a new file fits into the limit, or a file cannot be deleted."""
+        with suppress(OSError):
+            found = [(path.stat(), path) for path in self._folder.glob("actions-*.jsonl")]
+            left = sum(stat.st_size for stat, _ in found) + self.max_file_size
+            for stat, path in sorted(found, key=lambda each: (each[0].st_mtime_ns, _number_of(each[1]))):
+                if left <= self.max_total_size:
+                    return
+                path.unlink()
+                left -= stat.st_size
+
+
+def _number_of(path: Path) -> int:
+    found = re.search(r"\.(\d{1,6})\.jsonl$", path.name)
+    return int(found[1]) if found else 1
+
 
 LINE_TIMEOUT = 0.25
 """Maximum time in s that a call that needs arming waits for its log line."""
@@ -35,8 +112,7 @@ CLOSE_TIMEOUT = 2.0
 """Maximum time in s that `ActionLog.close` waits for unwritten lines."""
 
 MAX_WAITING = 4096
-"""Maximum number of lines that wait for the disk, and of requests that wait for a reply. Beyond this number,
-lines are lost."""
+"""Maximum number of lines that wait for the disk, and of requests that wait for a reply."""
 
 _MAX_TEXT, _MAX_VALUES, _MAX_BYTES = 512, 128, 1024
 
@@ -45,14 +121,7 @@ ErrorCallback: TypeAlias = Callable[[Path, OSError], None]
 
 
 class LoggedConnection(NamedTuple):
-    """A connection to a controller, as the action log names it.
-
-    Attributes:
-        host: Name or address of the controller.
-        port: Port of the controller.
-        transport: Transport of the connection: "udp" or "tcp".
-        client_port: Port of the client; 0 if unknown.
-    """
+    """A connection to a controller over "udp" or "tcp"; the `client_port` is 0 if unknown."""
 
     host: str
     port: int
@@ -60,10 +129,10 @@ class LoggedConnection(NamedTuple):
     client_port: int = 0
 
     @classmethod
-    def of_target(cls, target: ControllerTarget, client_port: int = 0) -> LoggedConnection:
+    def of_target(cls, target: ControllerTarget) -> LoggedConnection:
         """Return the connection to a target, with the host as the user typed it."""
         transport = Transport.TCP if target.tcp else Transport.UDP
-        return cls(target.host, target.port, transport.value, client_port)
+        return cls(target.host, target.port, transport.value)
 
     @classmethod
     def of_conversation(cls, conversation: Conversation) -> LoggedConnection:
@@ -77,11 +146,7 @@ def default_folder() -> Path:
 
 
 class ActionLog:
-    """Writes the action log. Any thread may call the methods of an `ActionLog`.
-
-    Attributes:
-        folder: Folder of the log files.
-    """
+    """Writes the action log. Any thread may call the methods of an `ActionLog`."""
 
     def __init__(self, folder: Path, program: str, on_error: ErrorCallback) -> None:
         """Set up the log; the first line creates the files.
@@ -92,7 +157,7 @@ class ActionLog:
         self.folder = folder
         self._program = program
         self._on_error = on_error
-        self._files = LogFiles(folder, "actions")
+        self._files = LogFiles(folder)
         self._lock = threading.Lock()
         self._logged_requests: dict[tuple[LoggedConnection, int], str] = {}
         self._lines: queue.Queue[tuple[bytes, threading.Event] | None] = queue.Queue(MAX_WAITING)
@@ -126,7 +191,7 @@ class ActionLog:
             "who": who,
             "serial": item.serial,
             "sent": name,
-            "arguments": _arguments_json(item.variants),
+            "arguments": _elements_json(item.variants, [_MAX_VALUES]),
             **_hex(item.raw),
         }
         self._write(time, connection, fields, needs_arming(item.code, item.variants))
@@ -216,12 +281,6 @@ def _hex(raw: bytes) -> dict[str, object]:
     return shown if len(raw) <= _MAX_BYTES else {**shown, "bytes": len(raw)}
 
 
-def _arguments_json(arguments: Sequence[Variant]) -> list[object]:
-    left = [_MAX_VALUES]
-    shown: list[object] = [_typed_json(argument, left) for argument in arguments[:_MAX_VALUES]]
-    return shown + ([f"{len(arguments) - len(shown)} more"] if len(arguments) > len(shown) else [])
-
-
 def _typed_json(variant: Variant, left: list[int]) -> object:
     return {"type": vt_name(variant.vt), "value": _value_json(variant.value, left)}
 
@@ -252,3 +311,59 @@ def _elements_json(values: Sequence[Value], left: list[int]) -> list[object]:
 def _shortened(text: str) -> str:
     more = len(text) - _MAX_TEXT
     return text if more <= 0 else f"{text[:_MAX_TEXT]}, {more} more"
+
+
+_WHO = "user"
+_FUNCTION_ID = 9
+
+
+class ArmedCallLogger:
+    """Logs the calls that need arming, from all frames of a connection.
+
+    Of consecutive set points, the logger logs the first one like any other call, and later the number of set
+    points. A set point that is sent again before any reply is a retry.
+    """
+
+    def __init__(self, log: ActionLog, connection: LoggedConnection) -> None:
+        self._log = log
+        self._connection = connection
+        self._set_points = 0
+        self._unanswered = b""
+
+    def on_observation(self, observation: Observation) -> None:
+        self.add_frame(
+            observation.flow.direction is Direction.REQUEST, observation.item.raw, observation.time
+        )
+
+    def add_frame(self, sent: bool, raw: bytes, timestamp: int) -> None:
+        """Process a frame that was sent or received; `timestamp` is ns since 1970-01-01 UTC."""
+        if len(raw) < SMALLEST_FRAME:
+            return
+        frame = Frame(raw)
+        if not sent:
+            self._unanswered = b""
+            self._log.log_reply(self._connection, frame, timestamp)
+            return
+        if (call_kind_of(frame).command or "").casefold() == "slvmove":
+            is_retry, self._unanswered = raw[_FUNCTION_ID:] == self._unanswered, raw[_FUNCTION_ID:]
+            self._set_points += not is_retry
+            self._log.log_request(
+                self._connection, frame, timestamp, _WHO, is_logged=self._set_points == 1 and not is_retry
+            )
+            return
+        wanted = needs_arming(frame.code, frame.variants)
+        if wanted:
+            self.end_set_points(timestamp)
+        self._log.log_request(self._connection, frame, timestamp, _WHO, wanted)
+
+    def add_set_points(self, count: int) -> None:
+        """Count set points that were sent without `add_frame`."""
+        self._set_points += count
+
+    def end_set_points(self, timestamp: int | None = None) -> None:
+        """Log the number of set points since the last call, if any; `timestamp` is in ns, None means now."""
+        count, self._set_points = self._set_points, 0
+        if count:
+            self._log.log_set_points(
+                self._connection, count, time.time_ns() if timestamp is None else timestamp, _WHO
+            )

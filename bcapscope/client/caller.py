@@ -70,9 +70,8 @@ class Caller:
     ) -> RequesterOutcome:
         """Make a call and return its outcome.
 
-        Raises:
-            LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
-            ConnectionError: The link is lost, or with `fails_if_refused`, nothing listens on the peer's port.
+        Raises LocalProtocolError as `Requester.start_call` does, and ConnectionError if the link is lost.
+        With `fails_if_refused`, a peer whose port is closed also raises ConnectionError.
         """
         async with self._one_at_a_time:
             if self._lost_reason is not None:
@@ -91,9 +90,7 @@ class Caller:
         """Send bytes unchanged and without retries, even invalid bytes; return whether data arrived in time.
 
         `raw` is one datagram, or bytes of a stream. `timeout` is in s. The observer receives what arrives.
-
-        Raises:
-            ConnectionError: The link is lost.
+        Raises ConnectionError if the link is lost.
         """
         async with self._one_at_a_time:
             if self._lost_reason is not None:

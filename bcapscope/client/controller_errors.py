@@ -16,11 +16,7 @@ MAX_ERRORS = 20
 
 
 async def read_errors(controller: Controller) -> tuple[tuple[int, str], ...]:
-    """Return the active errors as result code and text, newest first, without clearing them.
-
-    Raises:
-        BcapError: A call failed as in `Session.call`, for another reason than a refusal.
-    """
+    """Return the active errors as result code and text, newest first; raise the errors of `Session.call`."""
     found: list[tuple[int, str]] = []
     try:
         count = await controller.execute("GetCurErrorCount")
@@ -35,11 +31,7 @@ async def read_errors(controller: Controller) -> tuple[tuple[int, str], ...]:
 
 
 async def clear_errors(controller: Controller) -> None:
-    """Clear the active errors.
-
-    Raises:
-        BcapError: As for `Session.call`.
-    """
+    """Clear the active errors; raise the errors of `Session.call`."""
     await controller.execute("ClearError")
 
 

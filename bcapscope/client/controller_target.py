@@ -1,10 +1,10 @@
-"""Address of a controller and the options for connecting to it."""
+"""Address of a controller, the options for connecting to it, timeouts and numbers of retries."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from bcapscope.client.retry_policies import DEFAULT_PORT, DEFAULT_RETRY_POLICIES, RetryPolicies
 from bcapscope.messages import Message
 from bcapscope.protocol.retry.requester import RetryPolicy
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
@@ -17,23 +17,42 @@ ROBSLAVE = "RobSlave"
 
 _MS = 1_000_000
 
+DEFAULT_PORT = 5007
+"""Port on which controllers listen (orin_bcap C/include/bcap_common.h)."""
+
+
+class RetryPolicies(NamedTuple):
+    """Timeouts and numbers of retries (DENSO Wave 2009, How to use the Slave mode).
+
+    Attributes:
+        others: Policy for all calls but slvMove. In an Async mode, the default policy has one retry less.
+        sync: Policy for slvMove in a mode that is not Async: 2 ms and 7 retries, together two cycle times.
+        asynchronous: Policy for slvMove in an Async mode: no retry, because the next set point follows
+            anyway.
+    """
+
+    others: RetryPolicy = RetryPolicy(1000 * _MS, 4)
+    sync: RetryPolicy = RetryPolicy(2 * _MS, 7)
+    asynchronous: RetryPolicy = RetryPolicy(2 * _MS, 0)
+
+
+DEFAULT_RETRY_POLICIES = RetryPolicies()
+"""Policies that DENSO recommends."""
+
+OTHERS_IN_ASYNC_MODE = RetryPolicy(1000 * _MS, 3)
+"""Policy that DENSO recommends in an Async mode for all calls but slvMove."""
+
 
 @dataclass(frozen=True, slots=True)
 class ControllerTarget:
     """Address of a controller and the options for connecting to it.
 
     Attributes:
-        host: Name or address of the controller.
-        port: UDP or TCP port of the controller.
-        tcp: Whether to use TCP instead of UDP.
         timeout: Timeout of each attempt, ms, for all calls but slvMove.
         retries: Number of retries, for all calls but slvMove.
         convention: Convention of the reserved field; None for the default.
         service: Option string of Service_Start.
-        name: Name of the controller in Controller_Connect.
-        provider: Provider in Controller_Connect.
-        machine: Machine in Controller_Connect.
-        connect_option: Option string of Controller_Connect.
+        name: Argument of Controller_Connect, like `provider`, `machine` and `connect_option`.
     """
 
     host: str

@@ -14,8 +14,6 @@ class ObjectHandle(NamedTuple):
     """An object in the controller for which the client holds a handle.
 
     Attributes:
-        kind: Class of the object.
-        handle: Number that the controller gave for the object.
         opened_with: String arguments of the opening call, such as name and option. For a controller, the four
             strings of Controller_Connect.
         parent: Object through which the client opened this object; None for a controller.
@@ -33,11 +31,7 @@ class ObjectHandle(NamedTuple):
 
 
 class HandleTable:
-    """Tracks the open objects of one session from its successful calls.
-
-    Attributes:
-        is_service_started: Whether Service_Start succeeded and no Service_Stop followed.
-    """
+    """Tracks the open objects of one session, and whether the service is started, from successful calls."""
 
     def __init__(self) -> None:
         self.is_service_started = False

@@ -30,17 +30,13 @@ DEFAULT_OBJECT_NAMES: Mapping[ObjectClass, str] = {
 
 
 _UNKNOWN_PROVIDER_CODES = (E_INVALIDARG, 0x80000201)
-"""Result codes for an unknown provider name, from RC8 and from the CAO engine (orin_bcap
-C/include/bcap_common.h)."""
+"""Refusals of a provider name by RC8 and the CAO engine (orin_bcap C/include/bcap_common.h)."""
 
 
 class ObjectOpener:
     """Opens missing objects before a call, and uses those that earlier calls of the session opened.
 
     Every method raises what `Session.call` raises.
-
-    Attributes:
-        session: Session that makes the calls.
     """
 
     def __init__(
@@ -57,8 +53,7 @@ class ObjectOpener:
     async def handle_for(self, object_class: ObjectClass) -> int:
         """Return the handle of the latest open object of a class; if none is open, open one.
 
-        Raises:
-            ValueError: The object to open needs a name, and no name is known.
+        Raises ValueError if the object to open needs a name, and no name is known.
         """
         found = self.session.handles.latest(object_class)
         if found is not None:
@@ -100,11 +95,7 @@ class ObjectOpener:
         return handle_of(await self.session.invoke(f"{parent.kind}_Get{kind}", parent.handle, name, ""))
 
     async def read_variable(self, owner: ObjectClass, name: str) -> Variant:
-        """Read a variable of the latest object of a class. The variable stays open for the next reading.
-
-        Raises:
-            RemoteProtocolError: The reply holds no value.
-        """
+        """Read a variable of the latest object of a class; the variable stays open for the next reading."""
         parent = self.session.handles.find(owner, await self.handle_for(owner))
         assert parent is not None  # the session has recorded the new object
         variable = await self.open_child(parent, ObjectClass.VARIABLE, name)
@@ -145,10 +136,7 @@ class ObjectOpener:
 
 
 async def read_variable_once(owner: Controller | Robot, name: str) -> Variant | None:
-    """Open, read and release a variable.
-
-    Return EMPTY for a reply without value, None if the controller refuses.
-    """
+    """Open, read and release a variable; EMPTY if the reply has no value, None if the controller refuses."""
     try:
         variable = await owner.get_variable(name)
     except ControllerError:

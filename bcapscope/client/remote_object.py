@@ -18,11 +18,7 @@ R = TypeVar("R")
 
 
 def handle_of(reply: Frame) -> int:
-    """Return the handle in the reply to a call that opened an object.
-
-    Raises:
-        RemoteProtocolError: The reply has no handle.
-    """
+    """Return the handle in the reply to an opening call, or raise RemoteProtocolError."""
     return expect_value(reply, int, "reply.a-handle")
 
 
@@ -33,10 +29,9 @@ def first_variant(reply: Frame) -> Variant | None:
 
 
 def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
-    """Return the value in a reply as a Python value.
+    """Return the value in a reply, or raise RemoteProtocolError if it is not of type `kind`.
 
-    Raises: RemoteProtocolError: The value is not of type `kind`; `wanted` is the message id of the type's
-    name.
+    `wanted` is the message id of the type's name.
     """
     variant = first_variant(reply)
     if variant is not None and isinstance(variant.value, kind):
@@ -46,10 +41,7 @@ def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
 
 
 def required_variant(reply: Frame, name: str) -> Variant:
-    """Return the value in a reply.
-
-    Raises: RemoteProtocolError: The reply has no value; `name` names what was read.
-    """
+    """Return the value in a reply, or raise RemoteProtocolError; `name` names what was read."""
     variant = first_variant(reply)
     if variant is None:
         raise RemoteProtocolError(Message("reply.no-value", name=name), reply.raw)

@@ -8,11 +8,16 @@ RemoteProtocolError if the value in the reply has a wrong type. Dates are in the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
 from typing import Any, TypeVar
 
-from bcapscope.client.remote_object import RemoteObject, expect_value
+from bcapscope.client.caller import EventListener, Observer
+from bcapscope.client.controller_target import DEFAULT_RETRY_POLICIES, RetryPolicies
+from bcapscope.client.remote_object import RemoteObject, expect_value, handle_of
+from bcapscope.client.session import LinkOpener, Session, open_session
 from bcapscope.protocol.codec.variant import VT, Value, Variant
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.protocol.tables.function_table import ObjectClass
 
 R = TypeVar("R")
@@ -68,10 +73,7 @@ class _ExecutingObject(RemoteObject):
     """Functions of objects that execute commands."""
 
     async def execute(self, command: str, param: object = None) -> Value:
-        """Execute a command.
-
-        A Variant as `param` is sent with its type; `variant_of` converts other values.
-        """
+        """Execute a command; a Variant keeps its type, and `variant_of` converts other parameters."""
         return await self._invoke_value("Execute", command, param)
 
 
@@ -223,20 +225,14 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Unhold", option)
 
     async def slv_change_mode(self, mode: int) -> None:
-        """Enter a slave mode; mode 0 leaves slave mode.
-
-        The session leaves slave mode at the end of its block.
-        """
+        """Enter a slave mode; mode 0 leaves it, and so does the end of the session's block."""
         await self.execute("slvChangeMode", Variant(VT.I4, mode))
 
     async def slv_get_mode(self) -> int:
         return expect_value(await self._invoke("Execute", "slvGetMode", None), int, "reply.a-mode")
 
     async def slv_move(self, point: object) -> Value:
-        """Send a set point; return the position of the robot.
-
-        A Variant is sent with its type; a list is sent as R8.
-        """
+        """Send a set point, a list as R8 or a Variant with its type; return the position of the robot."""
         return await self._invoke_value("Execute", "slvMove", point)
 
 
@@ -322,3 +318,48 @@ class ControllerMessage(RemoteObject):
     get_serial_number = _getter(RemoteObject._invoke_int, "GetSerialNumber")
     get_source = _getter(RemoteObject._invoke_text, "GetSource")  # the sender
     get_value = _getter(RemoteObject._invoke_value, "GetValue")
+
+
+class Service:
+    """The b-CAP service of a controller."""
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+
+    async def start(self, option: str = "") -> None:
+        """Service_Start; the option ``,WDT=400`` requests a notice every 400 ms during a long call."""
+        await self.session.invoke("Service_Start", option)
+
+    async def stop(self) -> None:
+        """Service_Stop. The session calls it automatically at the end of its block."""
+        await self.session.invoke("Service_Stop")
+
+    async def connect(
+        self, name: str = "", provider: str = "", machine: str = "", option: str = ""
+    ) -> Controller:
+        """Controller_Connect: RC7 ignores all four arguments; RC8 and later need the provider.
+
+        The provider is ``CaoProv.DENSO.VRC``, or ``CaoProv.DENSO.VRC9`` on RC9 and COBOTTA PRO; the machine
+        is ``localhost``. For an empty name, the controller chooses a name. An option is ``@IfNotMember``.
+        """
+        reply = await self.session.invoke("Controller_Connect", name, provider, machine, option)
+        return Controller(self.session, handle_of(reply))
+
+
+@asynccontextmanager
+async def connect(
+    open_link: LinkOpener,
+    option: str = "",
+    *,
+    convention: ReservedConvention | None = None,
+    retry_policies: RetryPolicies = DEFAULT_RETRY_POLICIES,
+    observer: Observer | None = None,
+    listener: EventListener | None = None,
+) -> AsyncIterator[Service]:
+    """Open a session like `open_session`, and start the service in it with `option`."""
+    async with open_session(
+        open_link, convention=convention, retry_policies=retry_policies, observer=observer, listener=listener
+    ) as session:
+        service = Service(session)
+        await service.start(option)
+        yield service

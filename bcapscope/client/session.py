@@ -7,14 +7,14 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppres
 from typing import Protocol, TypeAlias
 
 from bcapscope.client.caller import Caller, EventListener, Observer
-from bcapscope.client.controller_target import ControllerTarget
-from bcapscope.client.handle_table import HandleTable, first_number
-from bcapscope.client.retry_policies import (
+from bcapscope.client.controller_target import (
     DEFAULT_PORT,
     DEFAULT_RETRY_POLICIES,
     OTHERS_IN_ASYNC_MODE,
+    ControllerTarget,
     RetryPolicies,
 )
+from bcapscope.client.handle_table import HandleTable, first_number
 from bcapscope.client.variant_values import arguments_of
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
 from bcapscope.protocol.closing_calls import closing_calls
@@ -25,7 +25,7 @@ from bcapscope.protocol.retry.requester import CallAnswered, CallRefused, Reques
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
 from bcapscope.protocol.tables.command_catalogue import call_name, command_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, function_by_name
-from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
+from bcapscope.protocol.tables.hresult import E_BUSY, describe_hresult, hresult_name
 from bcapscope.transport.peer_link import Link, LinkReceiver
 from bcapscope.transport.socket_link import open_tcp, open_udp
 
@@ -35,6 +35,11 @@ _MS = 1_000_000
 _SERVICE_START, _SERVICE_STOP, _ROBOT_EXECUTE = 1, 2, 64
 _ASYNC = 0x100
 _TRY_ONCE = RetryPolicy(_MS, 0)
+
+HALT_RETRY_POLICY = RetryPolicy(16_000_000, 60)
+"""Retry policy of one Robot_Halt call: an attempt every 16 ms, for about a second."""
+
+_MAX_CALLS, _BUSY_PAUSE = 50, 10_000_000
 
 
 def over_udp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
@@ -68,7 +73,6 @@ class Session:
 
     Attributes:
         retry_policies: Retry policies of the following calls.
-        caller: Object that makes the calls.
         handles: Objects that the calls have opened.
         check_armed: Function called before each call that needs arming; if it raises, the call is not made.
     """
@@ -82,20 +86,14 @@ class Session:
         self._is_starting = False
 
     async def perform_call(self, function_id: int, arguments: Sequence[Variant]) -> RequesterOutcome:
-        """Make a call and return its outcome.
-
-        Raises:
-            LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
-            ConnectionError: The link is lost.
-        """
+        """Make a call and return its outcome; raise LocalProtocolError or ConnectionError as `call` does."""
         if self.check_armed is not None and self.needs_arming(function_id, arguments):
             self.check_armed()
         pace = self.retry_policy_for(function_id, arguments)
         mode = requested_slave_mode(function_id, arguments)
         robot = _first_handle(arguments)
         before = self._slave_modes.get(robot, 0)
-        # The controller may still execute a call that is cancelled here while it waits for the reply. So note
-        # its effect first.
+        # The controller may still execute a call that is cancelled here, so note its effect before the call.
         self._is_starting = function_id == _SERVICE_START
         if mode:
             self._slave_modes[robot] = mode
@@ -110,11 +108,8 @@ class Session:
     async def call(self, function_id: int, arguments: Sequence[Variant]) -> Frame:
         """Make a call and return the reply.
 
-        Raises:
-            ControllerError: The controller refused the call.
-            CallTimeout: No attempt was answered in time.
-            LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
-            ConnectionError: The link is lost.
+        Raises ControllerError if the controller refuses the call, CallTimeout if it answers no attempt in
+        time, LocalProtocolError if the call cannot be sent, and ConnectionError if the link is lost.
         """
         settled = await self.perform_call(function_id, arguments)
         if isinstance(settled, CallAnswered):
@@ -201,6 +196,27 @@ class Session:
             self._slave_modes[_first_handle(arguments)] = mode
 
 
+async def halt_robot(session: Session, robot: int, pause: Callable[[int], Awaitable[None]]) -> None:
+    """Stop the arm at once, or raise the errors of `Session.call`; `pause` waits for a number of ns.
+
+    While a controller executes another call of the connection, it replies that it is busy, or does not reply
+    (orin_bcap C/src/bCAPServer/bcap_server.c).
+    """
+    usual = session.retry_policies
+    session.retry_policies = usual._replace(others=HALT_RETRY_POLICY)
+    try:
+        for left in reversed(range(_MAX_CALLS)):
+            try:
+                await session.invoke("Robot_Halt", robot, "")
+                return
+            except ControllerError as error:
+                if error.hresult != E_BUSY or not left:
+                    raise
+            await pause(_BUSY_PAUSE)
+    finally:
+        session.retry_policies = usual
+
+
 def command_of(function_id: int, arguments: Sequence[Variant]) -> str:
     """Return the command of a Robot_Execute in lower case; "" for any other call."""
     return command_name(function_id, arguments).casefold() if function_id == _ROBOT_EXECUTE else ""
@@ -227,14 +243,11 @@ async def open_session(
     listener: EventListener | None = None,
     fails_if_refused: bool = False,
 ) -> AsyncIterator[Session]:
-    """Open a link. The end of the block releases all objects that calls have opened, even after an error.
+    """Open a link, or raise OSError. The end of the block releases all objects that calls have opened.
 
     `open_link` is the result of `over_udp` or `over_tcp`. By default, the reserved field follows DENSO's
     slides on UDP, and is 0 on TCP. `observer` gets every frame, and `listener` gets every event.
     `fails_if_refused`: see `Caller`.
-
-    Raises:
-        OSError: The controller cannot be reached, or does not listen.
     """
     caller = Caller(observer, listener, fails_if_refused)
     link = await open_link(caller)

@@ -16,14 +16,11 @@ _TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
 
 
 def variant_of(value: object) -> Variant:
-    """Convert a Python value to a VARIANT.
+    """Convert a Python value to a VARIANT, or raise LocalProtocolError if b-CAP has no type for it.
 
     None becomes EMPTY, bool BOOL, int I4 (or I8 if too large), float R8, str BSTR and bytes an array of UI1.
     A list of values of one type becomes an array of that type, and a list of int and float an array of R8.
     Any other list becomes an array of VARIANT. A Variant stays unchanged.
-
-    Raises:
-        LocalProtocolError: b-CAP has no type for the value.
     """
     if isinstance(value, Variant):
         return value
@@ -40,11 +37,7 @@ def variant_of(value: object) -> Variant:
 
 
 def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant, ...]:
-    """Convert Python values to the arguments of a request, handle first, with the types of the function.
-
-    Raises:
-        LocalProtocolError: A value does not fit its type, or b-CAP has no type for it.
-    """
+    """Convert values to the arguments of a request, handle first; raise LocalProtocolError if one is bad."""
     return tuple(
         variant_of(value)
         if isinstance(value, Variant) or param.type == "VARIANT"
@@ -61,10 +54,7 @@ def plain_value(variant: Variant) -> Value:
 
 
 def date_of(days: float) -> datetime | None:
-    """Convert a DATE, days since 1899-12-30, to a naive datetime in the controller's time zone.
-
-    Return None if the date is outside Python's calendar.
-    """
+    """Convert a DATE to a datetime in the controller's time zone; None if it is outside Python's calendar."""
     try:
         return _DATE_ZERO + timedelta(days=days)
     except (OverflowError, ValueError):

@@ -21,9 +21,8 @@ from bcapscope.player.realtime import realtime_priority
 from bcapscope.render.escape import printable
 from bcapscope.render.simulator_log import call_log_line, refusal_line
 from bcapscope.simulator.call_executor import CallReport
-from bcapscope.simulator.server_interfaces import ControllerModel
 from bcapscope.simulator.simulator import Peer
-from bcapscope.simulator.simulator_server import SimulatorServer, serve
+from bcapscope.simulator.simulator_server import ControllerModel, SimulatorServer, serve
 
 
 def reachability(host: str) -> Message:

@@ -57,11 +57,7 @@ def main() -> None:
 def play(
     plan: PlayPlan, pipe: PlayerPipe, recording: RotatingRecording | None, log: BinaryIO | None
 ) -> PlayEnded:
-    """Play a plan; return how the play ended.
-
-    `recording` is the file of frames, and `log` the file of the controller's log; each is None if the plan
-    has none.
-    """
+    """Play a plan and return how the play ended; record all frames, and the controller's log, if wanted."""
     target = plan.target
     with realtime_priority(plan.realtime and not plan.look_only) as granted:
         if plan.aftermath is None:

@@ -1,24 +1,26 @@
-"""Limits of an arm, axis by axis.
+"""Limits of an arm, axis by axis; speed and acceleration of set points, also as a share of these limits.
 
 The type name that the controller reports identifies an arm. No public document lists the limits of all arms,
-so the user has to give the limits of a real arm. bcapscope knows only the limits of the simulator's arm. If
-the speed limits of an axis are unknown, `MAX_ARM_SPEED` applies: no arm of DENSO Wave turns or moves that
-fast, so a larger step is a fault of the file.
+so the user gives the limits of a real arm. bcapscope knows only the simulator's arm. `MAX_ARM_SPEED` replaces
+an unknown speed limit: no arm of DENSO Wave is faster, so a larger step is a fault of the file.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from typing import TypeAlias
 
-from bcapscope.errors import InputError
+import numpy as np
+
+from bcapscope.errors import BcapError, InputError
 from bcapscope.messages import Message
+from bcapscope.player.smooth_curve import Array, unwrap_rotations
 from bcapscope.protocol.number_parsing import parse_number
 from bcapscope.protocol.slave_mode.modes import PoseType
-from bcapscope.protocol.slave_mode.poses import AXES
+from bcapscope.protocol.slave_mode.poses import AXES, Axis
 from bcapscope.protocol.text_format import shortened
 from bcapscope.simulator.kinematics import AXIS_COUNT, AXIS_LIMITS, AxisLimit, joints_of
 from bcapscope.simulator.machine import ROBOT_TYPE
@@ -44,8 +46,8 @@ class ArmLimits:
     """Limits of one arm.
 
     Attributes:
-        axes: Limits of each axis by its name (`J1`, `X`, ...), in the unit of the axis and seconds; an
-            unknown limit is infinite, and an unknown axis is missing.
+        axes: Limits of each known axis by its name (`J1`, `X`, ...), in the axis's unit and seconds; an
+            unknown limit is infinite.
         to_joints: Function that computes the joints of a pose of P or T type, and raises for a pose out of
             reach; None if the arm's kinematics are unknown.
         axis_count: Number of joints; None if unknown.
@@ -64,9 +66,6 @@ class ArmLimits:
         """Return the limits that apply to an axis; `MAX_ARM_SPEED` replaces an unknown speed limit."""
         known = self.known_limit(name)
         return known if known.speed < inf else known._replace(speed=MAX_ARM_SPEED.get(unit, inf))
-
-    def has_limit(self, name: str) -> bool:
-        return name in self.axes
 
 
 UNKNOWN_ARM = ArmLimits(Message("arm.unknown"))
@@ -127,3 +126,62 @@ def _axis_range(text: str, first: str, last: str) -> tuple[str, ...]:
     if stop < start:
         raise InputError(Message("limit.axis-order", text=text, first=first, last=last))
     return _NAMES[start : stop + 1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrajectoryMotion:
+    """The motion of some axes in mm or degrees, with `period` seconds between two rows.
+
+    There is one row per set point, and rotations continue beyond half a turn. The row of a point out of reach
+    is NaN.
+    """
+
+    axes: tuple[Axis, ...]
+    rows: Array
+    period: float
+
+    @property
+    def speeds(self) -> Array:
+        """Speed at each step from one point to the next, one row per step, in units per second."""
+        return np.diff(self.rows, axis=0) / self.period
+
+    @property
+    def accelerations(self) -> Array:
+        """Acceleration at each pair of steps in units per second squared, computed as controllers do."""
+        return np.diff(self.rows, n=2, axis=0) / (self.period * self.period)  # ** may raise an exception
+
+
+def motions_of(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> Iterator[TrajectoryMotion]:
+    """Yield the motion of the points' own axes, then the motion of the joints if it can be computed."""
+    axes = AXES[kind][: points.shape[1]]
+    counted = [place for place, axis in enumerate(axes) if axis.unit]
+    yield TrajectoryMotion(
+        tuple(axes[place] for place in counted), unwrap_rotations(kind, points)[:, counted], period
+    )
+    if kind is not PoseType.J and limits.to_joints is not None:
+        known = [axis for axis in AXES[PoseType.J] if axis.name in limits.axes]
+        yield TrajectoryMotion(tuple(known), _joints(kind, points, limits.to_joints)[:, : len(known)], period)
+
+
+def _joints(kind: PoseType, points: Array, to_joints: ToJoints) -> Array:
+    rows = np.full((len(points), len(AXES[PoseType.J])), np.nan)
+    for place in np.flatnonzero(np.isfinite(points).all(axis=1)).tolist():
+        try:
+            rows[place] = to_joints(kind, tuple(points[place].tolist()))
+        except BcapError:
+            continue  # the arm does not reach the point; its row stays NaN
+    return rows
+
+
+def limit_excess(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> float:
+    """Return the largest share of a speed or acceleration limit that is used; infinite if out of reach."""
+    worst = 0.0
+    for motion in motions_of(kind, points, period, limits):
+        known = [limits.limit_for(axis.name, axis.unit) for axis in motion.axes]
+        shares = (
+            np.abs(motion.speeds) / np.array([limit.speed for limit in known]),
+            np.abs(motion.accelerations) / np.array([limit.acceleration for limit in known]),
+        )
+        found = max((float(share.max()) for share in shares if share.size), default=0.0)
+        worst = max(worst, np.inf if np.isnan(found) else found)
+    return worst

@@ -31,8 +31,7 @@ from bcapscope.protocol.tables.hresult import S_EXECUTING
 R = TypeVar("R")
 
 FrameCallback: TypeAlias = Callable[[bool, bytes, int], None]
-"""Function called for every frame, with: whether the frame was sent, its bytes, and its time in ns of the
-channel's clock."""
+"""Function called for every frame: whether it was sent, its bytes, its time in ns of the channel."""
 
 
 def run_blocking(steps: Coroutine[Any, Any, R]) -> R:
@@ -60,7 +59,6 @@ class BlockingCaller:
     """Makes calls over a channel, one after the other.
 
     Attributes:
-        link: The channel.
         late_replies: Late replies not yet evaluated; the code that evaluates them clears the list.
         check_abort: Function called regularly while `perform_call` waits; its exception ends the call.
         overslept: Time in ns by which the operating system prolonged the waits of the current call.
@@ -85,11 +83,10 @@ class BlockingCaller:
     async def perform_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy
     ) -> RequesterOutcome:
-        """Make a call and return its outcome; the method blocks and needs no event loop.
+        """Make a call and return its outcome; block, without an event loop.
 
-        Raises:
-            LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
-            OSError: The link is gone. The other methods raise the same error.
+        Raises LocalProtocolError if the call cannot be sent, and OSError if the link is gone, as other
+        methods do.
         """
         try:
             self.begin_call(function_id, arguments, retry_policy, self.link.now())
@@ -121,8 +118,8 @@ class BlockingCaller:
         """Sleep for most of the time until the next retry or `until`, whichever is earlier.
 
         The scheduler delays a program that used the processor shortly before a reply wakes it. Measured with
-        set points every 1 ms beside busy programs, without real-time priority: three set points in a hundred
-        were 2 ms late; with this sleep, three in a thousand (Linux 6.18, sched-eevdf).
+        set points every 1 ms beside busy programs, without real-time priority (Linux 6.18, sched-eevdf):
+        three set points in a hundred were 2 ms late. With this sleep, three in a thousand were late.
         """
         due, now = self._requester.deadline, self.link.now()
         end = max(now, min(until, until if due is None else due) - READ_RESERVE)
@@ -132,8 +129,7 @@ class BlockingCaller:
     def wait_for_outcome(self, until: int) -> RequesterOutcome | None:
         """Wait until the call ends or `until` passes, and send retries; return None if the call is not over.
 
-        The method reads data in small portions and only until `until`, so many late replies do not delay the
-        caller.
+        The method reads data in small portions, so that many late replies do not delay the caller.
         """
         requester = self._requester
         while True:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -43,17 +43,15 @@ def read_capture(
     packets: Iterable[Packet],
     source: TrajectorySource,
     options: ReadOptions,
-    ports: Collection[int] = BCAP_PORTS,
 ) -> tuple[Trajectory, ...]:
-    """Read the set points of each slave-mode session; `ports` are the controllers' ports.
+    """Read the set points of each slave-mode session.
 
-    Raises:
-        TrajectoryError: The capture holds no set points of the wanted type.
-        CaptureError: The capture is damaged, and holds no set points before the damage.
+    Raises TrajectoryError if there are none of the wanted type, or CaptureError for damage before the first
+    one.
     """
     sessions: dict[int, _SlaveSessionPoints] = {}
     extractor = TrajectoryExtractor()
-    decoder = PacketDecoder(ports)
+    decoder = PacketDecoder(BCAP_PORTS)
     pipeline = Pipeline(extractor, joiner=Joiner(decoder.comments))
     broken: CaptureError | None = None
     try:

@@ -9,10 +9,9 @@ import select
 import socket
 import time
 from contextlib import suppress
-from typing import Protocol
 
 from bcapscope.messages import Message
-from bcapscope.transport.peer_link import Address, Link
+from bcapscope.transport.peer_link import Address
 from bcapscope.transport.receive_timestamps import (
     ANCILLARY_SIZE,
     AncillaryData,
@@ -23,8 +22,7 @@ from bcapscope.transport.receive_timestamps import (
 from bcapscope.transport.socket_link import preferred_address
 
 SPIN_TIME = 200_000
-"""Time in ns before a deadline at which the thread stops sleeping and watches the clock; sleeps overrun by
-less."""
+"""Time in ns before a deadline from which the thread watches the clock; sleeps overrun by less."""
 
 _DATAGRAM_SIZE = 4096
 """Largest datagram in bytes; controllers send at most 503."""
@@ -36,37 +34,15 @@ sends a hundred replies together. Reading all of them takes longer than the time
 _CONNECT_TIMEOUT = 5.0  # seconds
 
 _CLOCK_TOLERANCE = 100_000
-"""Maximum difference in ns between two readings of the clocks while nobody sets a clock; reading both takes
-time."""
+"""Change of the difference between both clocks, in ns, that shows a set clock or a delayed thread."""
 
 
-class Channel(Link, Protocol):
-    """A link to the controller that can wait until a given time; times are ns of the clock of `now`."""
+class Channel:
+    """A socket connected to the controller, so that the system drops datagrams from others.
 
-    @property
-    def arrival_time(self) -> int:
-        """Arrival time of the bytes received last; if the system gives none, the time of reading."""
-
-    def now(self) -> int:
-        """Return the time of a monotonic clock in ns."""
-
-    def wait_until(self, until: int) -> None:
-        """Wait until the time `until` as exactly as possible; return at once if that time is past."""
-
-    def sleep_until(self, until: int) -> None:
-        """Sleep until about the time `until`; return at once if the system gives no arrival times."""
-
-    def receive(self, until: int) -> bytes | None:
-        """Return a small portion of the next bytes; None if nothing arrives until the time `until`.
-
-        Raises:
-            ConnectionRefusedError: The peer's port is closed; over UDP, retries may continue.
-            OSError: The link is gone.
-        """
-
-
-class SocketChannel:
-    """A socket connected to its peer, so that the system drops datagrams from others."""
+    Times are ns of the monotonic clock `now`. `arrival_time` is that of the bytes received last, or the time
+    of reading if the system gives none. Every method raises OSError if the link is gone.
+    """
 
     def __init__(self, sock: socket.socket) -> None:
         self.datagrams = sock.type == socket.SOCK_DGRAM
@@ -87,7 +63,7 @@ class SocketChannel:
     now = staticmethod(time.monotonic_ns)
 
     def wait_until(self, until: int) -> None:
-        """Sleep for most of the time, and watch the clock for the last part."""
+        """Wait until a time as exactly as possible: sleep first, then watch the clock."""
         clock = time.monotonic_ns
         rest = until - SPIN_TIME - clock()
         if rest > 0:
@@ -96,7 +72,7 @@ class SocketChannel:
             pass
 
     def sleep_until(self, until: int) -> None:
-        """Sleep if the system records when data arrives during the sleep."""
+        """Sleep until about `until`, but only if the system records when data arrives."""
         length = until - time.monotonic_ns()
         if self._has_kernel_times and length > 0:
             time.sleep(length / 1e9)  # data that arrives during the sleep is not needed before its end
@@ -111,7 +87,10 @@ class SocketChannel:
             self._socket.sendall(data)
 
     def receive(self, until: int) -> bytes | None:
-        """Read bytes that are already there; wait only if there are none."""
+        """Return a small portion of the next bytes; None if nothing arrives until the time `until`.
+
+        Raises ConnectionRefusedError if the peer's port is closed; over UDP, retries may continue.
+        """
         while True:
             try:
                 data, control, _, _ = self._recvmsg(self._read_size, ANCILLARY_SIZE)
@@ -145,18 +124,14 @@ def _measure_epoch_offset() -> int:
     return max(time.time_ns() - time.monotonic_ns() for _ in range(5))
 
 
-def open_channel(host: str, port: int, tcp: bool, local_port: int = 0) -> SocketChannel:
-    """Open a channel to a controller, from any local UDP port if `local_port` is 0.
-
-    Raises:
-        OSError: The host is unknown or unreachable, or its port is closed.
-    """
+def open_channel(host: str, port: int, tcp: bool, local_port: int = 0) -> Channel:
+    """Open a channel, from any local UDP port if `local_port` is 0; raise OSError if the host is unknown."""
     if tcp:
         sock = socket.create_connection((host, port), _CONNECT_TIMEOUT)
     else:
         sock = _connect_datagrams(host, port, local_port)
     try:
-        return SocketChannel(sock)
+        return Channel(sock)
     except OSError:  # the controller has already reset the connection
         sock.close()
         raise

@@ -1,25 +1,28 @@
-"""Checks of a trajectory's numbers, type and times."""
+"""The pre-flight check's results, and its checks of a trajectory's numbers, type and times.
+
+Each check reports one problem, or one problem per axis.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bcapscope.analysis.finding import Severity
 from bcapscope.messages import Message
+from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, Listing, Measured, Times
-from bcapscope.player.preflight_problem import (
-    PreflightContext,
-    PreflightProblem,
-    interval_ms,
-    problem_at,
-    set_point_numbers,
-)
-from bcapscope.player.set_point_timing import find_gaps
+from bcapscope.player.arm_limits import ArmLimits
 from bcapscope.player.smooth_curve import FIG_COLUMN, Array
-from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType
+from bcapscope.player.trajectory import Trajectory, find_gaps
+from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType, SlaveMode
 from bcapscope.protocol.slave_mode.poses import AXES
+
+MAX_NUMBERS = 8
+"""Maximum number of set points that a problem lists; `PreflightProblem.count` is their total number."""
 
 SAME_INTERVAL = 0.01
 """Maximum difference between intervals that are treated as equal, as a share of the interval."""
@@ -35,12 +38,87 @@ RESAMPLE_ADVICE = Message("preflight.advice.resample")
 _CORRECT = Message("preflight.advice.correct-file")
 
 
+@dataclass(frozen=True, slots=True)
+class PreflightProblem:
+    """A problem that forbids playing a trajectory, a warning, or a remark.
+
+    Attributes:
+        check: Name of the check, such as `speed`.
+        severity: Severity of the problem; an error forbids playing.
+        fact: One clause that says what is wrong.
+        advice: One clause that says what to do; None if there is nothing to do.
+        points: Numbers of set points that show the problem, from 1, at most `MAX_NUMBERS`.
+        count: Total number of such set points; 0 if the problem concerns the trajectory as a whole.
+    """
+
+    check: str
+    severity: Severity
+    fact: Message
+    advice: Message | None = None
+    points: tuple[int, ...] = ()
+    count: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreflightContext:
+    """The trajectory, and the facts that the checks compare with it; an unknown fact is None.
+
+    `period` is in seconds between two calls of slvMove. `current_pose` has the pose type of the trajectory.
+    """
+
+    trajectory: Trajectory
+    period: float
+    limits: ArmLimits
+    current_pose: Sequence[float] | None
+    mode: SlaveMode | None
+    loop: bool
+
+    @property
+    def axis_count(self) -> int | None:
+        """Number of joints of the known arm, or that the controller reports; None if unknown.
+
+        Most controllers report eight joints, with 0 for joints that the robot lacks. A report of eight joints
+        therefore does not prove that the robot has eight.
+        """
+        if self.limits.axis_count is not None or self.current_pose is None:
+            return self.limits.axis_count
+        reported = len(self.current_pose)
+        is_exact = self.trajectory.kind is PoseType.J and reported < len(AXES[PoseType.J])
+        return reported if is_exact else None
+
+    @property
+    def step(self) -> float | None:
+        """Seconds between two set points according to the file; None if the file's times are uneven."""
+        if self.trajectory.period is None and self.trajectory.times is not None:
+            return None
+        return self.trajectory.period or self.period
+
+
+def set_point_numbers(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...], int]:
+    """Return the first `MAX_NUMBERS` numbers of set points for which an array is true, and their count."""
+    found = np.flatnonzero(where)
+    return tuple((found[:MAX_NUMBERS] + first).tolist()), len(found)
+
+
+def error_at(
+    where: ArrayLike, check: str, id: str, advice: Message | None, **places: PlaceValue
+) -> Iterator[PreflightProblem]:
+    """Yield an error if an array is true for any set point; the place `points` holds their count."""
+    points, count = set_point_numbers(where)
+    if count:
+        fact = Message(id, **places, points=Count(count, "set-point"))
+        yield PreflightProblem(check, Severity.ERROR, fact, advice, points, count)
+
+
+def interval_ms(seconds: float) -> Measured:
+    return Measured(seconds * 1000, "ms")
+
+
 def check_finite(context: PreflightContext) -> Iterator[PreflightProblem]:
     """Look for NaN, infinity and absurd numbers."""
-    yield from problem_at(
+    yield from error_at(
         ~(np.abs(context.trajectory.points) <= LARGEST_NUMBER).all(axis=1),
         "not-finite",
-        Severity.ERROR,
         "preflight.not-finite",
         _CORRECT,
         total=len(context.trajectory),
@@ -97,7 +175,7 @@ def check_fig(context: PreflightContext) -> Iterator[PreflightProblem]:
         advice = Message("preflight.advice.parts")
         yield PreflightProblem("fig", Severity.WARNING, fact, advice, points, count)
     advice, uneven = Message("preflight.advice.fig-column"), values != np.round(values)
-    yield from problem_at(uneven, "fig", Severity.ERROR, "preflight.fig-not-whole", advice)
+    yield from error_at(uneven, "fig", "preflight.fig-not-whole", advice)
 
 
 def check_directions(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -109,7 +187,7 @@ def check_directions(context: PreflightContext) -> Iterator[PreflightProblem]:
     wrong |= np.abs(np.linalg.norm(approach, axis=1) - 1) > _UNIT
     wrong |= np.abs((orientation * approach).sum(axis=1)) > _UNIT
     advice = Message("preflight.advice.columns")
-    yield from problem_at(wrong, "directions", Severity.ERROR, "preflight.directions", advice)
+    yield from error_at(wrong, "directions", "preflight.directions", advice)
 
 
 def check_cycle(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -158,7 +236,7 @@ def _check_times(context: PreflightContext, times: Array) -> Iterator[PreflightP
     back = ~(steps > 0)
     if back.any():
         id = "preflight.time-order"
-        yield from problem_at(back, "time-order", Severity.ERROR, id, _CORRECT, first=2)
+        yield from error_at(np.append(False, back), "time-order", id, _CORRECT)
         return
     usual = float(np.median(steps))
     points, count = set_point_numbers(find_gaps(times), 2)

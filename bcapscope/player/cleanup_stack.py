@@ -21,9 +21,8 @@ _BUSY_PAUSE = 20_000_000
 class CleanupStack:
     """Undoes steps, newest first; reports the steps that remain, so that another process can undo them.
 
-    Attributes:
-        is_controller_gone: Whether the controller stopped answering; the remaining cleanup tasks are then
-            skipped.
+    If the controller stops answering, `is_controller_gone` is True and the remaining cleanup tasks are
+    skipped.
     """
 
     def __init__(self, robot: RobotAdapter, pipe: PlayerPipe, channel: Channel) -> None:

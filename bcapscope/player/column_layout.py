@@ -1,27 +1,97 @@
-"""Finding the columns of a trajectory in a table: by title, by number, or by the user's description."""
+"""Finding the columns of a trajectory in a table: by title, by number, or by the user's description.
+
+Known titles: those of `bcapscope extract`, and plain names of axes and joints. The titles of a controller's
+log and their English forms are also known: `[J1 - 指令値]`, `[FIG - 指令値]`
+(ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and DrawLineDemo). A title with an unknown word is
+ignored, so that a force or a distance is never read as a position.
+"""
 
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from itertools import pairwise, takewhile
+from typing import NamedTuple
 
 from bcapscope.errors import InputError
 from bcapscope.messages import Message
-from bcapscope.player.column_titles import (
-    COUNTER,
-    NUMBER,
-    TIME,
-    UNITS,
-    ColumnRole,
-    ColumnTitle,
-    Unit,
-    read_title,
-)
 from bcapscope.player.trajectory import MIN_COLUMNS, Column, TrajectoryError
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, Axis
+
+
+class ColumnRole(StrEnum):
+    """Role of the numbers in a column, in order of preference."""
+
+    COMMANDED = "commanded"
+    UNMARKED = "not marked as commanded or measured"
+    MEASURED = "measured"
+
+
+class Unit(NamedTuple):
+    """A unit of an `angle`, a `length` or a `time`; the factor converts to degrees, mm or seconds."""
+
+    name: str
+    kind: str
+    factor: float
+
+
+UNITS = {
+    unit.name: unit
+    for unit in (
+        Unit("deg", "angle", 1.0),
+        Unit("rad", "angle", 57.29577951308232),
+        Unit("mm", "length", 1.0),
+        Unit("m", "length", 1000.0),
+        Unit("s", "time", 1.0),
+        Unit("ms", "time", 1e-3),
+        Unit("us", "time", 1e-6),
+    )
+}
+"""Known units by their names."""
+
+TIME, COUNTER, NUMBER = "time", "counter", "number"
+"""Names of the columns that hold the time, the controller's counter, or the number of the record."""
+
+
+class ColumnTitle(NamedTuple):
+    """Meaning of a title: axis, `TIME`, `COUNTER` or `NUMBER`; the column's role; its unit, if any."""
+
+    axis: str
+    role: ColumnRole
+    unit: Unit | None
+
+
+_AXIS = {axis.name.casefold(): axis.name for kind in AXES.values() for axis in kind}
+_JOINT = re.compile(r"(?:j|joint|axis|軸|関節)([1-8])")
+_COMMANDED = (
+    *("指令値", "指令", "command", "commanded", "cmd"),
+    *("reference", "ref", "target", "setpoint", "desired"),
+)
+_MEASURED = ("エンコーダ値", "エンコーダ", "encoder", "actual", "measured", "returned", "feedback", "現在値")
+_ROLES = {
+    **dict.fromkeys(_COMMANDED, ColumnRole.COMMANDED),
+    **dict.fromkeys(_MEASURED, ColumnRole.MEASURED),
+}
+_UNIT_WORDS = {
+    **UNITS,
+    **dict.fromkeys(("degree", "degrees", "度", "°"), UNITS["deg"]),
+    **dict.fromkeys(("radian", "radians"), UNITS["rad"]),
+    **dict.fromkeys(("sec", "second", "seconds", "秒"), UNITS["s"]),
+    **dict.fromkeys(("msec", "millisecond", "milliseconds"), UNITS["ms"]),
+    **dict.fromkeys(("usec", "µs", "μs"), UNITS["us"]),
+}
+_OTHER_COLUMNS = {
+    **dict.fromkeys(("time", "t", "時刻", "時間", "timestamp", "経過時間"), TIME),
+    **dict.fromkeys(("counter", "コントローラ起動時からのカウンタ", "カウンタ"), COUNTER),
+    **dict.fromkeys(("no", "number", "番号", "index"), NUMBER),
+}
+_FILLERS = frozenset(("value", "pos", "position", "angle", "値", "位置", "角度", "point"))
+_WORD = re.compile(r"[a-z]+\d*|\d+|[°µμ]s?|[^\W\da-z_]+")
+_LONGEST = 80
 
 _NAMES = {
     name.casefold(): name for name in (TIME, COUNTER, *(axis.name for kind in AXES.values() for axis in kind))
@@ -54,12 +124,9 @@ class ReadOptions:
 
 @dataclass(frozen=True, slots=True)
 class ColumnLayout:
-    """The columns that make a trajectory; each note is one clause about a choice or an assumption.
+    """The columns of the axes in their order, and those of the times and of a counter, if any.
 
-    Attributes:
-        columns: Column of each axis, in the order of the axes.
-        time: Column of the times; None if there is none.
-        counter: Column that counts records or time; None if there is none.
+    Each note is one clause about a choice or an assumption.
     """
 
     kind: PoseType
@@ -101,10 +168,7 @@ def _column_pairs(part: str) -> Iterator[tuple[str, int]]:
 
 
 def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayout | None:
-    """Find the columns by their titles; return None if no pose type has all its columns.
-
-    Raises TrajectoryError if a column that the user named does not exist.
-    """
+    """Find the columns by their titles; return None if no pose type has all its columns."""
     if options.columns:
         return _layout_as_given(options, titles, len(titles))
     read = [read_title(title) for title in titles]
@@ -130,11 +194,7 @@ def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayou
 
 
 def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> ColumnLayout:
-    """Guess the meaning of columns without titles; `rows` holds one or more of the first lines.
-
-    Raises:
-        TrajectoryError: The numbers fit several meanings, or none.
-    """
+    """Guess columns without titles from some lines; raise TrajectoryError if several or no meanings fit."""
     count = len(rows[0])
     if options.columns:
         return _layout_as_given(options, (), count)
@@ -270,3 +330,38 @@ def list_titles(titles: Sequence[str]) -> Message:
     named = ", ".join(" ".join(title[:40].split()) for title in titles[:_MAX_NAMED])
     more = len(titles) - _MAX_NAMED
     return Message("list.and-more", items=named, more=more) if more > 0 else Message.from_table("text", named)
+
+
+def read_title(text: str) -> ColumnTitle | None:
+    """Read a title; return None if its column is no part of a trajectory."""
+    words = _words(text)
+    if "counter" in words:
+        return ColumnTitle(COUNTER, ColumnRole.UNMARKED, None)
+    axis: str | None = None
+    role, unit = ColumnRole.UNMARKED, None
+    for word in words:
+        found = _axis_name(word)
+        if found and axis is None:
+            axis = found
+        elif word in _ROLES:
+            role = _ROLES[word]
+        elif word in _UNIT_WORDS and unit is None:
+            unit = _UNIT_WORDS[word]
+        elif word not in _FILLERS:
+            return None
+    return None if axis is None else ColumnTitle(axis, role, unit)
+
+
+def _words(text: str) -> list[str]:
+    """Split a title between letters, digits and Japanese; join a number to a preceding word for joint."""
+    plain = unicodedata.normalize("NFKC", text[:_LONGEST]).casefold()
+    words: list[str] = []
+    for word in _WORD.findall(plain.replace("_", " ")):
+        joins = words and word.isdecimal() and words[-1] in ("j", "joint", "axis", "軸", "関節")
+        words = [*words[:-1], words[-1] + word] if joins else [*words, word]
+    return words
+
+
+def _axis_name(word: str) -> str | None:
+    joint = _JOINT.fullmatch(word)
+    return f"J{joint[1]}" if joint else _AXIS.get(word) or _OTHER_COLUMNS.get(word)

@@ -13,10 +13,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.controller_target import DEFAULT_RETRY_POLICIES, ControllerTarget
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.remote_objects import Robot
-from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES
 from bcapscope.client.session import Session
 from bcapscope.player.blocking_caller import BlockingCaller, run_blocking
 from bcapscope.player.channel import open_channel
@@ -43,10 +42,7 @@ LOG_COLUMN_TITLES = tuple(f"[J{axis} - {what}]" for axis in range(1, 9) for what
 
 @contextmanager
 def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
-    """Open a new file for the length of a block; delete the file afterwards if it is empty.
-
-    Yields None without a path. Raises OSError if the file exists or cannot be written.
-    """
+    """Open a new file, or raise OSError; delete it if it stays empty. Without a path, yield None."""
     if path is None:
         yield None
         return
@@ -79,14 +75,10 @@ async def read_log_records(
 
 
 def read_control_log(target: ControllerTarget, robot: str, check_abort: Callable[[], None]) -> list[Value]:
-    """Return the log records that the controller holds, oldest first.
+    """Return the log records that the controller holds, oldest first, or raise the errors of `Session.call`.
 
     The records are read over a separate TCP connection: a record has 39 values, too many for a datagram of
     503 bytes. `check_abort` is called before each record; an exception that it raises ends the reading.
-
-    Raises:
-        BcapError: As for `Session.call`.
-        OSError: The controller is unreachable.
     """
     channel = open_channel(target.host, target.port, tcp=True)
     caller = BlockingCaller(channel, target.convention_for(datagrams=False))

@@ -20,16 +20,12 @@ MAX_FRAMES = 2_000_000
 """Maximum number of frames kept, enough for more than two hours at 8 ms; later frames are not recorded."""
 
 _FRAMES_PER_WRITE = 1000
-"""Number of frames written at once; if the disk becomes full, the recording lacks at most these frames and
-all later ones."""
+"""Number of frames written at once; if the disk becomes full, the last write is lost."""
 
 
 @contextmanager
 def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
-    """Create a recording for the length of a block; delete it afterwards if it holds no packets.
-
-    Yields None without a path. Raises OSError if the file exists or cannot be written.
-    """
+    """Create a recording, or raise OSError; delete it if it stays empty. Without a path, yield None."""
     if path is None:
         yield None
         return
@@ -42,11 +38,7 @@ def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
 
 
 class FrameRecorder:
-    """Receives every frame and keeps the last frame of each direction.
-
-    Attributes:
-        is_pacing: Whether the pacer is sending set points; meanwhile frames are kept but not reported.
-    """
+    """Receives every frame; while `is_pacing`, frames are kept but not reported."""
 
     def __init__(self, send: Callable[[FrameMessage], object], recording: RotatingRecording | None) -> None:
         """`send` gets each frame outside of pacing; `recording` is the file to write, or None."""

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from bcapscope.analysis.finding import Severity
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Enumeration, Measured
-from bcapscope.player.arm_limits import MAX_ARM_SPEED
-from bcapscope.player.checks import RESAMPLE_ADVICE
-from bcapscope.player.preflight_problem import (
+from bcapscope.player.arm_limits import MAX_ARM_SPEED, TrajectoryMotion, motions_of
+from bcapscope.player.checks import (
+    RESAMPLE_ADVICE,
     PreflightContext,
     PreflightProblem,
-    problem_at,
+    error_at,
     set_point_numbers,
 )
 from bcapscope.player.smooth_curve import (
@@ -26,7 +26,6 @@ from bcapscope.player.smooth_curve import (
     matches_posture,
     unwrap_rotations,
 )
-from bcapscope.player.trajectory_motion import TrajectoryMotion, motions_of
 from bcapscope.protocol.slave_mode.poses import Axis
 from bcapscope.simulator.kinematics import AxisLimit
 
@@ -37,6 +36,7 @@ _SLACK = 1.000001  # tolerance for set points that were rounded to single precis
 _DIRECTIONS = Axis("Ox..Az", "deg")
 _MOVE = Message("preflight.advice.move-there")
 _SLOWER, _POSITIONS = Message("preflight.advice.slower"), Message("preflight.advice.positions")
+_SLOWER_OR_RESAMPLE = Message("preflight.advice.slower-or-resample")
 _SLOW, _CRAWL = 0.1, 1.0  # maximum speed at rest: share of the top speed, units per second
 
 
@@ -81,8 +81,8 @@ def check_limits(context: PreflightContext) -> Iterator[PreflightProblem]:
         for place in range(len(motion.axes)):
             yield from _check_axis_limits(context, motion, place)
     yield from _check_turning(context)
-    names = [axis.name for axis in context.trajectory.axes if axis.unit]
-    if not any(map(context.limits.has_limit, names)) and context.limits.to_joints is None:
+    names = {axis.name for axis in context.trajectory.axes if axis.unit}
+    if not context.limits.axes.keys() & names and context.limits.to_joints is None:
         fact, advice = Message("preflight.limits-unknown"), Message("preflight.advice.limits")
         yield PreflightProblem("limits", Severity.NOTE, fact, advice)
 
@@ -126,10 +126,9 @@ def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def first_point_offsets(context: PreflightContext) -> tuple[float, ...] | None:
-    """Return the distance from the robot to the first point, one element per axis of the trajectory.
+    """Return the distance from the robot to the first point for each axis; None if the pose is unknown.
 
-    For rotations of P type, the distance is the smaller of the two angles. The result is None if the robot's
-    pose is unknown.
+    For rotations of P type, the distance is the smaller of the two angles.
     """
     if context.current_pose is None:
         return None
@@ -203,10 +202,9 @@ def _check_axis_limits(
     limit, unit = context.limits.limit_for(axis.name, axis.unit), axis.unit
     values = motion.rows[1 : count + 1, place]
     outside = (values < limit.low) | (values > limit.high)
-    yield from problem_at(
+    yield from error_at(
         outside,
         "range",
-        Severity.ERROR,
         "preflight.range",
         _POSITIONS,
         axis=axis.name,
@@ -217,29 +215,23 @@ def _check_axis_limits(
     )
     if context.step is None:
         return
-    speeds = np.abs(motion.speeds[:, place])
     is_known = limit.speed != MAX_ARM_SPEED.get(unit)
-    yield from problem_at(
-        _mark_set_points(speeds > limit.speed * _SLACK, count),
-        "speed",
-        Severity.ERROR,
-        "preflight.speed" if is_known else "preflight.speed.any-arm",
-        _SLOWER,
-        axis=axis.name,
-        speed=Measured(float(speeds.max()), f"{unit}/s", 4),
-        limit=Measured(limit.speed),
-    )
-    accelerations = np.abs(motion.accelerations[:, place])
-    yield from problem_at(
-        _mark_set_points(accelerations > limit.acceleration * _SLACK, count),
-        "acceleration",
-        Severity.ERROR,
-        "preflight.acceleration",
-        Message("preflight.advice.slower-or-resample"),
-        axis=axis.name,
-        acceleration=Measured(float(accelerations.max()), f"{unit}/s²", 4),
-        limit=Measured(limit.acceleration),
-    )
+    speed_id = "preflight.speed" if is_known else "preflight.speed.any-arm"
+    for check, id, advice, rates, most, per in (
+        ("speed", speed_id, _SLOWER, motion.speeds, limit.speed, "/s"),
+        (
+            "acceleration",
+            "preflight.acceleration",
+            _SLOWER_OR_RESAMPLE,
+            motion.accelerations,
+            limit.acceleration,
+            "/s²",
+        ),
+    ):
+        found = np.abs(rates[:, place])
+        places = {check: Measured(float(found.max()), f"{unit}{per}", 4), "limit": Measured(most)}
+        beyond = _mark_set_points(found > most * _SLACK, count)
+        yield from error_at(beyond, check, id, advice, axis=axis.name, **places)
 
 
 def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -249,10 +241,9 @@ def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
     points, most = context.trajectory.points, MAX_ARM_SPEED[_DIRECTIONS.unit]
     after = points[:1] if context.loop else points[-1:]
     speeds = direction_turns(context.trajectory.kind, np.vstack((points[:1], points, after))) / context.step
-    yield from problem_at(
+    yield from error_at(
         _mark_set_points(speeds > most, len(points)),
         "speed",
-        Severity.ERROR,
         "preflight.speed.any-arm",
         _SLOWER,
         axis=_DIRECTIONS.name,

@@ -59,8 +59,7 @@ OVERFLOW_DELAY = 1_000_000
 """Delay in ns before the pacer repeats a set point that found the buffer full."""
 
 MAX_REPEATS = 64
-"""Maximum number of times that the pacer sends one set point: eight periods, in which a working controller
-takes several set points."""
+"""Maximum number of times that the pacer sends one set point: eight periods."""
 
 MIN_PERIOD_SHARE = 0.98
 """Minimum average time between set points, as a share of the period; clocks differ by far less than 2 %."""
@@ -74,8 +73,7 @@ the caches."""
 _MOTION_ERRORS = 0x8420
 """Upper half of the results that late set points can cause: the buffer ran empty, or an axis was too fast."""
 _GAPS_KEPT = 8
-"""Number of set points, before a refused one, whose lateness may be the cause: more than any controller
-buffers."""
+"""Number of set points, before a refused one, that may be the cause: more than a buffer holds."""
 _ROBOT_EXECUTE = 64
 _NAME = "Robot_Execute slvMove"
 _BY_CLOCK = (ModeKind.ASYNC, ModeKind.MODE_1)
@@ -161,11 +159,8 @@ class Pacer:
     def play(self) -> None:
         """Send all set points.
 
-        Raises:
-            ControllerError: The controller refused a set point.
-            CallTimeout: The controller no longer answers.
-            HaltedError: Raised by `on_idle`.
-            OSError: The link is gone.
+        Raises ControllerError if the controller refuses a set point, CallTimeout if it no longer answers,
+        OSError if the link is gone, and what `on_idle` raises.
         """
         due = self._last_answered_at = self._caller.link.now() + _START_DELAY
         for point in self._sequence:

@@ -2,9 +2,9 @@
 
 However the session ends, the player undoes its steps in reverse order: slave mode, the log, motor, arm,
 RobSlave, handles, Controller_Disconnect, Service_Stop. If the controller stops answering, the player skips
-the remaining steps. After an order to stop, the robot first slows to a halt on its path. After a failure the
-robot cannot slow down on its path: a controller with an error has left slave mode, and a controller that does
-not answer accepts no set points. Before the cleanup, an order from the user ends every wait.
+the remaining steps. After an order to stop, the robot first slows to a halt on its path. After a failure, the
+robot cannot do this: a controller with an error has left slave mode, and a silent controller accepts no set
+points. Before the cleanup, an order from the user ends every wait.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from bcapscope.client.object_opener import ObjectOpener
-from bcapscope.client.robot_halt import halt_robot
-from bcapscope.client.session import Session
+from bcapscope.client.session import Session, halt_robot
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
@@ -328,10 +327,7 @@ class PlaySession:
             await self._session.close()
 
     def _confirm(self, topic: QuestionTopic, text: Message) -> bool:
-        """Ask the user a question; return whether the answer is yes.
-
-        An order instead raises PlayAbortedError.
-        """
+        """Ask the user a question and return whether the answer is yes; an order raises PlayAbortedError."""
         answer = self._pipe.ask(PlayerQuestion(topic, text, (NO, YES)))
         self._check_order()
         return answer == YES

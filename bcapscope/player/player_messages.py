@@ -59,9 +59,8 @@ class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         debts: Cleanup tasks that remain, oldest first.
-        generation: Generation of the controller.
-        port: Local port of the player. A controller knows a UDP client by its port, so a process that cleans
-            up uses the same port.
+        port: Local port of the player, by which a controller knows a UDP client. A process that cleans up
+            uses the same port.
     """
 
     debts: tuple[CleanupTask, ...]
@@ -77,8 +76,8 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
         task: Name of the program that RC7 needs for slave mode.
         mode: Kind of slave mode, or the exact number for slvChangeMode.
         period: Time in ns between set points in the modes where the player sets the pace.
-        points: Set points of the trajectory; the robot rests at the first and the last. Axes that the set
-            points lack keep their position.
+        points: Set points of the trajectory, which begins and ends at rest. Axes that the set points lack do
+            not move.
         limits: Limits of the arm as `arm_limits.with_limits` accepts them; a stop keeps within them.
         rounds: Number of times to play the set points without a pause; 0 to play until an order to stop.
         approach: Speed, in percent, of the ordinary motion to the first point.
@@ -149,7 +148,7 @@ class ControllerInfo(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         simulator: Whether the controller is bcapscope's simulator, so that no real robot moves.
-        generation: Generation of the controller: RC7, or RC8 for all later ones.
+        generation: RC7, or RC8 for all later generations.
         mode: Slave mode that the player will use.
         pose: Current pose of the robot, in the pose type of the set points.
         distance: Distance to the first point: the largest difference of any axis, in degrees or mm.
@@ -174,18 +173,15 @@ class ControllerInfo(msgspec.Struct, frozen=True, tag=True):
 
 
 class PlayCounts(msgspec.Struct, frozen=True):
-    """Counts about the set points.
+    """Counts of set points.
 
     Attributes:
-        sent: Number of set points sent, without retries; a set point that found the buffer full counts again.
-        retries: Number of retries.
-        late: Number of late replies.
-        unanswered: Number of set points without any reply.
-        repeated: Number of set points sent again because the controller's buffer was full (83201483).
-        shifted: Number of times that the pacer moved the deadlines because it was late by more than half a
-            period.
-        held: Number of set points delayed because the controller, which should set the pace, asked for them
-            too soon.
+        sent: Set points sent, without retries; a set point that found the buffer full counts again.
+        late: Late replies.
+        unanswered: Set points without any reply.
+        repeated: Set points sent again because the controller's buffer was full (83201483).
+        shifted: Times that the pacer moved the deadlines because it was late by more than half a period.
+        held: Set points delayed because the controller, which should set the pace, asked for them too soon.
     """
 
     sent: int = 0
@@ -203,13 +199,10 @@ class PlayProgress(msgspec.Struct, frozen=True, tag=True):
     Attributes:
         index: Number of set points of the trajectory sent so far, in all rounds.
         of: Total number of set points in all rounds; 0 if the play has no end.
-        elapsed: Seconds since the first set point.
-        left: Seconds until the last set point; None if there is no end.
+        elapsed: Seconds since the first set point; `left` are those until the last one, None without an end.
         lateness: Distribution of the time from each set point's deadline to its sending, so far.
-        commanded: The last set point sent.
-        returned: The pose in the last reply.
-        sent: The last frame sent.
-        received: The last frame received.
+        commanded: The last set point sent; `returned` is the pose in the last reply.
+        sent: The last frame sent; `received` is the last frame received.
         cycle: Histogram of the time between set points: least ns, greatest ns and count of each bin.
     """
 
@@ -276,14 +269,12 @@ class PlayOutcome(StrEnum):
 
 
 class PlayEnded(msgspec.Struct, frozen=True, tag=True):
-    """The last message of a player.
+    """The last message of a player; the distributions are exact and in ns.
 
     Attributes:
         reason: Why the player ended; None if the play is complete.
-        lateness: Exact distribution of the lateness of all set points, in ns.
-        cycle: Exact distribution of the time between set points, in ns.
+        cycle: Distribution of the time between set points.
         index: Number of set points of the trajectory that were sent.
-        realtime: Whether the player had real-time priority.
         left: Whether the cleanup ran; False if the controller no longer answered.
         logged: Number of records of the controller's log that were saved.
         retries_expected: Whether retries are normal, because replies came over UDP and set the pace.

@@ -39,10 +39,8 @@ PARENT_GONE = Message("play.parent-gone")
 class PlayerPipe:
     """Receives orders and sends messages through the file descriptors of two pipes.
 
-    Attributes:
-        order: The most serious order so far; None if no order has arrived.
-        reason: Why the order was given; None if no order has arrived.
-        order_count: Number of orders received.
+    `order` is the most serious order so far, and `reason` says why it was given; both are None without an
+    order.
     """
 
     def __init__(self, commands: int, messages: int) -> None:

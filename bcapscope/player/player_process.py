@@ -21,9 +21,11 @@ from typing import Self
 
 from msgspec import structs
 
+from bcapscope.client.action_log import ArmedCallLogger
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.player.player_messages import (
+    ControllerInfo,
     FrameMessage,
     Order,
     PendingCleanup,
@@ -51,22 +53,15 @@ _SERIAL_MAX = 0xFFFF
 
 
 class PlayerProcess:
-    """A running player.
+    """A running player; `ended` is its last message, None while the player works.
 
     When `fileno` is readable, `read_messages` returns the messages; `wait_for_messages` waits for messages.
     Any thread may call either method. A caller that reads too slowly misses only progress reports. The last
     message is always `PlayEnded`.
-
-    Attributes:
-        ended: The player's last message; None while the player works.
     """
 
     def __init__(self, plan: PlayPlan) -> None:
-        """Start the player.
-
-        Raises:
-            OSError: The process cannot be started.
-        """
+        """Start the player, or raise OSError."""
         self._plan = plan
         self._pending_cleanup = PendingCleanup((), "", 0)
         self._serial = 0
@@ -248,3 +243,23 @@ def _reap(process: subprocess.Popen[bytes]) -> None:
         if pipe is not None:
             with suppress(OSError):
                 pipe.close()
+
+
+class ArmedMessageLogger:
+    """Logs the armed calls of a player to a real controller; ignores calls to bcapscope's simulator."""
+
+    def __init__(self, logger: ArmedCallLogger) -> None:
+        """Write to `logger`."""
+        self._logger = logger
+        self._is_simulator = False
+
+    def on_message(self, message: PlayerMessage) -> None:
+        if isinstance(message, ControllerInfo):
+            self._is_simulator = message.simulator
+        elif self._is_simulator:
+            return
+        elif isinstance(message, FrameMessage):
+            self._logger.add_frame(message.sent, message.raw, message.time)
+        elif isinstance(message, PlayEnded):
+            self._logger.add_set_points(message.counts.sent)
+            self._logger.end_set_points()

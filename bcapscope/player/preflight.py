@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -12,9 +12,9 @@ from bcapscope.analysis.finding import Severity
 from bcapscope.messages import Message
 from bcapscope.player import checks, motion_checks
 from bcapscope.player.arm_limits import UNKNOWN_ARM, ArmLimits, limits_for_arm, with_limits
+from bcapscope.player.checks import PreflightContext, PreflightProblem
 from bcapscope.player.motion_checks import AxisFigures
 from bcapscope.player.player_messages import ControllerInfo, PlayPlan
-from bcapscope.player.preflight_problem import PreflightContext, PreflightProblem
 from bcapscope.player.trajectory import Trajectory
 from bcapscope.protocol.slave_mode.modes import SlaveMode
 
@@ -40,15 +40,12 @@ _NUMBER_CHECKS: tuple[Check, ...] = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreflightResult:
-    """Result of the pre-flight check.
+    """Result of the pre-flight check; `arm_name` names the arm whose limits were used.
 
     Attributes:
-        arm_name: Name of the arm whose limits were used.
         problems: Problems found, most serious first.
-        axis_figures: Figures of each axis at the file's own times; () if these times are uneven or a number
-            is not finite.
-        first_point_offsets: Distance from the robot to the first point, one element per axis of the
-            trajectory; None if the robot's pose is unknown.
+        axis_figures: Figures of each axis at the file's own times; () for uneven times or infinite numbers.
+        first_point_offsets: Distance from the robot to the first point for each axis; None if unknown.
     """
 
     trajectory: Trajectory
@@ -76,6 +73,11 @@ class PreflightResult:
         return (len(trajectory) - 1) * (trajectory.period or self.period)
 
 
+def most_serious_first(problems: Iterable[PreflightProblem]) -> tuple[PreflightProblem, ...]:
+    rank = list(Severity)
+    return tuple(sorted(problems, key=lambda problem: rank.index(problem.severity)))
+
+
 def run_preflight(
     trajectory: Trajectory,
     period: float,
@@ -93,12 +95,11 @@ def run_preflight(
         for each in (*_FORM_CHECKS, *(_NUMBER_CHECKS if sound else ())):
             findings += each(case)
         figures = motion_checks.axis_figures(case) if sound else ()
-    rank = list(Severity)
     return PreflightResult(
         trajectory=trajectory,
         period=period,
         arm_name=limits.arm_name,
-        problems=tuple(sorted(findings, key=lambda finding: rank.index(finding.severity))),
+        problems=most_serious_first(findings),
         axis_figures=figures,
         first_point_offsets=motion_checks.first_point_offsets(case) if sound else None,
     )

@@ -1,8 +1,8 @@
 """Keeping the processor: real-time priority, locked memory, no garbage collection.
 
 A program with SCHED_FIFO runs before all programs without real-time priority, so that no such program can
-delay a set point (sched(7)). Locked memory is never swapped to disk (mlockall(2)). Without real-time priority
-the player asks for short time slices: the player then gets the processor sooner, but no larger share of its
+delay a set point (sched(7)). Locked memory is never swapped to disk (mlockall(2)). Without real-time
+priority, the player asks for short time slices. It then gets the processor sooner, but no larger share of its
 time (sched-eevdf, Linux 6.12).
 """
 
@@ -25,8 +25,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Enumeration
 
 FIFO_PRIORITY = 40
-"""Real-time priority of the player: above all ordinary programs, and below the kernel's interrupt threads,
-which have 50 and deliver the replies."""
+"""Real-time priority: above ordinary programs, below interrupts (50), which deliver the replies."""
 
 _THROTTLE_FILES = Path("/proc/sys/kernel/sched_rt_runtime_us"), Path("/proc/sys/kernel/sched_rt_period_us")
 _NEEDED_SHARE = 0.5
@@ -39,17 +38,13 @@ _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
 """Number of the system call sched_setattr by machine; older C libraries have no function for it."""
 
 _SCHED_ATTR = struct.Struct("=IIQiIQQQ")
-"""Fields of sched_attr: size, policy, flags, niceness, priority, runtime, deadline, period
-(sched_setattr(2))."""
+"""Size, policy, flags, niceness, priority, runtime, deadline, period (sched_setattr(2))."""
 
 
 class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
-    """What the system grants.
+    """What the system grants: real-time priority, and locked memory that is never swapped to disk.
 
-    Attributes:
-        realtime: Whether the player has real-time priority, so that other programs cannot delay it.
-        locked: Whether the player's memory is locked, so that it is not swapped to disk.
-        text: Both facts as a sentence, with advice if the system refused one.
+    `text` states both facts in a sentence, with advice if the system refused one.
     """
 
     realtime: bool

@@ -7,7 +7,7 @@ both ends. Position, speed and acceleration therefore stay continuous, and both 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from math import ceil, inf, isfinite
 
@@ -16,12 +16,9 @@ import numpy as np
 from bcapscope.errors import InputError
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Measured
-from bcapscope.player.arm_limits import UNKNOWN_ARM, ArmLimits
-from bcapscope.player.set_point_timing import find_gaps
+from bcapscope.player.arm_limits import UNKNOWN_ARM, ArmLimits, limit_excess
 from bcapscope.player.smooth_curve import Array, SmoothCurve
-from bcapscope.player.trajectory import MAX_POINTS, Trajectory, TrajectoryError
-from bcapscope.player.trajectory_motion import limit_excess
-from bcapscope.protocol.slave_mode.poses import Axis
+from bcapscope.player.trajectory import MAX_POINTS, Trajectory, TrajectoryError, find_gaps
 
 DEFAULT_RAMP = 0.25
 """Default duration of a start or a stop, seconds."""
@@ -41,11 +38,9 @@ def resample(
     period.
 
     Args:
-        trajectory: The trajectory to resample.
         period: Seconds between the set points of the result.
         speed: Share of the original speed, above 0, that the rate never exceeds.
-        ramp: Duration of the start and of the stop in seconds; 0 if the trajectory begins and ends at rest
-            anyway.
+        ramp: Duration of the start and of the stop in seconds; 0 if the trajectory begins and ends at rest.
 
     Raises:
         TrajectoryError: A number is not finite, times do not increase, or there would be too many set points.
@@ -91,26 +86,20 @@ def _resampling_notes(trajectory: Trajectory, period: float, speed: float, ramp:
 def stop_after(
     trajectory: Trajectory, row: int, period: float, limits: ArmLimits = UNKNOWN_ARM, *, loop: bool = False
 ) -> Array:
-    """Return the set points that bring the robot to rest on its path, one row each.
+    """Return the set points, one row each, that bring the robot to rest on its path after set point `row`.
 
     The stop takes 0.1 s to 2 s; the function tries longer and longer stops until one keeps within the limits.
     If the trajectory itself exceeds a limit, the stop may exceed this limit as much. If an acceleration limit
     is unknown, the stop takes at least 0.5 s. If the trajectory ends sooner than a stop takes, the result is
-    its remaining points.
-
-    Args:
-        trajectory: Trajectory whose set points follow each other every `period`.
-        row: Index of the last set point sent, from 0.
-        period: Time between set points in seconds.
-        limits: Limits of the arm.
-        loop: Whether the first point follows the last.
+    its remaining points. `period` is in seconds; in a `loop`, the first point follows the last.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
     longest = min(ceil(_LONGEST_STOP / period), 2 * ahead)
     window = np.arange(row - 2, row + 2 + (longest + 1) // 2)
     places = window % len(trajectory) if loop else np.clip(window, 0, len(trajectory) - 1)
     near = trajectory.points[places]
-    turning = _moving_axes(trajectory.axes, near)
+    widths = zip(trajectory.axes, np.ptp(near, axis=0), strict=True)
+    turning = [axis for axis, width in widths if width > 0 and axis.unit]
     bounded = all(limits.limit_for(axis.name, axis.unit).acceleration < inf for axis in turning)
     cycles = max(ceil((_SHORTEST_STOP if bounded else _DEFAULT_STOP) / period), 2)
     if longest < cycles:
@@ -124,11 +113,6 @@ def stop_after(
         if cycles == longest or limit_excess(trajectory.kind, whole, period, limits) <= allowed:
             return points
         cycles = min(ceil(cycles * _STOP_GROWTH), longest)
-
-
-def _moving_axes(axes: Sequence[Axis], points: Array) -> list[Axis]:
-    span = np.ptp(points, axis=0)
-    return [axis for axis, width in zip(axes, span, strict=True) if width > 0 and axis.unit]
 
 
 def _curve_parameters(end: float, period: float, speed: float, ramp: float) -> Array:

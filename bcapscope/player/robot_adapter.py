@@ -173,11 +173,8 @@ class RobotAdapter:
         """Move to a pose by an ordinary motion that ends with @E, as slave mode needs it.
 
         The controller answers the call at once (NEXT), so that the player can halt the robot on its way. If
-        the robot reaches the position and the controller still reports another Fig, the wait ends soon.
-
-        Raises:
-            ControllerError: The robot stands still elsewhere, and the controller shows an error.
-            RemoteProtocolError: The robot stands still elsewhere, and the controller shows no error.
+        the robot stands still elsewhere, raise the controller's error, or else RemoteProtocolError. If the
+        robot reaches the position and the controller still reports another Fig, the wait ends soon.
         """
         pose = f"@E {kind}({', '.join(map(_decimal, goal))})"
         while True:
@@ -257,8 +254,7 @@ class RobotAdapter:
 def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -> float:
     """Return the largest difference of any axis in degrees or mm, without Fig.
 
-    Direction cosines count as angles. Only axes that both poses have count, because RC7 may report six
-    joints.
+    Direction cosines count as angles. Only axes of both poses count, because RC7 may report six joints.
     """
     width = min(len(here), len(there))
     before, after = unwrap_rotations(kind, np.vstack((here[:width], there[:width])))

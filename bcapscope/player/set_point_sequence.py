@@ -21,8 +21,7 @@ class SetPointSequence:
     """Iterates over the set points.
 
     Attributes:
-        index: Number of set points of the trajectory returned so far, in all rounds, plus the set points of a
-            stop.
+        index: Number of set points returned so far, of the trajectory in all rounds and of a stop.
         total: Total number of set points in all rounds; 0 if the sequence has no end.
         is_stopping: Whether the robot is coming to rest, or has come to rest.
     """
@@ -58,11 +57,11 @@ class SetPointSequence:
 
     def _all_points(self) -> Iterator[SetPointValues]:
         size = len(self._trajectory)
-        yield from [self._point_at(0)] * self._hold_count
+        yield from [self._trajectory.set_point(0)] * self._hold_count
         while not self.total or self.index < self.total:
             self.index += 1
-            yield self._point_at((self.index - 1) % size)
-        yield from [self._point_at(size - 1)] * self._hold_count
+            yield self._trajectory.set_point((self.index - 1) % size)
+        yield from [self._trajectory.set_point(size - 1)] * self._hold_count
 
     def _stopping_points(self) -> Iterator[SetPointValues]:
         if not self.index:
@@ -70,11 +69,8 @@ class SetPointSequence:
         last, size = self.index - 1, len(self._trajectory)
         again = not self.total or last // size < self.total // size - 1
         way = stop_after(self._trajectory, last % size, self._period, self._limits, loop=again)
-        points = [self._point_at(last % size), *(tuple(row) for row in way.tolist())]
+        points = [self._trajectory.set_point(last % size), *(tuple(row) for row in way.tolist())]
         for point in points[1:]:
             self.index += 1
             yield point
         yield from [points[-1]] * self._hold_count
-
-    def _point_at(self, row: int) -> SetPointValues:
-        return tuple(self._trajectory.points[row].tolist())

@@ -34,10 +34,7 @@ class SmoothCurve:
     """The curve through a number of points; its parameter begins at 0."""
 
     def __init__(self, kind: PoseType, knots: Array, points: Array) -> None:
-        """Compute the curve through points, one row each.
-
-        `knots` holds the parameter of each point, such as its time: two or more values that increase from 0.
-        """
+        """Compute the curve through points, one row each; their parameters `knots` increase from 0."""
         self._kind = kind
         self._knots = knots
         self._points = points

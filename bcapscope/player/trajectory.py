@@ -1,16 +1,20 @@
-"""Trajectories: set points in the order of slvMove, and their source."""
+"""Trajectories: set points in the order of slvMove, their source, and their timing: interval and gaps."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bcapscope.errors import InputError
 from bcapscope.messages import Message
-from bcapscope.protocol.slave_mode.modes import PoseType
+from bcapscope.messages.places import Measured
+from bcapscope.player.smooth_curve import Array
+from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, SHORTEST_POSE, Axis
 
 MAX_POINTS = 5_000_000
@@ -58,8 +62,7 @@ class TrajectorySource:
     Attributes:
         file_format: Kind of the file, or the encoding of its text; None if there is no file.
         part: Name of the trajectory among several in the file; None if the file has only one.
-        columns: Columns of the axes in the order of `Trajectory.axes`, then the columns of times and counter,
-            if any.
+        columns: Columns in the order of `Trajectory.axes`, then those of times and counter, if any.
         notes: Assumptions, omissions and conversions, one clause each.
     """
 
@@ -75,13 +78,11 @@ class Trajectory:
     """Set points of one pose type; an array whose shape does not fit raises ValueError.
 
     Attributes:
-        points: Read-only float64 array, one row per set point, one column per axis in the order of slvMove.
-            Units are mm and degrees (mm for linear joints); Fig and direction cosines have no unit. The
-            number of columns is the number of axes in the file: 1 to 8 joints, 6 or 7 numbers of P type, 9 or
-            10 of T type.
+        points: Read-only array, one row per set point, one column per axis in the order of slvMove. Units are
+            mm and degrees; Fig and direction cosines have no unit. A file has 1 to 8 joints, 6 or 7 numbers
+            of P type, 9 or 10 of T type.
         period: Seconds between two set points according to the file; None if the file does not say.
-        times: Read-only float64 array: seconds from the first set point to each one; None if the file has no
-            times.
+        times: Read-only array: seconds from the first set point to each one; None if the file has no times.
     """
 
     kind: PoseType
@@ -110,26 +111,101 @@ class Trajectory:
     def axes(self) -> tuple[Axis, ...]:
         return AXES[self.kind][: self.points.shape[1]]
 
-    def set_point(self, row: int, current_pose: Sequence[float] = ()) -> tuple[float, ...]:
-        """Return one set point with all numbers that slvMove needs, as `completed` does for all."""
-        return tuple(_complete(self.kind, self.points[row : row + 1], current_pose)[0].tolist())
+    def set_point(self, row: int) -> tuple[float, ...]:
+        return tuple(self.points[row].tolist())
 
-    def completed(self, current_pose: Sequence[float] = ()) -> Trajectory:
+    def completed(self, current_pose: Sequence[float]) -> Trajectory:
         """Fill in the axes that the file lacks with the robot's current pose, so that these axes do not move.
 
         The result has 7 columns for P type, 8 for J type, 10 for T type. Axes beyond the end of the pose get
         0; controllers also report 0 for joints that a robot lacks.
         """
-        return replace(self, points=_complete(self.kind, self.points, current_pose))
+        have, width = self.points.shape[1], len(AXES[self.kind])
+        missing = np.zeros(width - have)
+        held = np.asarray(current_pose[have:width], dtype=np.float64)
+        missing[: len(held)] = held
+        return replace(self, points=np.hstack((self.points, np.tile(missing, (len(self.points), 1)))))
 
 
 MIN_COLUMNS = {**SHORTEST_POSE, PoseType.J: 1, PoseType.T: 9}
 """Minimum number of columns by pose type; a file may have fewer joints than slvMove needs."""
 
 
-def _complete(kind: PoseType, points: NDArray[np.float64], present: Sequence[float]) -> NDArray[np.float64]:
-    have, width = points.shape[1], len(AXES[kind])
-    missing = np.zeros(width - have)
-    held = np.asarray(present[have:width], dtype=np.float64)
-    missing[: len(held)] = held
-    return np.hstack((points, np.broadcast_to(missing, (len(points), width - have))))
+CYCLES = (PERIOD_MS / 1000, 0.001)
+"""Cycle times of set points, seconds (DENSO Wave 2009, How to use the Slave mode)."""
+
+EVEN_TOLERANCE = 0.01
+"""Maximum difference between intervals that are treated as even, as a share of the interval."""
+
+MAX_PARTS = 64
+"""Maximum number of trajectories into which records with gaps are split."""
+
+GAP_FACTOR = 1.5
+"""Number of usual intervals above which a step is a gap."""
+
+_CYCLE_TOLERANCE = 0.05
+
+
+class SetPointTiming(NamedTuple):
+    """Timing of set points in seconds; `period` is None if uneven, `times` is None if meaningless."""
+
+    period: float | None
+    times: Array | None
+    notes: tuple[Message, ...] = ()
+
+
+def timing_from_due_times(times: Array) -> SetPointTiming:
+    """Return the timing that results from the times, in seconds, at which set points are due."""
+    shifted = times - times[0]
+    steps = np.diff(shifted)
+    if not len(steps) or not np.isfinite(steps).all():
+        return SetPointTiming(None, shifted)
+    usual = float(np.median(steps))
+    even = usual > 0 and float(np.abs(steps - usual).max()) <= EVEN_TOLERANCE * usual
+    return SetPointTiming(round(usual, 9) if even else None, shifted)
+
+
+def timing_from_send_times(times: Array) -> SetPointTiming:
+    """Return the timing that results from the times, in seconds, at which set points were sent.
+
+    If the usual interval is close to a cycle time, each set point counts as one cycle. A controller takes one
+    set point per cycle, whatever its exact arrival time.
+    """
+    steps = np.diff(times)
+    if not len(steps):
+        return SetPointTiming(CYCLES[0], None)
+    usual = float(np.median(steps))
+    cycle = next((cycle for cycle in CYCLES if abs(usual - cycle) <= _CYCLE_TOLERANCE * cycle), None)
+    if cycle is None:
+        return timing_from_due_times(times)
+    longest = float(steps.max())
+    notes = [Message("trajectory.note.cycle", cycle=Measured(cycle * 1000, "ms"))]
+    if longest > 2 * cycle:
+        notes.append(Message("trajectory.note.pause", longest=Measured(longest * 1000, "ms", 3)))
+    return SetPointTiming(cycle, None, tuple(notes))
+
+
+def find_gaps(times: Array) -> NDArray[np.bool_]:
+    """Return, for each step between two times, whether it is a gap where set points may be missing."""
+    steps = np.diff(times)
+    return np.asarray(steps > GAP_FACTOR * np.median(steps))
+
+
+def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
+    """Use a counter to find the runs of records without gaps; also return its growth per record.
+
+    A run is a pair: the index of its first record, from 0, and the index after its last record. If the
+    counter does not grow evenly enough, return one run of all records, and None.
+    """
+    whole = ((0, len(counter)),)
+    steps = np.diff(counter)
+    if not len(steps) or not np.isfinite(steps).all():
+        return whole, None
+    usual = float(np.median(steps))
+    if usual <= 0:
+        return whole, None
+    breaks = np.flatnonzero((steps > GAP_FACTOR * usual) | (steps <= 0)) + 1
+    if len(breaks) >= MAX_PARTS:
+        return whole, None
+    edges = [0, *breaks.tolist(), len(counter)]
+    return tuple(pairwise(edges)), usual

@@ -2,6 +2,10 @@
 
 This is the only module of the player that opens files to read set points. The content of a file is not
 trusted: sizes are limited, and any content gives either trajectories or one `TrajectoryError`.
+
+No public source describes how a project of WINCAPS III stores a log itself. bcapscope does not guess, and
+looks for exported logs in the project. If there are none, the error lists the project's files and says what
+to export.
 """
 
 from __future__ import annotations
@@ -10,7 +14,9 @@ import codecs
 import io
 import os
 import stat
-from collections.abc import Collection, Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -21,26 +27,33 @@ from bcapscope.capture.byte_source import GZIP_MAGIC
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.pcap import MAGICS
 from bcapscope.capture.pcapng import MAGIC
-from bcapscope.capture.role_detection import BCAP_PORTS
-from bcapscope.errors import CaptureError
+from bcapscope.errors import BcapError, CaptureError
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
+from bcapscope.messages.places import Count, Enumeration
 from bcapscope.player.capture_trajectories import read_capture
 from bcapscope.player.column_layout import ReadOptions
 from bcapscope.player.trajectory import Trajectory, TrajectoryError, TrajectorySource
-from bcapscope.player.trajectory_documents import MAX_VALUES, TOO_MANY_VALUES, read_documents
+from bcapscope.player.trajectory_documents import MAX_VALUES, TOO_MANY_VALUES, read_documents, read_yaml
 from bcapscope.player.trajectory_table import read_table
-from bcapscope.player.wincaps_project import is_project, read_project
-from bcapscope.player.yaml_text import read_yaml
 
 MAX_TABLE_SIZE = 1 << 30
 """Largest table that is read, in bytes: two hours of a log with 73 columns."""
 
 MAX_OBJECT_SIZE = 24 << 20
-"""Largest JSON or YAML file that is read, in bytes; a file takes up to 24 times its size in memory. See
-`MAX_VALUES`."""
+"""Largest JSON or YAML file in bytes; it takes up to 24 times its size in memory. See `MAX_VALUES`."""
 
 LONGEST_LINE = 1 << 16
+
+MAX_FILES = 5000
+"""Maximum number of files in a folder that are examined."""
+
+MAX_TRAJECTORIES = 64
+"""Maximum number of trajectories read from a folder; a longer list would be of no use to the user."""
+
+_DEEPEST = 8
+_SUFFIXES = frozenset((".csv", ".tsv", ".txt", ".log", ".json", ".yaml", ".yml"))
+_MAX_KINDS, _MAX_REASONS = 8, 3
 
 _HEAD = 4096
 _YAML = (".yaml", ".yml")
@@ -62,33 +75,29 @@ _BOM_ENCODINGS = (
 
 
 def read_trajectories(
-    path: str | os.PathLike[str], options: ReadOptions | None = None, ports: Collection[int] = BCAP_PORTS
+    path: str | os.PathLike[str], options: ReadOptions | None = None
 ) -> tuple[Trajectory, ...]:
-    """Read the trajectories of a file or a WINCAPS III project: its folder or its .wpj file.
+    """Read the trajectories of a file or of a WINCAPS III project: its folder or its .wpj file.
 
     A file is a table (CSV, TSV, numbers separated by spaces; UTF-8, UTF-16 or Shift-JIS), output of
-    `bcapscope extract`, a JointTrajectory as JSON or YAML, or a capture. `ports` are the ports of controllers
-    in captures.
+    `bcapscope extract`, a JointTrajectory as JSON or YAML, or a capture.
 
     Returns one trajectory per slave-mode session of a capture, per message of a ROS file, or per control log
     of a project. A table gives one trajectory, or one per part without a gap if records are missing.
-
-    Raises:
-        TrajectoryError: No trajectory can be read; the error's message gives the reason in one sentence.
     """
     options = options or ReadOptions()
     try:
         with np.errstate(all="ignore"):  # no warning here: the pre-flight check reports absurd numbers
-            if is_project(Path(path)):
-                return read_project(Path(path), lambda file: _read_file(file, options, ports))
-            return _read_file(Path(path), options, ports)
+            if _is_project(Path(path)):
+                return _read_project(Path(path), options)
+            return _read_file(Path(path), options)
     except OSError as error:
         raise TrajectoryError(Message("trajectory.cannot-read", reason=os_reason(error))) from error
     except CaptureError as error:
         raise TrajectoryError(error.message) from error
 
 
-def _read_file(path: Path, options: ReadOptions, ports: Collection[int]) -> tuple[Trajectory, ...]:
+def _read_file(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
     with _open_regular_file(path) as stream:
         size = os.fstat(stream.fileno()).st_size
         if size > MAX_TABLE_SIZE:
@@ -98,7 +107,7 @@ def _read_file(path: Path, options: ReadOptions, ports: Collection[int]) -> tupl
             raise TrajectoryError(Message("trajectory.file-empty"))
         if head[:4] == MAGIC or head[:4] in MAGICS or head.startswith(GZIP_MAGIC):
             with open_capture(path) as capture:
-                return read_capture(capture, TrajectorySource(str(path)), options, ports)
+                return read_capture(capture, TrajectorySource(str(path)), options)
         _refuse_foreign(head)
         stream.seek(0)
         if path.suffix.casefold() in _YAML:
@@ -173,3 +182,86 @@ def _lines(text: io.TextIOWrapper) -> Iterator[str]:
         if len(line) > LONGEST_LINE:
             raise TrajectoryError(Message("trajectory.long-line", limit=LONGEST_LINE), number)
         yield line
+
+
+def _is_project(path: Path) -> bool:
+    """Return whether a path is a folder or a project file."""
+    try:
+        return path.is_dir() or (path.suffix.casefold() == ".wpj" and path.is_file())
+    except ValueError:  # the path is invalid; the file reader reports that
+        return False
+
+
+def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
+    """Read every control log in a project, given as its folder or file.
+
+    Reading stops after the file that reaches `MAX_TRAJECTORIES`. A table without titles is not read as a log,
+    because its meaning is unknown. A capture is not read either, because WINCAPS III exports no captures.
+
+    Raises:
+        TrajectoryError: There is no control log; the message lists the project's files and says what to
+            export.
+        OSError: The folder cannot be read.
+    """
+    folder = path if path.is_dir() else path.parent
+    found: list[Trajectory] = []
+    seen: list[Path] = []
+    refused: list[Message] = []
+    for file in _files(folder):
+        seen.append(file)
+        if len(found) < MAX_TRAJECTORIES and file.suffix.casefold() in _SUFFIXES:
+            name = str(file.relative_to(folder))
+            try:
+                found += _with_file_name(_read_file(file, options), name)
+            except (BcapError, OSError) as error:
+                reason = os_reason(error) if isinstance(error, OSError) else error.message
+                refused.append(Message("file.not-written", path=name, reason=reason))
+    if not found:
+        raise TrajectoryError(_nothing_found(path, seen, refused))
+    return tuple(found)
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    """Yield the files in a folder and its subfolders, in order, without following links."""
+    os.scandir(folder).close()  # scandir raises if the folder is unreadable; os.walk does not
+    count = 0
+    for place, folders, names in os.walk(folder):
+        deep = len(Path(place).relative_to(folder).parts)
+        folders[:] = sorted(folders) if deep < _DEEPEST else []
+        for name in sorted(names):
+            yield Path(place, name)
+            count += 1
+            if count >= MAX_FILES:
+                return
+
+
+def _with_file_name(trajectories: Sequence[Trajectory], name: str) -> Iterator[Trajectory]:
+    """Yield the trajectories whose columns have names, and add the file name to their source."""
+    for trajectory in trajectories:
+        source = trajectory.source
+        part = Message.from_table("text", name)
+        if source.part is not None:
+            part = Message("trajectory.part.of-file", file=name, part=source.part)
+        if source.columns[0].name:
+            yield replace(trajectory, source=replace(source, part=part))
+
+
+def _nothing_found(path: Path, seen: Sequence[Path], refused: Sequence[Message]) -> Message:
+    has_project_file = any(file.suffix.casefold() == ".wpj" for file in (path, *seen))
+    kind = "project" if has_project_file else "folder"
+    if not seen:
+        return Message(f"trajectory.no-log.{kind}.empty")
+    suffixes = Counter(file.suffix.casefold() for file in seen)
+    kinds = [
+        Message("project.files-of-kind", count=count, suffix=suffix)
+        if suffix
+        else Message("project.files-without-suffix", count=count)
+        for suffix, count in suffixes.most_common(_MAX_KINDS)
+    ]
+    if len(suffixes) > _MAX_KINDS:
+        kinds.append(Message("project.other-kinds", kinds=Count(len(suffixes) - _MAX_KINDS, "other-kind")))
+    files = Message("project.files", files=Count(len(seen), "file"), kinds=Enumeration(tuple(kinds)))
+    if refused:
+        reasons = Enumeration(tuple(refused[:_MAX_REASONS]))
+        return Message(f"trajectory.no-log.{kind}.refused", files=files, reasons=reasons)
+    return Message(f"trajectory.no-log.{kind}", files=files)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, islice
 from typing import NamedTuple
@@ -15,27 +15,25 @@ import numpy as np
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 from bcapscope.player.column_layout import (
+    COUNTER,
     ColumnLayout,
     ReadOptions,
     layout_of_numbers,
     layout_of_titles,
     list_titles,
 )
-from bcapscope.player.column_titles import COUNTER
-from bcapscope.player.set_point_timing import (
-    SetPointTiming,
-    find_runs,
-    timing_from_due_times,
-    timing_from_send_times,
-)
 from bcapscope.player.smooth_curve import Array
 from bcapscope.player.trajectory import (
     MAX_POINTS,
     MIN_COLUMNS,
     Column,
+    SetPointTiming,
     Trajectory,
     TrajectoryError,
     TrajectorySource,
+    find_runs,
+    timing_from_due_times,
+    timing_from_send_times,
 )
 from bcapscope.protocol.slave_mode.modes import PoseType
 
@@ -60,12 +58,9 @@ class TableLine(NamedTuple):
 def read_table(
     lines: Iterable[str], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read a table; `source.file_format` holds its encoding.
+    """Read a table; `source.file_format` holds its encoding. Raise TrajectoryError if it has no set points.
 
     Returns one trajectory, or one per run of records if records are missing between the runs.
-
-    Raises:
-        TrajectoryError: The table holds no set points.
     """
     text = iter(lines)
     head = list(islice(text, HEAD_LINES))
@@ -77,9 +72,13 @@ def read_table(
     layout, skipped, titles = _find_layout(first, options)
     width = len(first[skipped - 1].cells) if titles else len(first[0].cells)
     others = [column for column in (layout.time, layout.counter) if column]
-    table = _NumberTable([*layout.columns, *others], width, separator == ";")
-    table.read_lines(chain(first[skipped:], rows))
-    columns = _without_empty(layout, table.filled)
+    numbers, filled = _read_numbers(
+        chain(first[skipped:], rows), [*layout.columns, *others], width, separator == ";"
+    )
+    columns = _without_empty(layout, filled)
+    extra = {
+        column: numbers[:, place] for place, column in enumerate(others, len(layout.columns)) if filled[place]
+    }
     notes = [*source.notes, *layout.notes]
     if skipped > 1:
         notes.append(Message("trajectory.note.skipped", lines=Count(skipped - 1, "line")))
@@ -90,10 +89,10 @@ def read_table(
     whole = replace(
         source,
         file_format=Message(f"trajectory.format.{form}", encoding=source.file_format or ""),
-        columns=(*columns, *(column for column in others if table.values_of(column) is not None)),
+        columns=(*columns, *extra),
         notes=tuple(notes),
     )
-    return tuple(_split_parts(table, len(columns), layout, whole, is_extract))
+    return tuple(_split_parts(numbers[:, : len(columns)], extra, layout, whole, is_extract))
 
 
 def _separator(head: Sequence[str]) -> str:
@@ -150,77 +149,45 @@ def _lenient_float(cell: str) -> float:
         return float("nan")
 
 
-class _NumberTable:
-    """The numbers of some columns.
+def _read_numbers(
+    lines: Iterable[TableLine], columns: Sequence[Column], width: int, decimal_comma: bool
+) -> tuple[Array, list[bool]]:
+    """Return the numbers of some columns, NaN in empty columns; and whether each column has numbers.
 
-    Attributes:
-        rows: One row per line, one column per element of `columns`; NaN in columns without numbers.
-        filled: Whether each column has numbers.
+    Raises TrajectoryError if a cell is no number, if a column is empty in only some lines, or if a line has
+    another number of cells.
     """
-
-    def __init__(self, columns: Sequence[Column], width: int, decimal_comma: bool) -> None:
-        self.rows = np.empty((0, len(columns)))
-        self.filled = [False] * len(columns)
-        self._columns = columns
-        self._width = width
-        self._decimal_comma = decimal_comma
-
-    def values_of(self, column: Column | None) -> Array | None:
-        """Return the numbers of a column; None if the column has none."""
-        if column is None:
-            return None
-        place = self._columns.index(column)
-        return self.rows[:, place] if self.filled[place] else None
-
-    def read_lines(self, lines: Iterable[TableLine]) -> None:
-        """Read all lines.
-
-        Raises TrajectoryError if a cell is no number, if a column is empty in only some lines, or if lines
-        differ in their number of cells.
-        """
-        numbers, count = array("d"), 0
-        for line in lines:
-            numbers.extend(self._parse_row(line, count == 0))
-            count += 1
-            if count > MAX_POINTS:
-                raise TrajectoryError(Message("trajectory.too-long", limit=MAX_POINTS), line.number)
-        if not count:
-            raise TrajectoryError(Message("trajectory.only-titles"))
-        self.rows = np.frombuffer(numbers, dtype=np.float64).reshape(count, len(self._columns)).copy()
-
-    def _parse_row(self, line: TableLine, first: bool) -> Iterator[float]:
-        cells = self._cells(line)
-        for place, column in enumerate(self._columns):
-            cell = cells[column.position - 1]
+    numbers, filled, count = array("d"), [False] * len(columns), 0
+    for count, line in enumerate(lines, 1):
+        if count > MAX_POINTS:
+            raise TrajectoryError(Message("trajectory.too-long", limit=MAX_POINTS), line.number)
+        if len(line.cells) < width or any(line.cells[width:]):
+            found = Count(len(line.cells), "column")
+            raise TrajectoryError(Message("trajectory.other-width", columns=found, width=width), line.number)
+        for place, column in enumerate(columns):
+            cell = line.cells[column.position - 1]
             full = bool(cell) and not cell.isspace()
-            if first:
-                self.filled[place] = full
-            elif full is not self.filled[place]:
+            if count == 1:
+                filled[place] = full
+            elif full is not filled[place]:
                 case = "trajectory.filled-later" if full else "trajectory.filled-before"
                 raise TrajectoryError(Message(case, axis=column.axis), line.number, column.position)
-            yield self._parse_number(cell, line.number, column) * column.factor if full else float("nan")
+            text = cell.replace(",", ".") if decimal_comma else cell
+            numbers.append(_parse_number(text, line.number, column) if full else float("nan"))
+    if not count:
+        raise TrajectoryError(Message("trajectory.only-titles"))
+    return np.frombuffer(numbers, dtype=np.float64).reshape(count, len(columns)).copy(), filled
 
-    def _parse_number(self, cell: str, line: int, column: Column) -> float:
-        text = cell.replace(",", ".") if self._decimal_comma else cell
-        try:
-            if "_" not in text:
-                return float(text)
-        except ValueError:
-            pass
-        shown = text.strip()[:_PLAIN_CELLS]
-        raise TrajectoryError(
-            Message("trajectory.no-number", value=f"{shown!r}", axis=column.axis), line, column.position
-        )
 
-    def _cells(self, line: TableLine) -> list[str]:
-        """Return the cells of a line, without empty cells beyond the table's width."""
-        cells = line.cells
-        if len(cells) < self._width or any(cells[self._width :]):
-            columns = Count(len(cells), "column")
-            raise TrajectoryError(
-                Message("trajectory.other-width", columns=columns, width=self._width), line.number
-            )
-        return cells[: self._width]
+def _parse_number(text: str, line: int, column: Column) -> float:
+    """Return a number in the unit of the axis; raise TrajectoryError if the text is no number."""
+    try:
+        if "_" not in text:
+            return float(text) * column.factor
+    except ValueError:
+        pass
+    reason = Message("trajectory.no-number", value=f"{text.strip()[:_PLAIN_CELLS]!r}", axis=column.axis)
+    raise TrajectoryError(reason, line, column.position)
 
 
 def _without_empty(layout: ColumnLayout, filled: Sequence[bool]) -> tuple[Column, ...]:
@@ -234,10 +201,13 @@ def _without_empty(layout: ColumnLayout, filled: Sequence[bool]) -> tuple[Column
 
 
 def _split_parts(
-    table: _NumberTable, width: int, layout: ColumnLayout, source: TrajectorySource, is_extract: bool
+    points: Array,
+    extra: Mapping[Column, Array],
+    layout: ColumnLayout,
+    source: TrajectorySource,
+    is_extract: bool,
 ) -> Iterator[Trajectory]:
-    points = table.rows[:, :width]
-    times, counter = table.values_of(layout.time), table.values_of(layout.counter)
+    times, counter = (extra.get(column) if column else None for column in (layout.time, layout.counter))
     timing = SetPointTiming(None, None)
     if times is not None:
         timing = timing_from_send_times(times) if is_extract else timing_from_due_times(times)

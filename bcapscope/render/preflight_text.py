@@ -11,9 +11,9 @@ from bcapscope.analysis.finding import Severity
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.messages.message import message_params
 from bcapscope.messages.places import Count, Measured
+from bcapscope.player.checks import PreflightProblem
 from bcapscope.player.motion_checks import AxisFigures
 from bcapscope.player.preflight import PreflightResult
-from bcapscope.player.preflight_problem import PreflightProblem
 from bcapscope.player.trajectory import Column, Trajectory
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import align_columns, wrap_text

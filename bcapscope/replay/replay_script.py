@@ -32,11 +32,9 @@ class ScriptCall(NamedTuple):
 
 
 class ReplayScript(NamedTuple):
-    """The recorded calls of one client, in the order of their first attempts.
+    """The recorded calls of one client, at least one, in the order of their first attempts.
 
-    Attributes:
-        calls: The recorded calls; at least one.
-        reply_reserved: How the recorded controller fills the reserved field of its replies.
+    `reply_reserved` says how the recorded controller fills the reserved field of its replies.
     """
 
     conversation: Conversation

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
+from bcapscope.client.handle_table import first_number
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.errors import BcapError, ControllerError
 from bcapscope.messages import Message
@@ -33,9 +34,7 @@ class NotAtStartError(BcapError):
 class PlayedCall(NamedTuple):
     """A call of the script, and the result that it had when it was played.
 
-    Attributes:
-        delay: Time in ns from the planned time to the time when the call was played. Calls are delayed when
-            earlier calls take longer than in the recording.
+    `delay` is the time in ns from the planned time to the call; long earlier calls increase it.
     """
 
     script_call: ScriptCall
@@ -86,11 +85,9 @@ class ScriptPlayer:
         longest_pause: int,
         anywhere: bool = False,
     ) -> None:
-        """Prepare to play; nothing is sent yet.
+        """Prepare to play, and send nothing yet; shorten pauses between two calls to `longest_pause` ns.
 
-        Args:
-            longest_pause: Maximum pause between two calls, ns. Longer pauses are shortened to this time.
-            anywhere: Whether to enter slave mode even if the robot is not at the first set point.
+        `anywhere` allows slave mode even if the robot is not at the first set point.
         """
         self._script = script
         self._opener = opener
@@ -100,17 +97,10 @@ class ScriptPlayer:
         self._handles: dict[tuple[ObjectClass, int], int] = {}
 
     async def play(self, on_played: Callable[[PlayedCall], bool]) -> None:
-        """Play the script to its end.
+        """Play the script to its end, or until `on_played`, called after each played call, returns False.
 
-        Args:
-            on_played: Called after each played call. Playing ends early if `on_played` returns False.
-
-        Raises:
-            ValueError: The script uses an object whose name is unknown.
-            NotAtStartError: The robot is too far from the first set point, or its position is unknown. Slave
-                mode was not entered.
-            BcapError: An object could not be opened, or a call could not be sent.
-            OSError: The link is lost.
+        Raises NotAtStartError, ValueError if the script uses an object of unknown name, BcapError if an
+        object cannot be opened or a call cannot be sent, and OSError.
         """
         channel = self._channel
         start = channel.now()
@@ -139,7 +129,7 @@ class ScriptPlayer:
         """Return the arguments with the current handle instead of the recorded one; None if the call releases
         an object that is not open."""
         function = FUNCTIONS.get(call.kind.function_id)
-        old = _first_number(call.arguments)
+        old = first_number(call.arguments)
         if function is None or not function.takes_handle or old is None:
             return call.arguments
         owner = function.owner
@@ -179,15 +169,10 @@ class ScriptPlayer:
         function = FUNCTIONS.get(call.kind.function_id)
         if function is None or function.creates is None or not isinstance(result, CallAnswered):
             return
-        then = _first_number(call.values)
-        now = _first_number([argument.variant for argument in result.reply.arguments])
+        then = first_number(call.values)
+        now = first_number(result.reply.variants)
         if then is not None and now is not None:
             self._handles[function.creates, then] = now
-
-
-def _first_number(values: Sequence[Variant]) -> int | None:
-    value = values[0].value if values else None
-    return value if isinstance(value, int) else None
 
 
 def _nearly_equal(first: object, second: object) -> bool:

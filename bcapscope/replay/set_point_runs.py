@@ -13,11 +13,16 @@ from bcapscope.errors import BcapError
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 from bcapscope.player.arm_limits import ArmLimits
-from bcapscope.player.preflight import PreflightResult, run_preflight
-from bcapscope.player.preflight_problem import PreflightProblem, interval_ms, set_point_numbers
-from bcapscope.player.set_point_timing import find_gaps, timing_from_send_times
+from bcapscope.player.checks import PreflightProblem, interval_ms, set_point_numbers
+from bcapscope.player.preflight import PreflightResult, most_serious_first, run_preflight
 from bcapscope.player.smooth_curve import Array
-from bcapscope.player.trajectory import MIN_COLUMNS, Trajectory, TrajectorySource
+from bcapscope.player.trajectory import (
+    MIN_COLUMNS,
+    Trajectory,
+    TrajectorySource,
+    find_gaps,
+    timing_from_send_times,
+)
 from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.slave_mode.modes import PoseType, pose_type_of_mode
 from bcapscope.protocol.slave_mode.poses import AXES, pose_numbers
@@ -53,13 +58,9 @@ def mode_entered(call: ScriptCall) -> int | None:
 
 
 def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
-    """Yield the runs of set points in a script.
+    """Yield the runs of set points in a script; read those before a known mode as joint positions.
 
-    Set points before a known mode are read as joint positions.
-
-    Raises:
-        UnreadableSetPointError: A set point is no pose, or has another number of axes than the first one of
-            its run.
+    Raises UnreadableSetPointError if a set point is no pose, or if the number of axes changes within a run.
     """
     kind, points = PoseType.J, list[ScriptCall]()
     for line in script.calls:
@@ -80,10 +81,8 @@ def preflight_run(run: SetPointRun, limits: ArmLimits) -> PreflightResult:
     pauses."""
     trajectory = run.trajectory
     found = run_preflight(trajectory, trajectory.period or _SHORTEST, limits)
-    more = tuple(_gap_findings(np.asarray(run.sent_at)))
-    rank = list(Severity)
-    every = sorted((*found.problems, *more), key=lambda finding: rank.index(finding.severity))
-    return replace(found, problems=tuple(every))
+    pauses = _pause_problems(np.asarray(run.sent_at))
+    return replace(found, problems=most_serious_first((*found.problems, *pauses)))
 
 
 def _run_of(kind: PoseType, calls: list[ScriptCall]) -> SetPointRun:
@@ -117,7 +116,7 @@ def _pose_numbers(call: ScriptCall, kind: PoseType) -> tuple[float, ...]:
     return tuple(row[: len(AXES[kind])])
 
 
-def _gap_findings(sent_at: Array) -> Iterator[PreflightProblem]:
+def _pause_problems(sent_at: Array) -> Iterator[PreflightProblem]:
     if len(sent_at) < 2:
         return
     points, count = set_point_numbers(find_gaps(sent_at), 2)

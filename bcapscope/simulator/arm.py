@@ -1,9 +1,8 @@
 """The arm over time: ordinary motions, set points, and encoders that lag behind.
 
-Times are ns, joints degrees. An ordinary motion follows the minimum-jerk curve, which begins and ends at
-rest. The encoders show the joints that were commanded `ENCODER_LAG_NS` earlier. Real servos lag less
-regularly: the replies in DENSO Wave 2009, How to use the Slave mode, show joints about a degree behind their
-set points.
+Times are in ns, joints in degrees. An ordinary motion follows the minimum-jerk curve, which begins and ends
+at rest. The encoders show the joints that were commanded `ENCODER_LAG_NS` earlier. The lag of real servos
+varies: the replies in DENSO Wave 2009, How to use the Slave mode, show joints about a degree behind.
 """
 
 from __future__ import annotations
@@ -12,23 +11,26 @@ from collections import deque
 from math import sqrt
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.simulator.kinematics import AXIS_LIMITS, AxisLimit, Joints
+from bcapscope.simulator.kinematics import AXIS_LIMITS, Joints
+from bcapscope.simulator.pose_notation import END_OF_ENCODERS, PASSING
 
 MS = 1_000_000
 ENCODER_LAG_NS = 24 * MS
+
+NEVER = 1 << 62
+"""Time in ns that no clock reaches."""
+
+PASS_SHARE = 0.7
+"""Share of a motion's time after which @P allows the next motion; the figure is assumed."""
 
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.774  # peaks of the minimum-jerk curve over distance 1 in time 1
 
 
 _Step: TypeAlias = tuple[int, Joints]
-_NOWHERE: _Step = (0, ())
 
 
 class ArmMotion(NamedTuple):
-    """One ordinary motion from joints to joints; `begin` and `end` are in ns.
-
-    The encoders arrive `ENCODER_LAG_NS` later.
-    """
+    """One ordinary motion from joints to joints; the encoders arrive `ENCODER_LAG_NS` after the command."""
 
     start: Joints
     goal: Joints
@@ -46,15 +48,10 @@ class ArmMotion(NamedTuple):
         return tuple(a + (b - a) * share for a, b in zip(self.start, self.goal, strict=True))
 
 
-def motion_duration(
-    start: Joints, goal: Joints, speed: float, limits: tuple[AxisLimit, ...] = AXIS_LIMITS
-) -> int:
-    """Return the shortest time, ns, in which no axis exceeds its speed or acceleration.
-
-    `speed` is a share of the highest speed, above 0 and at most 1.
-    """
+def motion_duration(start: Joints, goal: Joints, speed: float) -> int:
+    """Return the shortest time in ns that keeps all axis limits; `speed` is a share of the speed limits."""
     longest = 0.0
-    for a, b, limit in zip(start, goal, limits, strict=False):
+    for a, b, limit in zip(start, goal, AXIS_LIMITS, strict=False):
         way = abs(b - a)
         at_speed = _PEAK_SPEED * way / (limit.speed * speed)
         longest = max(longest, at_speed, sqrt(_PEAK_ACCELERATION * way / limit.acceleration))
@@ -67,7 +64,6 @@ class Arm:
     def __init__(self, joints: Joints) -> None:
         self._motion = ArmMotion(joints, joints, 0, 0)
         self._steps: deque[_Step] = deque(maxlen=8)
-        self._last_segment = _NOWHERE, _NOWHERE  # steps around the time of the last query
         self._changed = -ENCODER_LAG_NS
 
     @property
@@ -83,11 +79,7 @@ class Arm:
     @property
     def at_rest_from(self) -> int:
         """Time in ns from which the encoders stand still unless a new motion begins."""
-        return (
-            self._changed + ENCODER_LAG_NS
-            if self._steps
-            else max(self._changed, self._motion.ends) + ENCODER_LAG_NS
-        )
+        return (self._changed if self._steps else max(self._changed, self._motion.ends)) + ENCODER_LAG_NS
 
     def is_at_rest(self, now: int) -> bool:
         """Return whether the commanded joints and the encoders stand still."""
@@ -95,15 +87,11 @@ class Arm:
 
     def commanded(self, now: int) -> Joints:
         """Return the joints that are commanded at `now`."""
-        before, after = self._last_segment
-        if before[0] <= now < after[0]:
-            return _interpolate(before, after, now)
         if not self._steps:
             return self._motion.at(now)
         before = self._steps[0]
         for step in self._steps:
             if step[0] > now:
-                self._last_segment = before, step
                 return _interpolate(before, step, now)
             before = step
         return before[1]
@@ -115,24 +103,20 @@ class Arm:
     def move(self, goal: Joints, now: int, speed: float, min_duration: int = 0) -> ArmMotion:
         """Begin an ordinary motion from the commanded joints that takes at least `min_duration` ns."""
         start = self.commanded(now)
-        self._motion = ArmMotion(
-            start, goal, now, now + max(min_duration, motion_duration(start, goal, speed))
-        )
-        self._forget_steps()
+        duration = max(min_duration, motion_duration(start, goal, speed))
+        self._motion = ArmMotion(start, goal, now, now + duration)
+        self._steps.clear()
         return self._motion
 
     def halt(self, now: int) -> None:
         """Stop at the commanded joints."""
         here = self.commanded(now)
         self._motion = ArmMotion(here, here, now, now)
-        self._forget_steps()
+        self._steps.clear()
         self._changed = now
 
     def add_set_point(self, joints: Joints, began: int, time: int) -> None:
-        """Add a set point; the arm moves to it in a straight line from `began` to `time`, both in ns.
-
-        Until `began`, the arm stays at the previous set point.
-        """
+        """Stay until `began`, then move in a straight line that ends at `joints` at `time`; times in ns."""
         if not self._steps or joints != self._steps[-1][1]:
             self._changed = time
         if self._steps and self._steps[-1][0] < began:
@@ -141,12 +125,8 @@ class Arm:
 
     def begin_set_points(self, now: int) -> None:
         here = self.goal
-        self._forget_steps()
-        self._steps.append((now, here))
-
-    def _forget_steps(self) -> None:
         self._steps.clear()
-        self._last_segment = _NOWHERE, _NOWHERE
+        self._steps.append((now, here))
 
 
 def _interpolate(before: _Step, after: _Step, time: int) -> Joints:
@@ -154,7 +134,7 @@ def _interpolate(before: _Step, after: _Step, time: int) -> Joints:
     share = (time - before[0]) / span if span else 1.0
     if not 0.0 <= share <= 1.0:
         share = 0.0 if share < 0.0 else 1.0
-    # Unrolled for speed: every slvMove calls this function, and a loop takes three times as long.
+    # Unrolled for speed: every slvMove calls this function, and a loop makes slvMove a tenth slower.
     a1, a2, a3, a4, a5, a6, _, _ = before[1]
     b1, b2, b3, b4, b5, b6, _, _ = after[1]
     return (
@@ -167,3 +147,52 @@ def _interpolate(before: _Step, after: _Step, time: int) -> Joints:
         0.0,
         0.0,
     )
+
+
+class TimedMove:
+    """An ordinary motion for the calls that wait for it; the next may begin at `done_at` in ns.
+
+    It is assumed that Hold stops the motion at once, and that Unhold starts the rest of the motion from rest.
+    """
+
+    def __init__(
+        self, arm: Arm, goal: Joints, now: int, speed: float, *, passing: int = 0, min_duration: int = 0
+    ) -> None:
+        """Begin the motion at a share `speed` of the highest speed; `passing` is as in `MotionTarget`."""
+        self._arm = arm
+        self._goal = goal
+        self._speed = speed
+        self._passing = passing
+        self._remaining = 0
+        self.done_at = 0
+        self._start(now, min_duration)
+
+    @property
+    def is_held(self) -> bool:
+        return self.done_at == NEVER
+
+    def hold(self, now: int) -> None:
+        """Hold the motion at the commanded joints, unless the motion has ended."""
+        left = self._arm.ends - now
+        if left > 0 and not self.is_held:
+            self._arm.halt(now)
+            self._remaining = left
+            self.done_at = NEVER
+
+    def resume(self, now: int) -> None:
+        """Continue a held motion."""
+        if self.is_held:
+            self._start(now, self._remaining)
+
+    def skip(self, now: int) -> None:
+        """End the motion early, at the currently commanded joints."""
+        self._arm.halt(now)
+        self.done_at = now
+
+    def _start(self, now: int, min_duration: int) -> None:
+        ends = self._arm.move(self._goal, now, self._speed, min_duration).ends
+        if self._passing == END_OF_ENCODERS:
+            ends += ENCODER_LAG_NS
+        elif self._passing == PASSING:
+            ends = now + round((ends - now) * PASS_SHARE)
+        self.done_at = ends

@@ -1,7 +1,7 @@
 """Execute the calls of one client, one after another: request frames in, reply frames out.
 
-Sources for keep-alive, InvokeTimeout and busy: orin_bcap C/src/bCAPServer/bcap_server.c, and that server
-observed on loopback. In the C server a stuck call blocks one TCP connection, or all UDP clients. In the
+Sources for keep-alive, InvokeTimeout and busy: orin_bcap C/src/bCAPServer/bcap_server.c, and that server's
+behaviour on loopback. In the C server, a stuck call blocks one TCP connection or all UDP clients. In the
 simulator, a stuck call blocks only its own client.
 """
 
@@ -26,8 +26,7 @@ MAX_WAITING = 16
 """Maximum number of requests of one client that wait while a call runs; the limit is bcapscope's own."""
 
 MAX_KEPT_REPLIES = 8
-"""Number of replies kept to answer retries: more than the seven attempts of any client. Each kept reply costs
-time in every call."""
+"""Number of replies kept for retries: more than any client sends. Each one costs time in every call."""
 
 _ROBOT_EXECUTE = 64
 _NEW = RequestKind.NEW
@@ -48,12 +47,7 @@ class CallReport(NamedTuple):
 
 
 class CallExecutor:
-    """Runs the calls of one client.
-
-    Attributes:
-        last_heard: Time of the client's last request in ns.
-        running: The call that is running; None if no call runs.
-    """
+    """Runs the calls of one client; `last_heard` is the time of the client's last request in ns."""
 
     def __init__(
         self, machine: Machine, number: int, udp: bool, report: Callable[[CallReport], None]

@@ -14,13 +14,12 @@ from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import S_OK
 
 
-# Every call makes one object of this class. A struct compares by its type, which a named tuple does not, and
-# takes 0.1 µs to make (named tuple 0.4 µs, frozen dataclass 0.9 µs).
+# Every call makes one object of this class. A struct takes 0.1 µs to make, a named tuple 0.4 µs, and a frozen
+# dataclass 0.9 µs. Unlike a named tuple, a struct never equals an object of another class.
 class CallResult(msgspec.Struct, frozen=True):
-    """A result.
+    """The result of a call.
 
     Attributes:
-        hresult: Result code, unsigned.
         value: Value of the result; if None, the profile decides between no argument and EMPTY.
         reason: Why the call was refused, for the simulator's user; empty if the result code is enough.
     """
@@ -32,11 +31,11 @@ class CallResult(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class RunningCall:
-    """A call that is not finished.
+    """A call that is not finished; both functions get the current time in ns.
 
     Attributes:
-        poll: Function of the time in ns that returns the result, or None while the call runs.
-        due: Function of the time in ns that returns the latest time for the next poll in ns.
+        poll: Returns the result, or None while the call runs.
+        due: Returns the latest time for the next poll in ns.
     """
 
     poll: Callable[[int], CallResult | None]

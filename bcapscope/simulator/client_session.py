@@ -2,8 +2,8 @@
 
 Source for the limits and the options of Service_Start: orin_bcap C/src/bCAPServer/bcap_server.c. It is
 assumed that every other call needs Service_Start first, and that the controller answers E_NOT_CONNECTED
-otherwise. Source for the calls that slave mode refuses, and for the end of slave mode after a refusal: issues
-13, 21, 42 and 48 of DENSORobot/denso_robot_ros.
+otherwise. Source for calls that slave mode refuses and that end slave mode: issues 13, 21, 42 and 48 of
+DENSORobot/denso_robot_ros.
 """
 
 from __future__ import annotations
@@ -56,17 +56,14 @@ _OTHER_CLIENTS_COMMANDS = frozenset(
     )
 )
 """Commands that a client may call while another client is in slave mode (orin_bcap_python_samples
-others/bcapslavemove_handmove_COBOTTA.py). It is assumed that the client in slave mode may not call them: the
-hand cannot move while slave mode moves the arm (issue 13 of DENSORobot/denso_robot_ros)."""
+others/bcapslavemove_handmove_COBOTTA.py). It is assumed that the client in slave mode itself may not call
+them. The hand cannot move while slave mode moves the arm (issue 13 of DENSORobot/denso_robot_ros)."""
 
 
 class ClientSession:
-    """The session of one client from its first call to its last; the client is known by a number.
+    """The session of one client, known by its `number`, from its first call to its last.
 
-    Attributes:
-        is_started: Whether the client has called Service_Start.
-        wdt: Time in ns between two S_EXECUTING notices; None if the client gets no notices.
-        invoke_timeout: Longest time in ns that a call may run.
+    Times are in ns. `wdt` is the time between two S_EXECUTING notices, or None if the client gets no notices.
     """
 
     def __init__(self, machine: Machine, number: int) -> None:
@@ -166,8 +163,8 @@ def is_allowed_in_slave_mode(
 ) -> bool:
     """Return whether slave mode accepts a call; `is_other` means that another client has the arm.
 
-    Where no source says whether a call is accepted, calls that only read are accepted and all others refused.
-    The function accepts unknown commands, because they are refused later anyway.
+    A call that no source names is accepted only if it reads. Unknown commands are accepted here and refused
+    later.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:

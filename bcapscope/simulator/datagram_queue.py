@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Hashable, Iterator
-from typing import Generic, TypeVar
+from typing import TypeAlias
 
 MAX_PER_SENDER = 32
 """Maximum number of waiting datagrams of one sender: the attempts of a call, and some further calls."""
@@ -14,16 +14,12 @@ MAX_BYTES = 2 << 20
 
 _COST = 512
 
-Sender = TypeVar("Sender", bound=Hashable)
+Sender: TypeAlias = Hashable
+"""Address of a client."""
 
 
-class DatagramQueue(Generic[Sender]):
-    """Waiting datagrams by sender.
-
-    Attributes:
-        waiting: Arrival time and bytes of each waiting datagram by sender, oldest first.
-        dropped: Number of datagrams that were dropped because too many were waiting.
-    """
+class DatagramQueue:
+    """Waiting datagrams by sender, oldest first; `dropped` counts the datagrams that did not fit."""
 
     def __init__(self) -> None:
         self.waiting: dict[Sender, deque[tuple[int, bytes]]] = {}

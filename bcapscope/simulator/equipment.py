@@ -1,21 +1,172 @@
-"""The controller's equipment besides the arm: hands, frames, areas, lines, and brackets around motions."""
+"""The controller's equipment besides the arm: hands, frames, areas, lines, and brackets around motions.
+
+Times are in ns, widths in mm, and speeds in mm/s. Source of `COBOTTA_HAND`: DENSORobot/denso_cobotta_ros
+denso_cobotta_gripper/config/gripper_parallel.yaml (stroke, speed, acceleration, force). Source of
+`TWO_FINGER_HAND`: the documentation of TwofgGrip quoted in nkawa/Denso_CobottaPro900_MQTT_Control (force,
+speed in percent, width of an external grip). Assumed are the speed of a grip without speed parameter, the
+second hand's speed in mm/s, and the start position: both hands start open.
+"""
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from math import sqrt
+from typing import NamedTuple, TypeAlias
 
-from bcapscope.simulator.hand import COBOTTA_HAND, TWO_FINGER_HAND, Hand
 from bcapscope.simulator.result_codes import HAND_STOPPED
 
 CoordinateFrame: TypeAlias = tuple[float, ...]
 """Position and orientation of a coordinate frame: X, Y, Z [mm], Rx, Ry, Rz [deg]."""
 
 MAX_FRAMES = 64
-"""Number of tool frames, and of work frames. Tool frames, and work frames, are numbered 0 to 63. The limit is
-assumed."""
+"""Number of tool frames, and number of work frames, both from 0. The limit is assumed."""
 
 MAX_AREAS = 32
 MAX_LINES = 256
+
+
+SECOND = 1_000_000_000
+
+
+class HandLimits(NamedTuple):
+    """Limits of a hand: widths in mm, speeds in mm/s, acceleration in mm/s², forces in N.
+
+    Attributes:
+        speed: Speed at 100 %.
+        grip_speed: Speed of a grip without speed parameter.
+        slowest: Lowest speed in percent.
+    """
+
+    narrowest: float
+    widest: float
+    speed: float
+    acceleration: float
+    grip_speed: float
+    slowest: float
+    weakest: float
+    strongest: float
+
+
+COBOTTA_HAND = HandLimits(0.0, 30.0, 80.0, 800.0, 20.0, 1.0, 6.0, 20.0)
+TWO_FINGER_HAND = HandLimits(1.0, 39.0, 100.0, 1000.0, 20.0, 10.0, 20.0, 140.0)
+
+
+class HandMotion(NamedTuple):
+    """A motion of the fingers that accelerates, keeps its highest speed `speed`, and brakes."""
+
+    start: float
+    goal: float
+    began: int
+    speed: float
+    acceleration: float
+
+    @classmethod
+    def plan(cls, start: float, goal: float, began: int, speed: float, acceleration: float) -> HandMotion:
+        """Plan a motion of the fingers; a short motion does not reach `speed`."""
+        return cls(start, goal, began, min(speed, sqrt(abs(goal - start) * acceleration)), acceleration)
+
+    @property
+    def ends(self) -> int:
+        return self.time_at_distance(abs(self.goal - self.start))
+
+    def at(self, time: int) -> float:
+        if time >= self.ends:
+            return self.goal
+        way = self._distance_after(max(0, time - self.began) / SECOND)
+        return self.start + (way if self.goal > self.start else -way)
+
+    def time_at_distance(self, distance: float) -> int:
+        """Return the time at which the fingers have moved by `distance` mm."""
+        if not distance:
+            return self.began
+        ramp = self.speed**2 / 2 / self.acceleration
+        whole = abs(self.goal - self.start)
+        if distance <= ramp:
+            seconds = sqrt(2 * distance / self.acceleration)
+        elif distance <= whole - ramp:
+            seconds = self.speed / 2 / self.acceleration + distance / self.speed
+        else:
+            left = max(0.0, whole - distance)
+            seconds = self.speed / self.acceleration + whole / self.speed - sqrt(2 * left / self.acceleration)
+        return self.began + round(seconds * SECOND)
+
+    def _distance_after(self, seconds: float) -> float:
+        whole = abs(self.goal - self.start)
+        ramp = self.speed / self.acceleration
+        total = ramp + whole / self.speed
+        if seconds <= ramp:
+            return self.acceleration * seconds**2 / 2
+        if seconds <= total - ramp:
+            return self.speed * (seconds - ramp / 2)
+        return whole - self.acceleration * (total - seconds) ** 2 / 2
+
+
+class Hand:
+    """The two fingers of a hand, and an object that may be between the fingers.
+
+    Attributes:
+        object_width: Width in mm of the object between the open fingers; None without an object.
+        motion_count: Number of motions and stops so far.
+        stopped_by: Result of the last stop.
+        ends: Time in ns at which the last motion ended or will end.
+    """
+
+    def __init__(self, limits: HandLimits, object_width: float | None = None) -> None:
+        self.limits = limits
+        self.object_width = object_width
+        self.motion_count = 0
+        self.stopped_by = 0
+        self._motion = HandMotion.plan(limits.widest, limits.widest, 0, limits.speed, limits.acceleration)
+        self.ends = 0
+        self._final_width = limits.widest
+        self._force = 0.0
+        self._touches_object = False
+
+    def width(self, now: int) -> float:
+        return self._final_width if now >= self.ends else self._motion.at(now)
+
+    def is_moving(self, now: int) -> bool:
+        return now < self.ends
+
+    def is_gripping(self, now: int) -> bool:
+        """Return whether the fingers press on an object."""
+        return self._force > 0 and self._touches_object and not self.is_moving(now)
+
+    def force(self, now: int) -> float:
+        """Return the force on the object in N; 0 if the hand does not grip."""
+        return self._force if self.is_gripping(now) else 0.0
+
+    @property
+    def collides_at(self) -> int | None:
+        """Time in ns at which fingers hit the object in a motion that is no grip; None if they never do."""
+        return self.ends if self._touches_object and not self._force else None
+
+    def move(self, goal: float, speed: float, now: int, force: float = 0.0) -> int:
+        """Begin a motion to `goal` mm at `speed` mm/s; return the time in ns of its end.
+
+        With a `force` in N, the motion is a grip.
+        """
+        start, thing = self.width(now), self.object_width
+        self._touches_object = thing is not None and goal < thing <= start
+        self._final_width = thing if thing is not None and self._touches_object else goal
+        self._motion = HandMotion.plan(start, goal, now, speed, self.limits.acceleration)
+        self.ends = self._motion.time_at_distance(abs(self._final_width - start))
+        self._force = force
+        self.motion_count += 1
+        return self.ends
+
+    def stop(self, now: int, result: int) -> None:
+        """Stop moving fingers; the call that waits for the motion returns `result`. A grip stays."""
+        if self.is_moving(now) or self.collides_at is not None:
+            self._final_width = self.width(now)
+            self.ends = now
+            self._touches_object = False
+            self.stopped_by = result
+            self.motion_count += 1
+
+    def lose_grip(self) -> None:
+        """Release the gripped object, as happens without the motor's power."""
+        self._force = 0.0
+        self._touches_object = False
 
 
 class Equipment:
@@ -25,8 +176,7 @@ class Equipment:
         hand: COBOTTA's electric hand, which is also the extension `Hand0`.
         gripper: The 2FG hand.
         vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
-        tools: Definitions of tools by number; the definition of a missing tool is all zeros. `works` holds
-            the definitions of works.
+        tools: Definitions of tools by number; a missing tool is all zeros. `works` holds those of works.
         lines: Numbers of the open serial and socket lines.
         brackets: Names of the open brackets around motions: `time` and `move`.
         force_control: Number of the active force control; None if force control is off.

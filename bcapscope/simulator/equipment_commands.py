@@ -1,16 +1,20 @@
-"""Commands of Robot_Execute for groups of robots, forces, areas, scenes and buttons, and the extension Comm.
+"""Commands for hands, groups of robots, forces, areas, scenes and buttons, and the extensions Hand0 and Comm.
 
-Sources for parameters: ShoheiKobata/orin_bcap_python_samples (SyncTime..., SyncMove..., ForceParam, AutoCal,
-RobInfo, buttons, Comm) and DENSO's descriptions quoted in nkawa/Denso_CobottaPro900_MQTT_Control (ForceCtrl,
-ForceParam, ForceValue, ForceSensor, areas). Source for the codes of brackets: the list of controller errors
-in nkawa/Denso_CobottaPro900_MQTT_Control.
+Sources for parameters: ShoheiKobata/orin_bcap_python_samples; public ROS bridges of COBOTTA and
+DENSORobot/denso_cobotta_ros issue 22 (hands); DENSO's descriptions quoted in
+nkawa/Denso_CobottaPro900_MQTT_Control (HandGrip, HandRelease, Twofg..., Force..., areas). Source for the
+codes: the list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control. Source for fingers that touch
+an object without gripping it: DENSORobot/denso_robot_ros issue 46. Source for the fact that the hand needs
+the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
 
-No force acts on the simulated robot. The simulator has one arm, so brackets are checked but do not change the
-motions between them.
+The call of a hand lasts as long as its motion. The samples send the next command at once, and a moving hand
+would refuse it. No force acts on the simulated robot. The simulator has one arm, so brackets are checked but
+do not change the motions between them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 from bcapscope.protocol.codec.variant import VT, Variant
@@ -27,12 +31,206 @@ from bcapscope.simulator.argument_values import (
     number_within,
     numbers_of,
     r8,
+    text_of,
     variant_array,
 )
 from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable, accept_without_effect
-from bcapscope.simulator.call_outcome import RefusedError
-from bcapscope.simulator.equipment import MAX_AREAS, MAX_LINES
-from bcapscope.simulator.result_codes import BAD_INDEX, BRACKET_IS_CLOSED, BRACKET_IS_OPEN
+from bcapscope.simulator.call_outcome import DONE, CallResult, HandlerOutcome, RefusedError, RunningCall
+from bcapscope.simulator.equipment import MAX_AREAS, MAX_LINES, Hand
+from bcapscope.simulator.result_codes import (
+    BAD_INDEX,
+    BRACKET_IS_CLOSED,
+    BRACKET_IS_OPEN,
+    GRIP_BEYOND_LIMIT,
+    HAND_IS_MOVING,
+    HAND_SETTING,
+    HAND_STOPPED,
+    MOTOR_IS_OFF,
+    NOTHING_GRIPPED,
+    RELATIVE_GRIP_BEYOND_LIMIT,
+)
+
+_STORED_SPEED, _STORED_FORCE = 0.5, 10.0
+"""Assumed data that the controller stores for a grip: share of the top speed, and COBOTTA's force in N."""
+
+_WEAKEST_SUCTION = 40.0
+"""Percent: DENSORobot/denso_cobotta_ros denso_cobotta_gripper/config/gripper_vacuum.yaml."""
+
+_EXTERNAL_GRIP = 1
+"""Mode of the 2FG hand in which the hand grips from outside."""
+
+_SUCTION, _SUCTION_LOAD = -0.5, 50.0
+"""Assumed data of the vacuum hand: pressure in kPa per percent of power, and load in percent."""
+
+
+def _move_to(
+    context: CallContext, parameter: Variant, relative: bool = False, grips: bool = False
+) -> HandlerOutcome:
+    """Run HandMoveA, -R, -AH or -RH with width or distance [mm], speed [%] and, for a grip, force [N]."""
+    items, hand = items_of(parameter), context.machine.equipment.hand
+    goal = float(number_of(argument_at(items, 0))) + (hand.width(context.now) if relative else 0.0)
+    speed = _speed(hand, argument_at(items, 1))
+    force = _force(hand, argument_at(items, 2)) if grips else 0.0
+    beyond = RELATIVE_GRIP_BEYOND_LIMIT if relative else GRIP_BEYOND_LIMIT
+    _check_width(hand, goal, beyond if grips else HAND_SETTING)
+    return _start(context, hand, goal, speed, force, waits=not _has_next_option(items[3 if grips else 2 :]))
+
+
+def _grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
+    """Run HandMoveH with the parameters force [N] and whether to close."""
+    items, hand = items_of(parameter), context.machine.equipment.hand
+    force = _force(hand, argument_at(items, 0))
+    goal = hand.limits.narrowest if number_of(argument_at(items, 1)) else hand.limits.widest
+    return _start(context, hand, goal, hand.limits.grip_speed, force, waits=not _has_next_option(items[2:]))
+
+
+def _chuck(context: CallContext, parameter: Variant, closes: bool) -> HandlerOutcome:
+    """Run HandChuck, HandUnChuck, or Chuck or Unchuck of Hand0, with the data that the controller stores."""
+    hand = context.machine.equipment.hand
+    return _start(context, hand, *_stored_motion(hand, closes, _STORED_FORCE), waits=True)
+
+
+def _suck(context: CallContext, parameter: Variant) -> None:
+    """Run HandMoveVH with the parameters power [%] and whether to draw in; HandStop ends the vacuum."""
+    items = items_of(parameter)
+    power = float(number_of(argument_at(items, 0)))
+    draws = number_of(argument_at(items, 1)) != 0
+    _check_ready(context)
+    if not _WEAKEST_SUCTION <= power <= 100:
+        raise RefusedError(HAND_SETTING)
+    context.machine.equipment.vacuum = power if draws else 0.0
+
+
+def _stop(context: CallContext, parameter: Variant) -> None:
+    """Run HandStop: the call of a running motion returns 835002FF, and the vacuum goes off."""
+    equipment = context.machine.equipment
+    equipment.hand.stop(context.now, HAND_STOPPED)
+    equipment.vacuum = 0.0
+
+
+def _two_finger_grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
+    """Run TwofgGrip with width [mm], force [N], speed [%], whether to wait; a wait without a grip fails."""
+    items, hand = items_of(parameter), context.machine.equipment.gripper
+    width = float(number_of(argument_at(items, 0)))
+    force, speed = _force(hand, argument_at(items, 1)), _speed(hand, argument_at(items, 2))
+    waits = len(items) < 4 or integer_of(items[3]) != 0
+    _check_width(hand, width, HAND_SETTING)
+    return _start(context, hand, width, speed, force, waits=waits)
+
+
+def _two_finger_release(context: CallContext, parameter: Variant) -> HandlerOutcome:
+    """Run TwofgRelease with the parameters width [mm] and whether to wait."""
+    items, hand = items_of(parameter), context.machine.equipment.gripper
+    width = float(number_of(argument_at(items, 0)))
+    _check_width(hand, width, HAND_SETTING)
+    waits = len(items) < 2 or integer_of(items[1]) != 0
+    return _start(context, hand, width, hand.limits.speed, 0.0, waits=waits)
+
+
+def _hand_grip(context: CallContext, parameter: Variant, closes: bool) -> HandlerOutcome:
+    """Run HandGrip or HandRelease, which move the 2FG hand with the data that the controller stores."""
+    hand = context.machine.equipment.gripper
+    return _start(context, hand, *_stored_motion(hand, closes, hand.limits.weakest), waits=False)
+
+
+def _stored_motion(hand: Hand, closes: bool, force: float) -> tuple[float, float, float]:
+    """Return goal [mm], speed [mm/s] and force [N] of a motion; `force` is the force of a grip."""
+    speed = hand.limits.speed * _STORED_SPEED
+    return (hand.limits.narrowest, speed, force) if closes else (hand.limits.widest, speed, 0.0)
+
+
+def _start(
+    context: CallContext, hand: Hand, goal: float, speed: float, force: float, *, waits: bool
+) -> RunningCall | None:
+    """Begin a motion, unless the state forbids it, the hand moves, or COBOTTA's motor is off.
+
+    If the call `waits`, it lasts as long as the motion. A grip of the 2FG hand fails without an object.
+    """
+    is_gripper = hand is context.machine.equipment.gripper
+    if is_gripper:
+        context.machine.check_state()
+    else:
+        _check_ready(context)
+    if hand.is_moving(context.now):
+        raise RefusedError(HAND_IS_MOVING)
+    ends = hand.move(goal, speed, context.now, force)
+    if not waits:
+        return None
+    missed = is_gripper and force > 0 and not hand.is_gripping(ends)
+    last, run = CallResult(NOTHING_GRIPPED) if missed else DONE, hand.motion_count
+
+    def poll(now: int) -> CallResult | None:
+        if hand.motion_count != run:
+            return CallResult(hand.stopped_by)
+        return last if now >= ends else None
+
+    return RunningCall(poll, lambda now: ends)
+
+
+def _check_ready(context: CallContext) -> None:
+    context.machine.check_state()
+    if not context.machine.motor_is_on(context.now):
+        raise RefusedError(MOTOR_IS_OFF)
+
+
+def _check_width(hand: Hand, width: float, result: int) -> None:
+    if not hand.limits.narrowest <= width <= hand.limits.widest:
+        raise RefusedError(result)
+
+
+def _speed(hand: Hand, part: Variant) -> float:
+    """Read a speed in percent, and return the speed in mm/s."""
+    percent = float(number_of(part))
+    if not hand.limits.slowest <= percent <= 100:
+        raise RefusedError(HAND_SETTING)
+    return hand.limits.speed * percent / 100
+
+
+def _force(hand: Hand, part: Variant) -> float:
+    force = float(number_of(part))
+    if not hand.limits.weakest <= force <= hand.limits.strongest:
+        raise RefusedError(HAND_SETTING)
+    return force
+
+
+def _has_next_option(rest: tuple[Variant, ...]) -> bool:
+    """Return whether the call returns before the motion ends; the option DetectOn has no effect."""
+    return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
+
+
+def _width(context: CallContext, parameter: Variant) -> Variant:
+    return r8(context.machine.equipment.hand.width(context.now))
+
+
+def _of_gripper(read: Callable[[Hand, int], Variant]) -> CommandHandler:
+    """Make a handler that reads the 2FG hand; `read` gets the hand and the time in ns."""
+    return lambda context, parameter: read(context.machine.equipment.gripper, context.now)
+
+
+HAND_COMMANDS: CommandTable = {
+    "handmovea": _move_to,
+    "handmover": partial(_move_to, relative=True),
+    "handmoveh": _grip,
+    "handmoveah": partial(_move_to, grips=True),
+    "handmoverh": partial(_move_to, relative=True, grips=True),
+    "handmovevh": _suck,
+    "handchuck": partial(_chuck, closes=True),
+    "handunchuck": partial(_chuck, closes=False),
+    "handstop": _stop,
+    "handholdstate": lambda context, _: boolean(context.machine.equipment.hand.is_gripping(context.now)),
+    "handcurpos": _width,
+    "handcurpressure": lambda context, _: r8(context.machine.equipment.vacuum * _SUCTION),
+    "handcurload": lambda context, _: r8(_SUCTION_LOAD if context.machine.equipment.vacuum else 0.0),
+}
+"""Handlers of the hand commands of Controller_Execute by the commands' names in lower case."""
+
+HAND_EXTENSION_COMMANDS: CommandTable = {
+    "curpos": _width,
+    "chuck": HAND_COMMANDS["handchuck"],
+    "unchuck": HAND_COMMANDS["handunchuck"],
+}
+"""Handlers of the commands of the extension Hand0 by the commands' names in lower case."""
+
 
 _FORCE_CONTROLS = range(1, 11)
 _COORDINATES = range(3)
@@ -57,10 +255,7 @@ def _close_bracket(context: CallContext, parameter: Variant, name: str) -> None:
 
 
 def _force_control(context: CallContext, parameter: Variant) -> None:
-    """Run ForceCtrl with the parameters on or off, number 1..10, mode.
-
-    Force control stays off while the motor is off.
-    """
+    """Run ForceCtrl: on or off, number 1..10, mode. Force control stays off while the motor is off."""
     items, machine = items_of(parameter), context.machine
     machine.check_arm(context.client)
     if integer_of(argument_at(items, 0)) == 0:
@@ -91,11 +286,6 @@ def _force_sensor(context: CallContext, parameter: Variant) -> None:
         raise RefusedError(E_INVALIDARG)
 
 
-def _robot_info(context: CallContext, parameter: Variant) -> Variant:
-    """Run RobInfo, which returns the type name for parameter 1 and an empty text for others."""
-    return bstr(context.machine.initial_state.type_name if integer_of(parameter) == 1 else "")
-
-
 def _button_state(context: CallContext, parameter: Variant) -> Variant:
     """Run GetMechaButtonState or ClearMechaButtonState; the buttons 0 to 2 are never pressed."""
     number_within(parameter, _BUTTONS, BAD_INDEX)
@@ -112,23 +302,16 @@ def _scene_info(context: CallContext, parameter: Variant) -> Variant:
 
 def _switch_area(context: CallContext, parameter: Variant) -> None:
     """Run SetAreaEnabled, whose parameters are the area's number and on or off."""
-    items, areas = items_of(parameter), context.machine.equipment.areas
-    number = number_within(argument_at(items, 0), range(MAX_AREAS), BAD_INDEX)
-    (areas.add if number_of(argument_at(items, 1)) else areas.discard)(number)
+    areas = context.machine.equipment.areas
+    (areas.add if number_of(argument_at(items_of(parameter), 1)) else areas.discard)(_area(parameter))
 
 
-def _area_state(context: CallContext, parameter: Variant) -> Variant:
-    number = number_within(argument_at(items_of(parameter), 0), range(MAX_AREAS), BAD_INDEX)
-    return boolean(number in context.machine.equipment.areas)
+def _area(parameter: Variant) -> int:
+    return number_within(argument_at(items_of(parameter), 0), range(MAX_AREAS), BAD_INDEX)
 
 
 def _line(parameter: Variant) -> int:
     return number_within(parameter, range(MAX_LINES), BAD_INDEX)
-
-
-def _line_state(context: CallContext, parameter: Variant) -> Variant:
-    """Run State of the extension Comm, which returns 2 for an open line and 0 for a closed one."""
-    return i4(_LINE_IS_OPEN if _line(parameter) in context.machine.equipment.lines else 0)
 
 
 def _of_line(value: Variant | None) -> CommandHandler:
@@ -142,6 +325,20 @@ def _of_line(value: Variant | None) -> CommandHandler:
 
 
 EQUIPMENT_COMMANDS: CommandTable = {
+    "handgrip": partial(_hand_grip, closes=True),
+    "handrelease": partial(_hand_grip, closes=False),
+    "twofggrip": _two_finger_grip,
+    "twofgrelease": _two_finger_release,
+    "twofgstop": lambda context, _: context.machine.equipment.gripper.stop(context.now, HAND_STOPPED),
+    "twofgisconn": lambda context, _: i4(1),
+    "twofgisbusy": _of_gripper(lambda hand, now: i4(int(hand.is_moving(now)))),
+    "twofgisgrip": _of_gripper(lambda hand, now: i4(int(hand.is_gripping(now)))),
+    "twofggeterrorcode": lambda context, _: i4(0),
+    "twofggetmode": lambda context, _: i4(_EXTERNAL_GRIP),
+    "twofggetwidth": _of_gripper(lambda hand, now: r8(hand.width(now))),
+    "twofggetminwidth": _of_gripper(lambda hand, now: r8(hand.limits.narrowest)),
+    "twofggetmaxwidth": _of_gripper(lambda hand, now: r8(hand.limits.widest)),
+    "twofggetforce": _of_gripper(lambda hand, now: r8(hand.force(now))),
     "synctimestart": partial(_open_bracket, name="time"),
     "synctimeend": partial(_close_bracket, name="time"),
     "syncmovestart": partial(_open_bracket, name="move"),
@@ -156,14 +353,17 @@ EQUIPMENT_COMMANDS: CommandTable = {
     ),
     "forcewaitcondition": accept_without_effect,
     "autocal": accept_without_effect,
-    "robinfo": _robot_info,
+    # RobInfo returns the type name for 1, and an empty text for other numbers.
+    "robinfo": lambda context, kind: bstr(
+        context.machine.initial_state.type_name if integer_of(kind) == 1 else ""
+    ),
     "getmechabuttonstate": _button_state,
     "clearmechabuttonstate": _button_state,
     "curscene": lambda context, _: i4(0),
     "cursubscene": lambda context, _: i4(0),
     "sceneinfo": _scene_info,
     "setareaenabled": _switch_area,
-    "getareaenabled": _area_state,
+    "getareaenabled": lambda context, area: boolean(_area(area) in context.machine.equipment.areas),
 }
 """Handlers of the commands of Robot_Execute by the commands' names in lower case."""
 
@@ -171,7 +371,7 @@ LINE_COMMANDS: CommandTable = {
     # Every line number exists, and no line has a device at its other end.
     "open": lambda context, line: context.machine.equipment.lines.add(_line(line)),
     "close": lambda context, line: context.machine.equipment.lines.discard(_line(line)),
-    "state": _line_state,
+    "state": lambda context, line: i4(_LINE_IS_OPEN if _line(line) in context.machine.equipment.lines else 0),
     "clear": _of_line(None),
     "count": _of_line(i4(0)),
     "input": _of_line(bstr("")),

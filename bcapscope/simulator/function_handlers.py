@@ -1,4 +1,8 @@
-"""The functions that clients call on an object, with the ids 4 to 137.
+"""The functions that clients call on an object (ids 4 to 137), and the commands of controllers and tasks.
+
+Sources for names, parameters and results of commands: ShoheiKobata/orin_bcap_python_samples,
+DENSORobot/denso_robot_ros2, nkawa/Denso_CobottaPro900_MQTT_Control (bits of SysState, fields of an error).
+Fields of an error that only a real controller program can fill are 0.
 
 The simulator answers E_NOTIMPL to a function without a handler in this module. The C server does the same for
 an id without callback (orin_bcap C/src/bCAPServer/bcap_server.c), and so does DENSO's skeleton of a provider
@@ -11,35 +15,127 @@ describes the planes of Rotate.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Mapping
-from functools import lru_cache
+from collections.abc import Callable, Container, Mapping, Sequence
+from datetime import datetime, timedelta
 from typing import TypeAlias
 
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass
-from bcapscope.protocol.tables.hresult import E_INVALIDARG
+from bcapscope.protocol.tables.hresult import E_INVALIDARG, describe_hresult
 from bcapscope.simulator import system_variables
-from bcapscope.simulator.alarms import Alarm
 from bcapscope.simulator.argument_values import (
     argument_at,
+    boolean,
     bstr,
     bstr_array,
+    i2,
     i4,
     integer_of,
     number_of,
     number_within,
     text_of,
+    variant_array,
 )
-from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable
+from bcapscope.simulator.call_context import CallContext, CommandTable, accept_without_effect
 from bcapscope.simulator.call_outcome import CallResult, HandlerOutcome, RefusedError, RunningCall
-from bcapscope.simulator.controller_commands import CONTROLLER_COMMANDS, TASK_COMMANDS
-from bcapscope.simulator.equipment_commands import LINE_COMMANDS
-from bcapscope.simulator.frame_commands import PALLET_COMMANDS
-from bcapscope.simulator.hand_commands import HAND_EXTENSION_COMMANDS
+from bcapscope.simulator.equipment_commands import HAND_COMMANDS, HAND_EXTENSION_COMMANDS, LINE_COMMANDS
+from bcapscope.simulator.machine import AUTOMATIC, MANUAL, READY, RUNNING, Alarm
 from bcapscope.simulator.motion_commands import drive, halt, hold, move, unhold
 from bcapscope.simulator.object_table import check_storable
-from bcapscope.simulator.result_codes import INVALID_COMMAND, OBJECT_NOT_FOUND, OUT_OF_MEMORY
-from bcapscope.simulator.robot_commands import ROBOT_COMMANDS
+from bcapscope.simulator.result_codes import (
+    BAD_INDEX,
+    EMERGENCY_STOP,
+    INVALID_COMMAND,
+    OBJECT_NOT_FOUND,
+    OUT_OF_MEMORY,
+)
+from bcapscope.simulator.robot_commands import PALLET_COMMANDS, ROBOT_COMMANDS
+
+_DAY_0 = datetime(1899, 12, 30)
+
+
+def _clear_error(context: CallContext, parameter: Variant) -> None:
+    if context.machine.emergency:
+        raise RefusedError(EMERGENCY_STOP)
+    context.machine.clear_errors()
+
+
+def _current_error_info(context: CallContext, parameter: Variant) -> Variant:
+    alarm = _alarm_at(context.machine.active_alarms, integer_of(parameter))
+    return variant_array(i4(alarm.code), bstr(alarm.text), i4(0), i4(0), bstr(""), i4(0), i4(0))
+
+
+def _error_log(context: CallContext, parameter: Variant) -> Variant:
+    alarm = _alarm_at(context.machine.alarm_log, integer_of(parameter))
+    at = _DAY_0 + timedelta(days=context.machine.date(alarm.time))
+    date = (at.year, at.month, at.isoweekday() % 7, at.day)
+    clock = (at.hour, at.minute, at.second, at.microsecond // 1000)
+    rest = (i4(0), i4(0), i4(0), bstr(alarm.text), i4(alarm.code), i4(0), bstr(""))
+    return variant_array(i4(alarm.code), *map(i4, (*date, *clock)), *rest)
+
+
+def _alarm_at(alarms: Sequence[Alarm], index: int) -> Alarm:
+    """Return an error by its index; index 0 is the newest error."""
+    if not 0 <= index < len(alarms):
+        raise RefusedError(BAD_INDEX)
+    return alarms[index]
+
+
+def _system_state(context: CallContext, parameter: Variant) -> Variant:
+    """Run SysState, whose bits are those of `enumerations.SYS_STATE_BITS`."""
+    machine, now = context.machine, context.now
+    automatic = machine.mode == AUTOMATIC
+    bits = {
+        0: RUNNING in machine.tasks.values(),
+        1: bool(machine.active_alarms),
+        2: machine.motor_is_on(now),
+        3: True,
+        4: automatic,
+        5: automatic,
+        10: machine.emergency,
+        11: automatic,
+        17: True,
+        18: machine.mode == MANUAL,
+        20: now < machine.arm.ends or not machine.slave.is_empty,
+        21: not machine.arm.is_at_rest(now),
+    }
+    return i4(sum(1 << bit for bit, value in bits.items() if value))
+
+
+def _put_auto_mode(context: CallContext, parameter: Variant) -> None:
+    """Run PutAutoMode of RC7, whose parameter is 1 for internal and 2 for external."""
+    mode = integer_of(parameter)
+    if mode not in (1, 2):
+        raise RefusedError(E_INVALIDARG)
+    context.machine.auto_mode = mode
+
+
+CONTROLLER_COMMANDS: CommandTable = {
+    **HAND_COMMANDS,
+    "clearerror": _clear_error,
+    # The text of an error is bcapscope's, not the controller's.
+    "geterrordescription": lambda context, code: bstr(describe_hresult(integer_of(code)).text),
+    "getcurerrorcount": lambda context, _: i4(len(context.machine.active_alarms)),
+    "getcurerrorinfo": _current_error_info,
+    "geterrorlogcount": lambda context, _: i4(len(context.machine.alarm_log)),
+    "geterrorlog": _error_log,
+    # SysInfo returns the serial number for 0, and an empty text for other numbers.
+    "sysinfo": lambda context, kind: bstr("" if integer_of(kind) else "SIMULATOR"),
+    "sysstate": _system_state,
+    "stostate": lambda context, _: boolean(context.machine.emergency),
+    "manualreset": accept_without_effect,
+    "manualresetpreparation": accept_without_effect,
+    "resetstostate": accept_without_effect,
+    "putautomode": _put_auto_mode,
+    "getautomode": lambda context, _: i2(context.machine.auto_mode),
+}
+"""Handlers of the commands of Controller_Execute by the commands' names in lower case."""
+
+TASK_COMMANDS: CommandTable = {
+    "getstatus": lambda context, _: i4(context.machine.tasks.get(context.object.name.casefold(), READY))
+}
+"""Handlers of the commands of Task_Execute by the commands' names in lower case."""
+
 
 Arguments: TypeAlias = "tuple[Variant, ...]"
 """Arguments of a request, without its handle."""
@@ -100,7 +196,7 @@ def _create_file(context: CallContext, name: str, option: str) -> None:
 
 def _get_message(context: CallContext, arguments: Arguments) -> Variant:
     """Run Controller_GetMessage, which returns the newest active error or, without one, is refused."""
-    active = context.machine.alarms.active
+    active = context.machine.active_alarms
     if not active:
         raise RefusedError(OBJECT_NOT_FOUND)
     made = context.objects.open(ObjectClass.MESSAGE, "", context.object)
@@ -123,26 +219,16 @@ def _message_values(alarm: Alarm, context: CallContext) -> dict[str, Variant]:
 def command_runner(commands: CommandTable) -> FunctionHandler:
     """Return a handler of an ..._Execute function that refuses commands the profile lacks."""
 
-    @lru_cache(maxsize=256)
-    def named(name: str, lacks: frozenset[str]) -> CommandHandler:
-        folded = name.casefold()
-        found = commands.get(folded)
-        if found is None or folded in lacks:
-            raise RefusedError(INVALID_COMMAND)
-        return found
-
     def execute(context: CallContext, arguments: Arguments) -> HandlerOutcome:
-        run = named(text_of(argument_at(arguments, 0)), context.machine.profile.lacks)
-        return run(context, arguments[1] if len(arguments) > 1 else EMPTY)
+        name = text_of(argument_at(arguments, 0)).casefold()
+        if name not in commands or name in context.machine.profile.lacks:
+            raise RefusedError(INVALID_COMMAND)
+        return commands[name](context, arguments[1] if len(arguments) > 1 else EMPTY)
 
     return execute
 
 
 _EXTENSION_HANDLERS = {name.casefold(): command_runner(commands) for name, commands in _EXTENSIONS.items()}
-
-
-def _extension_execute(context: CallContext, arguments: Arguments) -> HandlerOutcome:
-    return _EXTENSION_HANDLERS[context.object.name.casefold()](context, arguments)
 
 
 def _command_execute(context: CallContext, arguments: Arguments) -> None:
@@ -155,14 +241,6 @@ def _command_execute(context: CallContext, arguments: Arguments) -> None:
 
 def _stored_value(key: str, default: Variant = EMPTY) -> FunctionHandler:
     return lambda context, arguments: context.object.values.get(key, default)
-
-
-def _put_parameters(context: CallContext, arguments: Arguments) -> None:
-    context.object.values["parameters"] = check_storable(argument_at(arguments, 0))
-
-
-def _put_timeout(context: CallContext, arguments: Arguments) -> None:
-    context.object.values["timeout"] = i4(integer_of(argument_at(arguments, 0)))
 
 
 def _robot_move(context: CallContext, arguments: Arguments) -> HandlerOutcome:
@@ -213,12 +291,10 @@ def _date(context: CallContext, arguments: Arguments) -> Variant:
     return Variant(VT.DATE, context.machine.date(context.now))
 
 
-def _put_tag(context: CallContext, arguments: Arguments) -> None:
-    context.object.tag = check_storable(argument_at(arguments, 0))
-
-
-def _put_id(context: CallContext, arguments: Arguments) -> None:
-    context.object.id = check_storable(argument_at(arguments, 0))
+def _put(field: str) -> FunctionHandler:
+    return lambda context, arguments: setattr(
+        context.object, field, check_storable(argument_at(arguments, 0))
+    )
 
 
 def _variable_names(context: CallContext, arguments: Arguments) -> Variant:
@@ -231,9 +307,9 @@ _SHARED_HANDLERS: Mapping[str, FunctionHandler] = {
     "GetHelp": lambda context, _: bstr(""),
     "GetName": lambda context, _: bstr(context.object.name),
     "GetTag": lambda context, _: context.object.tag,
-    "PutTag": _put_tag,
+    "PutTag": _put("tag"),
     "GetID": lambda context, _: context.object.id,
-    "PutID": _put_id,
+    "PutID": _put("id"),
     "Release": lambda context, _: context.objects.release(context.object),
     "Disconnect": lambda context, _: context.objects.release(context.object),
     "GetVariableNames": _variable_names,
@@ -255,7 +331,9 @@ _OWN_HANDLERS: Mapping[str, FunctionHandler] = {
     "File_GetSize": lambda context, _: i4(0),
     "File_GetType": lambda context, _: bstr(context.object.name.rpartition(".")[2]),
     "File_GetValue": lambda context, _: bstr(""),
-    "Extension_Execute": _extension_execute,
+    "Extension_Execute": lambda context, arguments: _EXTENSION_HANDLERS[context.object.name.casefold()](
+        context, arguments
+    ),
     "Robot_Execute": command_runner(ROBOT_COMMANDS),
     "Robot_Accelerate": _robot_accelerate,
     "Robot_Change": _robot_change,
@@ -277,10 +355,14 @@ _OWN_HANDLERS: Mapping[str, FunctionHandler] = {
     "Variable_GetMicrosecond": lambda context, _: i4(context.now // 1000 % 1_000_000),
     "Command_Execute": _command_execute,
     "Command_GetTimeout": _stored_value("timeout", i4(0)),
-    "Command_PutTimeout": _put_timeout,
+    "Command_PutTimeout": lambda context, arguments: context.object.values.update(
+        timeout=i4(integer_of(argument_at(arguments, 0)))
+    ),
     "Command_GetState": lambda context, _: i4(_STATE_DONE),
     "Command_GetParameters": _stored_value("parameters"),
-    "Command_PutParameters": _put_parameters,
+    "Command_PutParameters": lambda context, arguments: context.object.values.update(
+        parameters=check_storable(argument_at(arguments, 0))
+    ),
     "Command_GetResult": _stored_value("result"),
     "Message_Clear": lambda context, _: None,
 }
@@ -299,5 +381,4 @@ def _handler(function: Function) -> FunctionHandler | None:
 FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, FunctionHandler | None]] = {
     function.id: (function.owner, _handler(function)) for function in FUNCTIONS.values() if function.id > 3
 }
-"""Class of object that a function is called on, and the function's handler (None if not implemented), by
-function id."""
+"""Class of object and handler of each function by its id; without handler, the function is refused."""

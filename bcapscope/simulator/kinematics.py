@@ -1,14 +1,15 @@
 """Kinematics of a simple arm: joints to position, and position to joints.
 
-No public source gives the link lengths of the real arms, so the simulated arm has lengths of its own. J1
-turns about the vertical. J2 and J3 move two links of equal length in a vertical plane. The wrist has no
-length: J4, J5 and J6 are Rx, Ry and Rz themselves. The conversion is exact in both directions, which is all
-that clients and tests need. The simulated arm is no model of any DENSO robot.
+No public source gives the link lengths of the real arms, so the simulated arm has lengths of its own and is
+no model of any DENSO robot. J1 turns about the vertical. J2 and J3 move two links of equal length in a
+vertical plane. The wrist has no length: J4, J5 and J6 are Rx, Ry and Rz themselves. The conversion is exact
+in both directions. The rotation of a pose is Rz·Ry·Rx. A pose holds X, Y, Z in mm, then Rx, Ry, Rz in
+degrees.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from math import acos, asin, atan2, cos, degrees, hypot, radians, sin
 from typing import NamedTuple, TypeAlias
 
@@ -49,8 +50,7 @@ AXIS_LIMITS: tuple[AxisLimit, ...] = (
     AxisLimit(-120.0, 120.0, 400.0, 8000.0),
     AxisLimit(-360.0, 360.0, 700.0, 14000.0),
 )
-"""Limits of the simulated arm, wide enough for the set points in DENSO Wave 2009, How to use the Slave mode.
-The figures are assumed."""
+"""Assumed limits, wide enough for the set points in DENSO Wave 2009, How to use the Slave mode."""
 
 
 _P, _J, _T = PoseType.P, PoseType.J, PoseType.T
@@ -77,11 +77,8 @@ def axis_beyond_limit(joints: Joints, limits: tuple[AxisLimit, ...] = AXIS_LIMIT
         and l6[0] <= j6 <= l6[1]
     ):
         return None
-    return next(axis for axis in range(1, 7) if not _is_within(joints[axis - 1], limits[axis - 1]))
-
-
-def _is_within(joint: float, limit: AxisLimit) -> bool:
-    return limit.low <= joint <= limit.high
+    inside = (limit.low <= joint <= limit.high for joint, limit in zip(joints, limits, strict=False))
+    return list(inside).index(False) + 1
 
 
 def position(joints: Joints) -> tuple[float, ...]:
@@ -93,11 +90,7 @@ def position(joints: Joints) -> tuple[float, ...]:
 
 
 def joints_of_position(values: tuple[float, ...]) -> Joints:
-    """Compute the joints that reach X, Y, Z, Rx, Ry, Rz, with the elbow outside and J1 towards the target.
-
-    Raises:
-        RefusedError: The position is out of reach.
-    """
+    """Compute the joints that reach X, Y, Z, Rx, Ry, Rz, or refuse a position that is out of reach."""
     x, y, z, *wrist = values[:6]
     radius, height = hypot(x, y), z - SHOULDER_HEIGHT
     reach = hypot(radius, height) / (2 * LINK_LENGTH)
@@ -109,39 +102,21 @@ def joints_of_position(values: tuple[float, ...]) -> Joints:
 
 
 def trans(joints: Joints) -> tuple[float, ...]:
-    """Compute a T-type pose from joints: X, Y, Z, orientation vector, approach vector, Fig.
-
-    The vectors are the second and third column of the rotation Rz·Ry·Rx.
-    """
-    a, b, c = (radians(value) for value in joints[3:6])
-    orientation = (
-        cos(c) * sin(b) * sin(a) - sin(c) * cos(a),
-        sin(c) * sin(b) * sin(a) + cos(c) * cos(a),
-        cos(b) * sin(a),
-    )
-    approach = (
-        cos(c) * sin(b) * cos(a) + sin(c) * sin(a),
-        sin(c) * sin(b) * cos(a) - cos(c) * sin(a),
-        cos(b) * cos(a),
-    )
+    """Compute a T-type pose from joints: X, Y, Z, second and third column of the rotation, Fig."""
+    _, orientation, approach = _transposed(rotation(joints))
     return (*position(joints)[:3], *orientation, *approach, FIG)
 
 
 def joints_of_trans(values: tuple[float, ...]) -> Joints:
     """Compute the joints that reach a T-type pose; raise RefusedError as `joints_of_position` does."""
     ox, oy, oz, ax, ay, az = values[3:9]
-    nx, ny, nz = oy * az - oz * ay, oz * ax - ox * az, ox * ay - oy * ax
-    pitch = asin(max(-1.0, min(1.0, -nz)))
-    turns = (atan2(oz, az), pitch, atan2(ny, nx))
-    return joints_of_position((*values[:3], *map(degrees, turns)))
+    normal = oy * az - oz * ay, oz * ax - ox * az, ox * ay - oy * ax
+    turn = _transposed((normal, (ox, oy, oz), (ax, ay, az)))
+    return joints_of_position((*values[:3], *_angles(turn)))
 
 
 def joints_of(pose_type: PoseType, values: tuple[float, ...]) -> Joints:
-    """Compute the joints of any pose of finite numbers.
-
-    Raises:
-        RefusedError: There are too few numbers, or the position is out of reach.
-    """
+    """Compute the joints of any pose of finite numbers; refuse a pose that is too short or out of reach."""
     if len(values) < (9 if pose_type is _T else AXIS_COUNT):
         raise RefusedError(E_INVALIDARG)
     if pose_type is _J:
@@ -162,3 +137,74 @@ POSE_LENGTHS: Mapping[PoseType, range] = {
     pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()
 }
 """Allowed lengths of a set point, by pose type: Fig may be missing, and one more value may follow."""
+
+
+Vector: TypeAlias = tuple[float, float, float]
+Matrix: TypeAlias = tuple[Vector, Vector, Vector]
+"""Three rows."""
+
+PoseNumbers: TypeAlias = tuple[float, ...]
+"""The six numbers of a position and orientation; further numbers are ignored."""
+
+
+def moved_in_base(pose: PoseNumbers, deviation: PoseNumbers) -> PoseNumbers:
+    """Move and turn a pose along and about the axes of the base; return six numbers."""
+    place = tuple(a + b for a, b in zip(pose[:3], deviation[:3], strict=True))
+    return place + _combined_angles(pose, deviation, rotation(deviation), rotation(pose))
+
+
+def moved_in_tool(pose: PoseNumbers, deviation: PoseNumbers) -> PoseNumbers:
+    """Move and turn a pose along and about its own axes; return six numbers."""
+    turn = rotation(pose)
+    place = tuple(a + b for a, b in zip(pose[:3], _apply(turn, deviation[:3]), strict=True))
+    return place + _combined_angles(pose, deviation, turn, rotation(deviation))
+
+
+def relative_to(frame: PoseNumbers, pose: PoseNumbers) -> PoseNumbers:
+    """Convert a pose in base coordinates to coordinates of `frame`; return six numbers."""
+    back = _transposed(rotation(frame))
+    place = _apply(back, tuple(a - b for a, b in zip(pose[:3], frame[:3], strict=True)))
+    return place + _combined_angles(pose, frame, back, rotation(pose))
+
+
+def rotation(pose: PoseNumbers) -> Matrix:
+    a, b, c = (radians(angle) for angle in pose[3:6])
+    return (
+        (
+            cos(c) * cos(b),
+            cos(c) * sin(b) * sin(a) - sin(c) * cos(a),
+            cos(c) * sin(b) * cos(a) + sin(c) * sin(a),
+        ),
+        (
+            sin(c) * cos(b),
+            sin(c) * sin(b) * sin(a) + cos(c) * cos(a),
+            sin(c) * sin(b) * cos(a) - cos(c) * sin(a),
+        ),
+        (-sin(b), cos(b) * sin(a), cos(b) * cos(a)),
+    )
+
+
+def _combined_angles(pose: PoseNumbers, other: PoseNumbers, first: Matrix, second: Matrix) -> PoseNumbers:
+    """Return the angles of first·second.
+
+    If the second rotation is zero, return the angles of `pose` unchanged, so that set points do not jump by a
+    full turn.
+    """
+    if not any(other[3:6]):
+        return pose[3:6]
+    return _angles(_transposed(tuple(_apply(first, column) for column in _transposed(second))))
+
+
+def _angles(turn: Matrix) -> Vector:
+    pitch = asin(max(-1.0, min(1.0, -turn[2][0])))
+    return degrees(atan2(turn[2][1], turn[2][2])), degrees(pitch), degrees(atan2(turn[1][0], turn[0][0]))
+
+
+def _apply(turn: Matrix, vector: PoseNumbers) -> Vector:
+    x, y, z = (sum(a * b for a, b in zip(row, vector, strict=True)) for row in turn)
+    return x, y, z
+
+
+def _transposed(rows: Iterable[Vector]) -> Matrix:
+    x, y, z = zip(*rows, strict=True)
+    return x, y, z

@@ -13,8 +13,7 @@ _RECEIVE_BUFFER = 4 << 20
 """Requested size in bytes of the buffer for waiting datagrams; the system may grant less."""
 
 _BACKLOG = 1024
-"""Maximum number of connections that wait to be accepted. Beyond this number, a new client retries after a
-second."""
+"""Maximum number of connections to accept; beyond it, a new client retries after a second."""
 
 
 class SimulatorListenError(BcapError):
@@ -22,21 +21,16 @@ class SimulatorListenError(BcapError):
 
 
 def open_sockets(host: str, port: int) -> tuple[socket.socket, socket.socket]:
-    """Open a UDP and a TCP socket on one port; port 0 picks a port that is free for both.
-
-    Raises:
-        SimulatorListenError: The simulator cannot listen on the address or port.
-    """
-    tries = 1 if port else 20
-    for last in range(tries - 1, -1, -1):
+    """Open a UDP and a TCP socket on one port, or raise SimulatorListenError; port 0 means any free port."""
+    for attempts_left in range(0 if port else 20, -1, -1):
         tcp = _bind(host, port, socket.SOCK_STREAM)
         try:
             return _bind(host, tcp.getsockname()[1], socket.SOCK_DGRAM), tcp
         except SimulatorListenError:
             tcp.close()
-            if not last:
+            if not attempts_left:
                 raise
-    raise AssertionError("each attempt but the last continues, and the last returns or raises")
+    raise AssertionError("the last attempt returns or raises")
 
 
 def _bind(host: str, port: int, kind: socket.SocketKind) -> socket.socket:

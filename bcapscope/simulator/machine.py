@@ -7,14 +7,15 @@ and all durations are assumed. All times are ns of the caller's clock.
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
-from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_FAIL, E_NOT_IN_SLAVE_MODE
-from bcapscope.simulator.alarms import Alarms
-from bcapscope.simulator.arm import MS, Arm
+from bcapscope.protocol.slave_mode.modes import PERIOD_NS
+from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_FAIL, E_NOT_IN_SLAVE_MODE, describe_hresult
+from bcapscope.simulator.arm import MS, Arm, TimedMove
 from bcapscope.simulator.call_outcome import RefusedError
-from bcapscope.simulator.control_log_ring import ControlLog, ControlLogRecord
 from bcapscope.simulator.equipment import Equipment
 from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, Joints, axis_beyond_limit
 from bcapscope.simulator.object_table import ObjectTable
@@ -31,7 +32,6 @@ from bcapscope.simulator.result_codes import (
     error_level,
 )
 from bcapscope.simulator.slave_drive import SlaveDrive
-from bcapscope.simulator.timed_move import TimedMove
 from bcapscope.simulator.variable_memory import VariableMemory
 
 MOTOR_ON_TIME = 400 * MS
@@ -42,9 +42,12 @@ READY, RUNNING = 2, 3
 ROBSLAVE = "RobSlave"
 ROBOT_TYPE = "BCAPSCOPE-SIM6"
 
+MAX_RECORDS = 10_000
+MAX_ACTIVE = 32
+MAX_LOGGED = 128
+
 OTHER_CLIENT = 0
-"""Number of an owner of the arm that is no client: the pendant, or a client on another network. Clients have
-numbers from 1."""
+"""Number of the pendant or a client on another network as owner of the arm; clients start at 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +65,7 @@ class InitialState:
         empty: Names, in capitals, of robot variables whose value is EMPTY.
         arm_taken: Whether a client outside this network has the arm.
         object_width: Width in mm of an object between the fingers of the hands; None for no object.
-        udp_clients: Number of client places that half-open UDP clients occupy; `tcp_clients` is the number
-            over TCP.
+        udp_clients: Number of places that half-open UDP clients occupy; `tcp_clients` is the number over TCP.
         epoch: Time in ns since 1970 at which the model's clock is 0.
     """
 
@@ -107,16 +109,63 @@ class Speeds:
         return max(0.001, min(1.0, self.external * internal / 10_000))
 
 
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """One error: its HRESULT as an unsigned number, and its time in ns of the model's clock."""
+
+    code: int
+    time: int
+
+    @property
+    def text(self) -> str:
+        """Description of the error, in bcapscope's words."""
+        return describe_hresult(self.code).text
+
+
+class ControlLogRecord(NamedTuple):
+    """One record: time in ns since the controller's start, commanded joints, and joints of the encoders."""
+
+    time: int
+    commanded: Joints
+    actual: Joints
+
+
+class ControlLog:
+    """The control log: joint records, oldest first, one every 8 ms; `due` is the time of the next in ns."""
+
+    def __init__(self) -> None:
+        self.records: deque[ControlLogRecord] = deque(maxlen=MAX_RECORDS)
+        self.due: int | None = None
+
+    def start(self, now: int) -> None:
+        self.due = now if self.due is None else self.due
+
+    def stop(self) -> None:
+        self.due = None
+
+    def advance(self, now: int, sample: Callable[[int], ControlLogRecord]) -> None:
+        """Store the records that are due; after a long pause, only as many records as the ring holds."""
+        due = self.due
+        if due is None:
+            return
+        if now - due > MAX_RECORDS * PERIOD_NS:
+            due += (now - due) // PERIOD_NS * PERIOD_NS - MAX_RECORDS * PERIOD_NS
+        while due <= now:
+            self.records.append(sample(due))
+            due += PERIOD_NS
+        self.due = due
+
+
 class Machine:
     """The state of one controller.
 
     Attributes:
+        active_alarms: Errors until ClearError, newest first; `alarm_log` holds all errors.
         owner: Number of the client that has the arm; None if no client has it.
         open_objects: Objects that each client has opened, by client number.
         stop_count: Number of times that Robot_Halt, an error or the emergency stop stopped motion so far.
         stopped_by: Result of the last stop.
         current_move: The last ordinary motion; None if that motion was stopped.
-        equipment: The hands and other equipment.
     """
 
     def __init__(self, profile: Profile, initial_state: InitialState | None = None, now: int = 0) -> None:
@@ -124,8 +173,9 @@ class Machine:
         self.initial_state = initial_state or InitialState()
         self.started_at = now
         self.arm = Arm(self.initial_state.joints)
-        self.slave = SlaveDrive(self.arm, self.initial_state.limits, profile.async_detector)
-        self.alarms = Alarms()
+        self.slave = SlaveDrive(self.arm, self.initial_state.limits)
+        self.active_alarms: deque[Alarm] = deque(maxlen=MAX_ACTIVE)
+        self.alarm_log: deque[Alarm] = deque(maxlen=MAX_LOGGED)
         self.log = ControlLog()
         self.memory = VariableMemory(profile.real)
         self.speeds = Speeds(external=self.initial_state.speed)
@@ -145,7 +195,7 @@ class Machine:
         self.equipment = Equipment(self.initial_state.object_width)
         self._motor_at: int | None = now if self.initial_state.motor else None
         for code in (*self.initial_state.errors, *((EMERGENCY_STOP,) if self.emergency else ())):
-            self.alarms.add(code, now)
+            self._add_alarm(code, now)
 
     def date(self, now: int) -> float:
         """Return the controller's date and time as days since 1899-12-30."""
@@ -164,10 +214,7 @@ class Machine:
         return self._motor_at is not None and now >= self._motor_at
 
     def switch_motor(self, on: bool, now: int) -> int:
-        """Switch the motor on or off; return the time in ns at which the switching is done.
-
-        The call is refused under the conditions of `check_state`.
-        """
+        """Switch the motor off, or on unless `check_state` refuses; return the time in ns when it is done."""
         if not on:
             self._lose_power()
             self.stop(now, MOTOR_IS_OFF, is_reported=False)
@@ -181,7 +228,7 @@ class Machine:
         """Refuse a call during an emergency stop or error, outside automatic mode, or without token."""
         if self.emergency:
             raise RefusedError(EMERGENCY_STOP)
-        if self.alarms.active:
+        if self.active_alarms:
             raise RefusedError(ERROR_IS_ACTIVE)
         if self.mode != AUTOMATIC:
             raise RefusedError(NOT_AUTOMATIC)
@@ -201,10 +248,7 @@ class Machine:
             raise RefusedError(E_ARM_NOT_TAKEN)
 
     def check_slave_mode(self, client: int, now: int) -> None:
-        """Refuse slave mode unless a motion could begin and, on RC7, RobSlave runs.
-
-        RC7 needs this program (DENSO Wave 2009, How to use the Slave mode). Its answer is not documented.
-        """
+        """Refuse slave mode unless a motion could begin and, on RC7, RobSlave runs (DENSO Wave 2009)."""
         self.check_motion(client, now)
         if self.profile.needs_robslave and self.tasks.get(ROBSLAVE.casefold()) != RUNNING:
             raise RefusedError(E_FAIL)
@@ -218,9 +262,9 @@ class Machine:
     def stop(self, now: int, code: int, is_reported: bool = True) -> None:
         """End motions and slave mode at once; calls that wait for these return `code`.
 
-        If slave mode was on, the next slvMove returns `code`, unless `is_reported` says that a client
-        receives it anyway (issues 20 and 49 of DENSORobot/denso_robot_ros). Later calls of slvMove return
-        that slave mode is off (issues 6 and 42).
+        If slave mode was on, the next slvMove also returns `code` (issues 20 and 49 of
+        DENSORobot/denso_robot_ros), unless another reply reports it (`is_reported`). Later calls of slvMove
+        return that slave mode is off (issues 6 and 42).
         """
         self.slave.leave(0 if is_reported else code)
         self.arm.halt(now)
@@ -236,7 +280,7 @@ class Machine:
         in nkawa/Denso_CobottaPro900_MQTT_Control). The motor also goes off at the emergency stop.
         `is_reported` is as for `stop`.
         """
-        self.alarms.add(code, now)
+        self._add_alarm(code, now)
         self.stop(now, code, is_reported)
         if ROBSLAVE.casefold() in self.tasks:
             self.tasks[ROBSLAVE.casefold()] = READY
@@ -250,16 +294,16 @@ class Machine:
         would push the error that ended slave mode out of the list.
 
         A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). It is
-        assumed that an RC7 does the same, because any result other than S_OK stops RobSlave and ends slave
-        mode (DENSO Wave 2009, How to use the Slave mode).
+        assumed that an RC7 does the same: any result other than S_OK stops RobSlave and ends slave mode
+        (DENSO Wave 2009).
         """
-        if not self.alarms.is_active(code):
+        if all(alarm.code != code for alarm in self.active_alarms):
             self.raise_error(code, now, is_reported=True)
         raise RefusedError(code)
 
     def clear_errors(self) -> None:
         """Clear the active errors; slvMove no longer returns a cleared error."""
-        self.alarms.clear()
+        self.active_alarms.clear()
         self.slave.unreported_result = 0
 
     def switch_mode(self, mode: int, now: int) -> None:
@@ -270,7 +314,7 @@ class Machine:
             self.stop(now, NOT_AUTOMATIC, is_reported=False)
 
     def start_task(self, name: str) -> None:
-        """Start a program; refuse this under the conditions of `check_state`."""
+        """Start a program, unless `check_state` refuses."""
         self.check_state()
         self.tasks[name.casefold()] = RUNNING
 
@@ -304,6 +348,11 @@ class Machine:
         due = None if slave.mode is None or slave.is_empty else slave.next_tick
         collision = self.equipment.hand.collides_at
         return due if collision is None else collision if due is None else min(due, collision)
+
+    def _add_alarm(self, code: int, now: int) -> None:
+        alarm = Alarm(code & 0xFFFFFFFF, now)
+        self.active_alarms.appendleft(alarm)
+        self.alarm_log.appendleft(alarm)
 
     def _lose_power(self) -> None:
         self._motor_at = None

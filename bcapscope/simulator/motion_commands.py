@@ -2,8 +2,7 @@
 
 Unless the option is NEXT, a call lasts as long as its motion: until the command ends, or with @E until the
 encoders arrive. With @P, the next motion may begin when most of the first motion's time is over. A second
-motion before that time is answered with 80010004, as in the ANSI-C client's b-Cap.h; that client then repeats
-its Robot_Move.
+motion before that time returns 80010004 (b-Cap.h of the ANSI-C client, which then repeats its Robot_Move).
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import NamedTuple
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import E_INVALIDARG, E_ROBOTISBUSY
 from bcapscope.simulator.argument_values import argument_at, bstr, integer_of, items_of, number_of, text_of
-from bcapscope.simulator.arm import MS
+from bcapscope.simulator.arm import MS, TimedMove
 from bcapscope.simulator.call_context import CallContext, CommandTable
 from bcapscope.simulator.call_outcome import DONE, CallResult, HandlerOutcome, RefusedError, RunningCall
 from bcapscope.simulator.kinematics import AXIS_COUNT, Joints, joints_of_position, position, trans
@@ -29,7 +28,6 @@ from bcapscope.simulator.pose_notation import (
     parse_pass_text,
     parse_target,
 )
-from bcapscope.simulator.timed_move import TimedMove
 
 IS_STOPPING = 0x83201404
 LONGEST_TIME = 3_600_000
@@ -46,10 +44,7 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: CallContext, interpolation: Variant, pose: Variant, option: Variant) -> HandlerOutcome:
-    """Run Robot_Move.
-
-    The simulator executes lines and circles like PTP; free curves hold no points.
-    """
+    """Run Robot_Move; lines and circles are executed like PTP, and free curves hold no points."""
     kind, read = integer_of(interpolation), context.machine.memory.read
     if kind == _CIRCLE:
         targets = [parse_target(each, read) for each in _poses(pose)]
@@ -186,7 +181,7 @@ def _distance(part: Variant) -> tuple[float, int]:
 
 
 def _approach(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run Approach: interpolation, pose, distance."""
+    """Run Approach, whose parameters are interpolation, pose and distance."""
     items = items_of(parameter)
     target = parse_target(argument_at(items, 1), context.machine.memory.read)
     distance, passing = _distance(argument_at(items, 2))
@@ -196,7 +191,7 @@ def _approach(context: CallContext, parameter: Variant) -> HandlerOutcome:
 
 
 def _depart(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run Depart: interpolation, distance."""
+    """Run Depart, whose parameters are interpolation and distance."""
     items = items_of(parameter)
     distance, passing = _distance(argument_at(items, 1))
     goal = _before_position(context.machine.arm.goal, distance)

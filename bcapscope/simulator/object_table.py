@@ -19,8 +19,7 @@ from bcapscope.simulator.result_codes import OUT_OF_MEMORY, TYPE_MISMATCH
 MAX_OBJECTS = 1000
 LONGEST_NAME = 255
 LARGEST_VALUE = 4096
-"""Maximum number of bytes of a tag or an ID that a client may store with an object; the limit is bcapscope's
-own."""
+"""Maximum size in bytes of a tag or an ID that a client stores; the limit is bcapscope's own."""
 
 _HANDLE_TYPES = (VT.I4, VT.UI4, VT.I2)  # VARIANT types that the C server accepts
 
@@ -32,8 +31,7 @@ class ControllerObject:
     Attributes:
         parent: Object from which this one was opened; None for a controller.
         tag: Value that the client stored with PutTag.
-        id: Value that the client stored with PutID; for a variable whose name ends in `*`, the variable's
-            number.
+        id: Value that the client stored with PutID, such as the number of a variable whose name ends in `*`.
         values: Other values that objects of this class hold, such as a command's parameters.
     """
 
@@ -57,7 +55,7 @@ class ObjectTable:
         return len(self._by_handle)
 
     def open(self, kind: ObjectClass, name: str, parent: ControllerObject | None) -> ControllerObject:
-        """Open an object; refuse this if the client already has 1000 objects or the name is too long."""
+        """Open an object, unless the client already has 1000 objects or the name is too long."""
         if len(self._by_handle) >= MAX_OBJECTS:
             raise RefusedError(E_MAX_OBJECT)
         if len(name) > LONGEST_NAME:

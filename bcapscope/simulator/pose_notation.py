@@ -63,7 +63,8 @@ def parse_pose(pose: Variant, read: ReadVariable) -> WrittenPose:
     if isinstance(pose.value, str):
         return _from_text(pose.value, read)
     items = argument_values.items_of(pose)
-    if items and (not _is_number(items[0]) or _is_index(items)):
+    # Two to four numbers are no pose, but the number, type and pass of a variable.
+    if items and (not _is_number(items[0]) or 1 < len(items) <= 4):
         return _from_parts(items, read)
     return _make_pose(None, argument_values.numbers_of(pose), 0)
 
@@ -93,7 +94,8 @@ def _from_text(text: str, read: ReadVariable) -> WrittenPose:
     if match["index"]:
         numbers = argument_values.numbers_of(read(type_, int(match["index"])))
     else:
-        numbers = tuple(map(_number, match["list"].split(",")))
+        texts = map(argument_values.bstr, match["list"].split(","))
+        numbers = tuple(float(argument_values.number_of(text)) for text in texts)
     return _make_pose(type_, numbers, parse_pass_text(match["pass"]))
 
 
@@ -112,7 +114,7 @@ def _from_parts(items: tuple[Variant, ...], read: ReadVariable) -> WrittenPose:
 
 
 def _type_and_pass(parts: tuple[Variant, ...]) -> tuple[PoseType | None, int]:
-    """Read pose type and pass, in this order unless the first part is a text with `@`."""
+    """Read pose type and pass; a first part with `@` is the pass."""
     if parts and isinstance(parts[0].value, str) and "@" in parts[0].value:
         parts = (parts[1] if len(parts) > 1 else argument_values.bstr(""), parts[0])
     type_ = _type(parts[0]) if parts else None
@@ -121,11 +123,6 @@ def _type_and_pass(parts: tuple[Variant, ...]) -> tuple[PoseType | None, int]:
 
 def _is_number(item: Variant) -> bool:
     return isinstance(item.value, int | float)
-
-
-def _is_index(items: tuple[Variant, ...]) -> bool:
-    """Return whether an array is the number, type and pass of a variable, not the numbers of a pose."""
-    return 1 < len(items) <= 4 and _is_number(items[0])
 
 
 def _make_pose(type_: PoseType | None, numbers: tuple[float, ...], passing: int) -> WrittenPose:
@@ -147,7 +144,3 @@ def _type(part: Variant) -> PoseType | None:
         return PoseType(letter.upper())
     except ValueError:
         raise RefusedError(E_INVALIDARG) from None
-
-
-def _number(text: str) -> float:
-    return float(argument_values.number_of(argument_values.bstr(text)))

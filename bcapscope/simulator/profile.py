@@ -61,12 +61,9 @@ class Profile:
         replies: Content of the reserved field of replies.
         mode_type: VARIANT type of slvGetMode's result.
         real: VARIANT type of the numbers in a pose.
-        providers: Provider names that Controller_Connect accepts, in upper or lower case; () if the
-            controller ignores the name.
+        providers: Provider names that Controller_Connect accepts; () if the controller ignores the name.
         needs_robslave: Whether slave mode needs the task RobSlave.
         needs_arm: Whether motion needs TakeArm.
-        async_detector: Whether a late set point is an error in RC7's Async modes, which is a setting of the
-            pendant.
         running_result: Result code of slvChangeMode if the robot did not stand still in time.
         lacks: Commands that the controller does not know, in lower case.
     """
@@ -81,7 +78,6 @@ class Profile:
     providers: tuple[str, ...]
     needs_robslave: bool
     needs_arm: bool
-    async_detector: bool
     running_result: int
     lacks: frozenset[str]
     version: str
@@ -99,13 +95,13 @@ _RC8 = Profile(
     providers=("CaoProv.DENSO.VRC",),
     needs_robslave=False,
     needs_arm=True,
-    async_detector=False,
     running_result=0x8150100D,
     lacks=_RC7_ONLY | _TWO_FINGER_HAND,
     version="2.0.0",
 )
 
-_RC7 = Profile(
+_RC7 = replace(
+    _RC8,
     name="rc7",
     title="RC7",
     generation=Generation.RC7,
@@ -116,13 +112,10 @@ _RC7 = Profile(
     providers=(),
     needs_robslave=True,
     needs_arm=False,
-    async_detector=False,
     running_result=0x0000600B,
     lacks=_RC8_ONLY,
     version="3.0.0",
 )
-
-
 _RC9 = replace(
     _RC8,
     name="rc9",

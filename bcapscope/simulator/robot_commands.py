@@ -1,13 +1,21 @@
-"""Commands of Robot_Execute other than motions and slave mode.
+"""Commands of Robot_Execute other than motions, slave mode and equipment, and the extension Pallet.
 
 Sources for names, parameters and results: ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2,
-nkawa/Denso_CobottaPro900_MQTT_Control. Results that no source shows are inferred as in `command_table`.
+nkawa/Denso_CobottaPro900_MQTT_Control (with DENSO's descriptions of Dev, DevH, OutRange, GetToolDef and
+SetToolDef). Results that no source shows are inferred as in `command_table`. The simulator stores and returns
+definitions of tools and works. These definitions do not change the position that the simulated arm reports.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from itertools import permutations
+from typing import TypeAlias
+
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.slave_mode.modes import PoseType
+from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_INVALIDARG
 from bcapscope.simulator.argument_values import (
     argument_at,
@@ -17,30 +25,181 @@ from bcapscope.simulator.argument_values import (
     i4,
     integer_of,
     items_of,
+    number_of,
+    number_within,
     numbers_of,
     r8,
+    variant_array,
 )
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable, accept_without_effect
 from bcapscope.simulator.call_outcome import RefusedError, RunningCall, succeed_at
-from bcapscope.simulator.control_log_ring import log_record_variant
+from bcapscope.simulator.equipment import MAX_FRAMES, CoordinateFrame
 from bcapscope.simulator.equipment_commands import EQUIPMENT_COMMANDS
-from bcapscope.simulator.frame_commands import FRAME_COMMANDS
-from bcapscope.simulator.hand_commands import GRIPPER_COMMANDS
-from bcapscope.simulator.kinematics import pose_of
+from bcapscope.simulator.kinematics import (
+    FIG,
+    Joints,
+    PoseNumbers,
+    axis_beyond_limit,
+    joints_of,
+    moved_in_base,
+    moved_in_tool,
+    pose_of,
+    relative_to,
+)
 from bcapscope.simulator.motion_commands import MOTION_COMMANDS
+from bcapscope.simulator.pose_notation import parse_pose, parse_target
 from bcapscope.simulator.result_codes import BAD_INDEX
 from bcapscope.simulator.slave_commands import SLAVE_COMMANDS, currents
 
 _P, _J, _T = PoseType.P, PoseType.J, PoseType.T
+ZERO_FRAME: CoordinateFrame = (0.0,) * 6
+"""Definition of a tool or work that no client has defined."""
+
+FrameTable: TypeAlias = Callable[[CallContext], dict[int, CoordinateFrame]]
+"""Function that returns the definitions of tools, or of works."""
+
+_UNREACHABLE = -1
+_MAX_PLACES = 32767
+"""Maximum number of rows, columns and layers of a pallet; the limit is assumed."""
+
+
+def _convert(context: CallContext, parameter: Variant, source: PoseType, target: PoseType) -> Variant:
+    return _real_array(context, pose_of(target, _joints(context, source, parameter)))
+
+
+def _real_array(context: CallContext, numbers: Iterable[float]) -> Variant:
+    return float_array(context.machine.profile.real, numbers)
+
+
+def _joints(context: CallContext, pose_type: PoseType, parameter: Variant) -> Joints:
+    """Read a pose; the command decides the pose type unless the notation names one."""
+    items = items_of(parameter)
+    if len(items) >= len(AXES[_P]) - 1 and all(isinstance(item.value, int | float) for item in items):
+        return joints_of(pose_type, numbers_of(parameter)[: len(AXES[pose_type])])
+    return parse_target(parameter, context.machine.memory.read).joints
+
+
+def _out_range(context: CallContext, parameter: Variant) -> Variant:
+    """Run OutRange, which returns 0 inside the limits, bits of axes beyond them, or -1 if out of reach."""
+    items = items_of(parameter)
+    pose = items[0] if items and not isinstance(items[0].value, int | float) else parameter
+    try:
+        joints = parse_target(pose, context.machine.memory.read).joints
+    except RefusedError as refusal:
+        if refusal.hresult == E_INVALIDARG:
+            raise
+        return i4(_UNREACHABLE)
+    axis = axis_beyond_limit(joints, context.machine.initial_state.limits)
+    return i4(1 << axis - 1 if axis else 0)
+
+
+def _check_virtual_fence(context: CallContext, parameter: Variant) -> Variant:
+    """Run CheckVirtualFence, which returns 0, because the simulated robot has no fences."""
+    parse_pose(parameter, context.machine.memory.read)
+    return i4(0)
+
+
+def _move(
+    context: CallContext, parameter: Variant, move: Callable[[PoseNumbers, PoseNumbers], PoseNumbers]
+) -> Variant:
+    items = items_of(parameter)
+    if len(items) != 2:
+        raise RefusedError(E_INVALIDARG)
+    base, deviation = (_parse_position(context, item) for item in items)
+    return _real_array(context, (*move(base, deviation), _fig(base)))
+
+
+def _convert_work(context: CallContext, parameter: Variant) -> Variant:
+    """Run ConvertPosWork, which converts a pose from one work to another."""
+    items = items_of(parameter)
+    pose = _parse_position(context, argument_at(items, 0))
+    works = context.machine.equipment.works
+    source, target = (
+        works.get(frame_number(integer_of(argument_at(items, index))), ZERO_FRAME) for index in (1, 2)
+    )
+    return _real_array(context, (*relative_to(target, moved_in_tool(source, pose)), _fig(pose)))
+
+
+def _tool_definition(context: CallContext, parameter: Variant) -> Variant:
+    tools = context.machine.equipment.tools
+    return _real_array(context, tools.get(frame_number(integer_of(parameter)), ZERO_FRAME))
+
+
+def _define(context: CallContext, parameter: Variant, frames: FrameTable) -> None:
+    items = items_of(parameter)
+    context.machine.check_arm(context.client)
+    number = frame_number(integer_of(argument_at(items, 0)), first=1)
+    frames(context)[number] = _parse_position(context, argument_at(items, 1))[:6]
+
+
+def frame_number(number: int, first: int = 0) -> int:
+    """Return the number of a tool or work; refuse a number that is below `first` or too large."""
+    if not first <= number < MAX_FRAMES:
+        raise RefusedError(BAD_INDEX)
+    return number
+
+
+def _parse_position(context: CallContext, pose: Variant) -> PoseNumbers:
+    """Convert a pose of any type to P type; a pose written as P type may be out of reach."""
+    written = parse_pose(pose, context.machine.memory.read)
+    return written.values if written.type is _P else pose_of(_P, joints_of(written.type, written.values))
+
+
+def _fig(pose: PoseNumbers) -> float:
+    return pose[6] if len(pose) > 6 else FIG
+
+
+def _pallet_position(context: CallContext, parameter: Variant) -> Variant:
+    """Run CalcPos of the extension Pallet.
+
+    The parameter holds rows, columns, layer height in mm, the four corners, the number of the place and
+    optionally the layer. Place and layer count from 1. Places are counted from the first corner to the
+    second, then row by row towards the third. This order is assumed, because the samples do not show the
+    order.
+    """
+    items = items_of(parameter)
+    rows, columns = (_count(argument_at(items, index)) for index in (0, 1))
+    height = float(number_of(argument_at(items, 2)))
+    corners = [_parse_position(context, argument_at(items, index)) for index in (3, 4, 5, 6)]
+    place = _count(argument_at(items, 7)) - 1
+    layer = _count(items[8]) - 1 if len(items) > 8 else 0
+    if place >= rows * columns:
+        raise RefusedError(BAD_INDEX)
+    down, across = _fraction(place // columns, rows), _fraction(place % columns, columns)
+    near = _interpolate(corners[0], corners[1], across)
+    far = _interpolate(corners[2], corners[3], across)
+    x, y, z = _interpolate(near, far, down)
+    first = corners[0]
+    return _real_array(context, (x, y, z + height * layer, *first[3:6], _fig(first)))
+
+
+def _count(part: Variant) -> int:
+    return number_within(part, range(1, _MAX_PLACES + 1), E_INVALIDARG)
+
+
+def _fraction(index: int, count: int) -> float:
+    return index / (count - 1) if count > 1 else 0.0
+
+
+def _interpolate(one: PoseNumbers, other: PoseNumbers, share: float) -> PoseNumbers:
+    return tuple(a + (b - a) * share for a, b in zip(one[:3], other[:3], strict=True))
+
+
+FRAMES: Mapping[str, FrameTable] = {
+    "TOOL": lambda context: context.machine.equipment.tools,
+    "WORK": lambda context: context.machine.equipment.works,
+}
+
+PALLET_COMMANDS: CommandTable = {"calcpos": _pallet_position}
+"""Handlers of the commands of the extension Pallet by the commands' names in lower case."""
+
+
 _KEEP, _SQUARE = -1, -2
 
 
 def _take_arm(context: CallContext, parameter: Variant) -> None:
-    """Run TakeArm; refuse it while another client has the arm.
-
-    Unless its second number is 1, TakeArm resets the internal speed, tool and work.
-    """
+    """Run TakeArm, unless another client has the arm. A second number 1 keeps speed, tool and work."""
     machine, items = context.machine, items_of(parameter)
     keeps = len(items) > 1 and integer_of(items[1]) == 1
     if machine.owner not in (None, context.client):
@@ -92,12 +251,8 @@ def _current_pose(pose_type: PoseType, timed: bool = False) -> CommandHandler:
     return run
 
 
-def _destination(context: CallContext, parameter: Variant) -> Variant:
-    return float_array(context.machine.profile.real, pose_of(_P, context.machine.arm.goal))
-
-
 def _motion_complete(context: CallContext, parameter: Variant) -> Variant:
-    """Run MotionComplete for the commanded motion; a second number 1 means that of the encoders."""
+    """Run MotionComplete: whether the command has ended or, with a second number 1, the encoders rest."""
     items = items_of(parameter)
     if len(items) > 1 and integer_of(items[1]) == 1:
         return boolean(context.machine.arm.is_at_rest(context.now))
@@ -111,11 +266,21 @@ def _servo_data(context: CallContext, parameter: Variant) -> Variant:
 
 
 def _log_record(context: CallContext, parameter: Variant) -> Variant:
-    """Run GetLogRecord, for which index 0 is the oldest record."""
+    """Run GetLogRecord, for which index 0 is the oldest record.
+
+    The 39 values of a record and their order are those of ShoheiKobata/orin_bcap_python_samples
+    others/Get_Syslog.py. The counter in ms, and current and load computed from the encoders' lag, are
+    assumptions of bcapscope.
+    """
     index, machine = integer_of(parameter), context.machine
     if not 0 <= index < len(machine.log.records):
         raise RefusedError(BAD_INDEX)
-    return log_record_variant(machine.log.records[index], machine.tool, machine.work)
+    record, values = machine.log.records[index], []
+    for commanded, actual in zip(record.commanded, record.actual, strict=True):
+        lag = commanded - actual
+        values += [r8(commanded), r8(actual), r8(lag), r8(abs(lag) * 10)]
+    program = i4(0), i4(0), bstr(""), i4(0)
+    return variant_array(*values, *program, i4(record.time // MS), i4(machine.tool), i4(machine.work))
 
 
 def _current_speed(name: str) -> CommandHandler:
@@ -125,9 +290,19 @@ def _current_speed(name: str) -> CommandHandler:
 ROBOT_COMMANDS: CommandTable = {
     **SLAVE_COMMANDS,
     **MOTION_COMMANDS,
-    **FRAME_COMMANDS,
-    **GRIPPER_COMMANDS,
     **EQUIPMENT_COMMANDS,
+    **{
+        f"{source}2{target}".lower(): partial(_convert, source=source, target=target)
+        for source, target in permutations(PoseType, 2)
+    },
+    "outrange": _out_range,
+    "checkvirtualfence": _check_virtual_fence,
+    "dev": partial(_move, move=moved_in_base),
+    "devh": partial(_move, move=moved_in_tool),
+    "convertposwork": _convert_work,
+    "gettooldef": _tool_definition,
+    "settooldef": partial(_define, frames=FRAMES["TOOL"]),
+    "setworkdef": partial(_define, frames=FRAMES["WORK"]),
     "takearm": _take_arm,
     "givearm": _give_arm,
     "takearmstate": lambda context, _: i4(int(context.machine.owner == context.client)),
@@ -138,7 +313,9 @@ ROBOT_COMMANDS: CommandTable = {
     "curjnt": _current_pose(_J),
     "curtrn": _current_pose(_T),
     "highcurjntex": _current_pose(_J, timed=True),
-    "destpos": _destination,
+    "destpos": lambda context, _: float_array(
+        context.machine.profile.real, pose_of(_P, context.machine.arm.goal)
+    ),
     "curspd": _current_speed("internal"),
     "curacc": _current_speed("acceleration"),
     "curextspd": _current_speed("external"),
@@ -152,12 +329,8 @@ ROBOT_COMMANDS: CommandTable = {
     "stoplog": lambda context, _: context.machine.log.stop(),
     "getlogcount": lambda context, _: i4(len(context.machine.log.records)),
     "getlogrecord": _log_record,
-    "payload": accept_without_effect,
-    "speedmode": accept_without_effect,
-    "highpathaccuracy": accept_without_effect,
-    "grvoffset": accept_without_effect,
-    "manualresetpreparation": accept_without_effect,
-    "motionpreparation": accept_without_effect,
+    **dict.fromkeys(("payload", "speedmode", "highpathaccuracy", "grvoffset"), accept_without_effect),
+    **dict.fromkeys(("manualresetpreparation", "motionpreparation"), accept_without_effect),
     "getmotionpreparationstate": lambda context, _: boolean(True),
 }
 """Handlers of the commands of Robot_Execute by the commands' names in lower case."""

@@ -98,10 +98,7 @@ class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class InitialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """State of the controller when it is switched on, as in `machine.InitialState`.
-
-    `joints` holds six angles in degrees, and `empty` holds names in upper or lower case.
-    """
+    """State of the controller when it is switched on, as in `InitialState`; `joints` holds six angles."""
 
     joints: Joints6 = HOME[:6]
     mode: OperatingMode = OperatingMode.AUTOMATIC
@@ -209,20 +206,17 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         self.write_variables(VariableMemory(VT.R8))
-        self._check_names()
-        axis = axis_beyond_limit(pad_joints(self.start.joints), self.limits.axis_limits)
-        if axis:
-            raise FieldError(
-                ("start", "joints", axis - 1), Message("scenario.beyond-limits", axis=f"J{axis}")
-            )
-
-    def _check_names(self) -> None:
         seen: set[str] = set()
         for field in ("faults", "in_slave_mode"):
             for index, each in enumerate(getattr(self, field)):
                 if each.name and each.name in seen:
                     raise FieldError((field, index, "name"), Message("scenario.same-name", name=each.name))
                 seen.add(each.name)
+        axis = axis_beyond_limit(pad_joints(self.start.joints), self.limits.axis_limits)
+        if axis:
+            raise FieldError(
+                ("start", "joints", axis - 1), Message("scenario.beyond-limits", axis=f"J{axis}")
+            )
 
     @property
     def controller_profile(self) -> Profile:
@@ -278,10 +272,7 @@ def bundled_scenarios() -> Mapping[str, str]:
 def load_scenario(name_or_path: str) -> Scenario:
     """Read a bundled scenario by its name, or a scenario from a file.
 
-    Raises:
-        DocumentError: The scenario is invalid.
-        LookupError: There is no bundled scenario of that name.
-        OSError: The file cannot be read.
+    Raises DocumentError for an invalid scenario, LookupError for an unknown name, and OSError.
     """
     bundled = bundled_scenarios()
     if name_or_path in bundled:

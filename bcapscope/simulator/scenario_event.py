@@ -16,10 +16,10 @@ from bcapscope.faults.fault import Count, Fault
 from bcapscope.faults.quantities import HresultQuantity
 from bcapscope.messages import Message
 from bcapscope.protocol.tables.hresult import is_failure
+from bcapscope.simulator.arm import TimedMove
 from bcapscope.simulator.kinematics import AXIS_COUNT, pad_joints
 from bcapscope.simulator.machine import AUTOMATIC, MANUAL, OTHER_CLIENT, TEACH_CHECK
 from bcapscope.simulator.simulator import Simulator, SimulatorOutput
-from bcapscope.simulator.timed_move import TimedMove
 from bcapscope.traffic.observation import Direction
 
 LONGEST_NAME = 60

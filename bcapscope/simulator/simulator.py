@@ -1,15 +1,15 @@
 """The simulated controller with its clients: datagrams and segments in, datagrams and segments out.
 
 The model does no I/O and has no clock. The limits on clients are those of orin_bcap
-C/src/bCAPServer/bcap_server.c. That server's UDP service ends when a datagram begins like a frame but is
-none. The simulator drops and counts such a datagram.
+C/src/bCAPServer/bcap_server.c. A datagram that begins like a frame but is not one ends that server's UDP
+service. The simulator drops and counts such a datagram.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from functools import partial
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 from bcapscope.protocol.codec.frame import LARGEST_UDP_FRAME, Frame
 from bcapscope.protocol.codec.frame_content import EOT, SMALLEST_FRAME, SOH
@@ -48,8 +48,25 @@ class SimulatorOutput(NamedTuple):
     data: bytes
 
 
+class HostedClient(Protocol):
+    """The calls of one client, such as a `CallExecutor`; each method is as in that class."""
+
+    last_heard: int
+
+    @property
+    def running(self) -> object: ...
+    def on_request(self, frame: Frame, now: int) -> list[bytes]: ...
+    def poll(self, now: int) -> Iterable[bytes]: ...
+    def due(self, now: int) -> int | None: ...
+    def close(self) -> None: ...
+
+
+ClientFactory: TypeAlias = Callable[[int, bool, Callable[[CallReport], None]], HostedClient]
+"""Makes a client from its number, whether it uses UDP, and a function that gets each answered call."""
+
+
 class _Link(NamedTuple):
-    executor: CallExecutor
+    client: HostedClient
     splitter: StreamSplitter | None
 
 
@@ -64,39 +81,30 @@ def _sound_frame(data: bytes, templates: FrameTemplates) -> Frame | None:
     return frame if frame.length == size and not frame.problems else None
 
 
-class Simulator:
-    """A controller and all its clients.
+class ClientHost:
+    """The clients of a controller: finds the client of each request, and limits the number of clients.
 
     Attributes:
-        machine: The state of the controller.
         dropped: Number of datagrams that were no valid frame, or came from a client beyond the limit.
         refused: Number of connections that were closed because of a bad frame or too many clients.
+        evictable_after: Silence of a UDP client in ns after which a new client may take its place.
+        closes_on_bad_frame: Whether a bad frame ends its connection; else the host skips the frame.
     """
 
-    def __init__(
-        self,
-        profile: Profile,
-        initial_state: InitialState | None = None,
-        now: int = 0,
-        report: Callable[[Peer, CallReport], None] = lambda peer, report: None,
-    ) -> None:
-        """Switch the controller on at `now`, in ns; all later times use the same clock.
+    evictable_after = EVICTABLE_AFTER_NS
+    closes_on_bad_frame = True
 
-        The simulator calls `report` with the client and the call for each answered call.
-        """
-        self.machine = Machine(profile, initial_state, now)
+    def __init__(self, new_client: ClientFactory, report: Callable[[Peer, CallReport], None]) -> None:
+        """Start without clients; `report` gets the client and the call for each answered call."""
         self.dropped = 0
         self.refused = 0
+        self._new_client = new_client
         self._report = report
         self._templates = FrameTemplates()
         self._links: dict[Peer, _Link] = {}
-        self._running: dict[Peer, CallExecutor] = {}
+        self._running: dict[Peer, HostedClient] = {}
         self._stops: dict[Peer, None] = {}  # UDP clients in the additional places for stops, oldest first
         self._number = 0
-        for place in range(self.machine.initial_state.udp_clients):
-            self._add_client(("half-open", "udp", place), None, now)
-        for place in range(self.machine.initial_state.tcp_clients):
-            self._add_client(("half-open", "tcp", place), self._new_splitter(), now)
 
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
         frame = _sound_frame(data, self._templates)
@@ -107,7 +115,7 @@ class Simulator:
         if link is None:
             self.dropped += 1
             return []
-        return self._on_request(peer, link.executor, frame, now)
+        return self._on_request(peer, link.client, frame, now)
 
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
         """Accept a TCP connection; return False if all places are taken, so that the caller closes it.
@@ -117,14 +125,11 @@ class Simulator:
         if self._client_count(udp=False) >= MAX_CLIENTS + STOP_CLIENTS * is_stop:
             self.refused += 1
             return False
-        self._add_client(peer, self._new_splitter(), now)
+        self._add_client(peer, False, now)
         return True
 
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process bytes of a connection; return the data to send.
-
-        A bad frame ends the connection without a reply. Bytes outside any frame are skipped.
-        """
+        """Process bytes of a connection; return the data to send. Bytes outside any frame are skipped."""
         link = self._links.get(peer)
         if link is None or link.splitter is None:
             return []
@@ -133,12 +138,13 @@ class Simulator:
             frame = piece.item
             if not isinstance(frame, Frame):
                 continue
-            if frame.problems:
+            if not frame.problems:
+                outputs += self._on_request(peer, link.client, frame, now)
+            elif self.closes_on_bad_frame:
                 self.refused += 1
                 self.on_disconnect(peer, now)
                 outputs.append(SimulatorOutput(peer, b""))
                 break
-            outputs += self._on_request(peer, link.executor, frame, now)
         return outputs
 
     def on_disconnect(self, peer: Peer, now: int) -> None:
@@ -147,26 +153,110 @@ class Simulator:
         self._running.pop(peer, None)
         self._stops.pop(peer, None)
         if link is not None:
-            link.executor.close()
+            link.client.close()
 
     def reset(self, now: int) -> list[SimulatorOutput]:
-        """Press the pendant's Reset button: the controller forgets every client (DENSO Wave 2009)."""
+        """Forget every client, as after the pendant's Reset button (DENSO Wave 2009); close connections."""
         peers = [peer for peer, link in self._links.items() if link.splitter is not None]
         for peer in list(self._links):
             self.on_disconnect(peer, now)
         return [SimulatorOutput(peer, b"") for peer in peers]
 
     def advance(self, now: int) -> list[SimulatorOutput]:
-        self.machine.advance(now)
         return self._poll(now) if self._running else []
 
     def due(self, now: int) -> int | None:
         """Return the latest time in ns for the next `advance`; None if nothing is in progress."""
-        due = self.machine.due()
-        if not self._running:
-            return due
-        times = [due, *(conversation.due(now) for conversation in self._running.values())]
-        return min((time for time in times if time is not None), default=None)
+        return self._earliest_due(None, now)
+
+    def _earliest_due(self, due: int | None, now: int) -> int | None:
+        """Return the earliest of `due` and the due times of the running calls."""
+        for client in self._running.values():
+            time = client.due(now)
+            if time is not None and (due is None or time < due):
+                due = time
+        return due
+
+    @property
+    def client_count(self) -> int:
+        """Number of clients that the controller remembers."""
+        return len(self._links)
+
+    def _on_request(self, peer: Peer, client: HostedClient, frame: Frame, now: int) -> list[SimulatorOutput]:
+        """Process a request, then poll the running calls, because the request may have completed them."""
+        outputs = []
+        for each in client.on_request(frame, now):
+            outputs.append(SimulatorOutput(peer, each))  # faster than a comprehension, which costs a call
+        if client.running:
+            self._running[peer] = client
+        return outputs + self._poll(now) if self._running else outputs
+
+    def _poll(self, now: int) -> list[SimulatorOutput]:
+        outputs: list[SimulatorOutput] = []
+        for peer, client in list(self._running.items()):
+            outputs += [SimulatorOutput(peer, each) for each in client.poll(now)]
+            if not client.running:
+                del self._running[peer]
+        return outputs
+
+    def _client_count(self, udp: bool) -> int:
+        return sum((link.splitter is None) is udp for link in self._links.values())
+
+    def _add_udp_client(self, peer: Peer, frame: Frame, now: int) -> _Link | None:
+        is_full = self._client_count(udp=True) - len(self._stops) >= MAX_CLIENTS
+        if is_full and not self._evict_silent_client(now):
+            if not always_passes(frame.code, frame.variants):
+                return None
+            if len(self._stops) >= STOP_CLIENTS:
+                self.on_disconnect(next(iter(self._stops)), now)
+            self._stops[peer] = None
+        return self._add_client(peer, True, now)
+
+    def _evict_silent_client(self, now: int) -> bool:
+        """Forget the UDP client that was silent longest; return False if no client was silent long enough."""
+        silent = [(link.client.last_heard, peer) for peer, link in self._links.items() if not link.splitter]
+        heard, peer = min(silent, key=lambda each: each[0])
+        if now - heard < self.evictable_after:
+            return False
+        self.on_disconnect(peer, now)
+        return True
+
+    def _add_client(self, peer: Peer, udp: bool, now: int) -> _Link:
+        self._number += 1
+        client = self._new_client(self._number, udp, partial(self._report, peer))
+        client.last_heard = now
+        splitter = None if udp else StreamSplitter(limit=LARGEST_REQUEST, templates=self._templates)
+        link = self._links[peer] = _Link(client, splitter)
+        return link
+
+
+class Simulator(ClientHost):
+    """A controller and all its clients; `machine` is the state of the controller."""
+
+    def __init__(
+        self,
+        profile: Profile,
+        initial_state: InitialState | None = None,
+        now: int = 0,
+        report: Callable[[Peer, CallReport], None] = lambda peer, report: None,
+    ) -> None:
+        """Switch the controller on at `now`, in ns of the clock that all later times use.
+
+        `report` gets the client and the call for each answered call.
+        """
+        self.machine = Machine(profile, initial_state, now)
+        super().__init__(partial(CallExecutor, self.machine), report)
+        for place in range(self.machine.initial_state.udp_clients):
+            self._add_client(("half-open", "udp", place), True, now)
+        for place in range(self.machine.initial_state.tcp_clients):
+            self._add_client(("half-open", "tcp", place), False, now)
+
+    def advance(self, now: int) -> list[SimulatorOutput]:
+        self.machine.advance(now)
+        return self._poll(now) if self._running else []
+
+    def due(self, now: int) -> int | None:
+        return self._earliest_due(self.machine.due(), now)
 
     @property
     def runs_in_real_time(self) -> bool:
@@ -178,60 +268,3 @@ class Simulator:
     def has_running_calls(self) -> bool:
         """Whether a call is running that ends at a later time."""
         return bool(self._running)
-
-    @property
-    def client_count(self) -> int:
-        """Number of clients that the controller remembers."""
-        return len(self._links)
-
-    def _on_request(
-        self, peer: Peer, conversation: CallExecutor, frame: Frame, now: int
-    ) -> list[SimulatorOutput]:
-        """Process a request, then poll the running calls, because the request may have completed them."""
-        outputs = []
-        for each in conversation.on_request(frame, now):
-            outputs.append(SimulatorOutput(peer, each))  # faster than a comprehension, which costs a call
-        if conversation.running:
-            self._running[peer] = conversation
-        return outputs + self._poll(now) if self._running else outputs
-
-    def _poll(self, now: int) -> list[SimulatorOutput]:
-        outputs: list[SimulatorOutput] = []
-        for peer, conversation in list(self._running.items()):
-            outputs += [SimulatorOutput(peer, each) for each in conversation.poll(now)]
-            if not conversation.running:
-                del self._running[peer]
-        return outputs
-
-    def _client_count(self, udp: bool) -> int:
-        return sum((link.splitter is None) is udp for link in self._links.values())
-
-    def _add_udp_client(self, peer: Peer, frame: Frame, now: int) -> _Link | None:
-        if self._client_count(udp=True) - len(self._stops) >= MAX_CLIENTS and not self._evict_silent_client(
-            now
-        ):
-            if not always_passes(frame.code, frame.variants):
-                return None
-            if len(self._stops) >= STOP_CLIENTS:
-                self.on_disconnect(next(iter(self._stops)), now)
-            self._stops[peer] = None
-        return self._add_client(peer, None, now)
-
-    def _evict_silent_client(self, now: int) -> bool:
-        """Forget the UDP client that was silent longest; return False if no client was silent long enough."""
-        silent = [(link.executor.last_heard, peer) for peer, link in self._links.items() if not link.splitter]
-        heard, peer = min(silent, key=lambda each: each[0])
-        if now - heard < EVICTABLE_AFTER_NS:
-            return False
-        self.on_disconnect(peer, now)
-        return True
-
-    def _new_splitter(self) -> StreamSplitter:
-        return StreamSplitter(limit=LARGEST_REQUEST, templates=self._templates)
-
-    def _add_client(self, peer: Peer, splitter: StreamSplitter | None, now: int) -> _Link:
-        self._number += 1
-        conversation = CallExecutor(self.machine, self._number, splitter is None, partial(self._report, peer))
-        conversation.last_heard = now
-        link = self._links[peer] = _Link(conversation, splitter)
-        return link

@@ -16,8 +16,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 STALL_NS = 1_000_000
-"""Longest normal delay in ns after a due time or an arrival; a longer delay means that this process got no
-processor."""
+"""Longest normal delay in ns after a due time or an arrival; a longer one means a lack of processor."""
 
 
 class ClockedModel(Protocol):
@@ -31,12 +30,7 @@ class ClockedModel(Protocol):
 
 
 class SimulatorClock:
-    """The model's clock. All times are in ns, and the times that the model receives never go back.
-
-    Attributes:
-        latest_time: The latest time that the model received.
-        paused_ns: Total length of all pauses in ns.
-    """
+    """The model's clock, in ns. The model never receives a time before `latest_time`, the last one."""
 
     def __init__(
         self,

@@ -1,25 +1,24 @@
 """The sockets of the simulator: UDP and TCP on one port, in one thread that waits no longer than needed.
 
-The number of sockets is limited: 20 TCP clients, a few more that send stops, connections that have not sent a
-frame yet, and the listening sockets.
+The number of sockets is limited: 20 TCP clients, a few more that send stops, new connections without a frame,
+and the listening sockets.
 """
 
 from __future__ import annotations
 
 import re
+import select
 import socket
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any, TypeAlias
+from typing import Protocol, TypeAlias
 
 from bcapscope.protocol.first_frame import first_frame_stops
-from bcapscope.simulator.datagram_queue import DatagramQueue
+from bcapscope.simulator.datagram_queue import DatagramQueue, Sender
 from bcapscope.simulator.listening_sockets import open_sockets
-from bcapscope.simulator.server_interfaces import Address, ControllerModel, TrafficTap
-from bcapscope.simulator.simulator import STOP_CLIENTS, ResetMarker, SimulatorOutput
-from bcapscope.simulator.simulator_clock import SimulatorClock
-from bcapscope.simulator.socket_selector import ReadyDescriptors, SocketSelector
+from bcapscope.simulator.simulator import STOP_CLIENTS, Peer, ResetMarker, SimulatorOutput
+from bcapscope.simulator.simulator_clock import ClockedModel, SimulatorClock
 from bcapscope.transport.descriptors import SpareDescriptors, accept_connection
 from bcapscope.transport.first_frame_queue import FirstFrameQueue
 from bcapscope.transport.receive_timestamps import (
@@ -52,7 +51,36 @@ _TIDY_INTERVAL_NS = 1_000_000_000  # ns
 
 _SAME_MOMENT_NS = 2_000_000  # ns; set points that arrive within this time belong to one cycle
 
-_Address: TypeAlias = "tuple[Any, ...]"  # two values, four with IPv6
+Address: TypeAlias = tuple[str, int]
+ReadyDescriptors: TypeAlias = tuple[list[int], list[int]]
+"""Readable file descriptors, and writable file descriptors."""
+
+
+class TrafficTap(Protocol):
+    """Receives all traffic of the server; addresses are host and port, times are ns since 1970."""
+
+    def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
+        """Note a UDP datagram."""
+
+    def on_segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
+        """Note bytes of a TCP connection."""
+
+    def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
+        """Note that one end of a TCP connection closed or reset it."""
+
+    def on_connection_end(self, client: Address, server: Address) -> None:
+        """Note that a TCP connection is over."""
+
+
+class ControllerModel(ClockedModel, Protocol):
+    """A model that decides the replies, such as a `Simulator`; each method is as in that class."""
+
+    def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]: ...
+    def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool: ...
+    def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]: ...
+    def on_disconnect(self, peer: Peer, now: int) -> None: ...
+    def reset(self, now: int) -> list[SimulatorOutput]: ...
+    def advance(self, now: int) -> list[SimulatorOutput]: ...
 
 
 class _Connection:
@@ -72,27 +100,19 @@ class _Connection:
 
 
 class SimulatorServer:
-    """Moves bytes between sockets and a simulator.
+    """Moves bytes between sockets and a simulator; `tap` receives all traffic.
 
     The model's time is the time of a `SimulatorClock`: requests count from their arrival, which Linux
     records. On TCP, Linux records only the arrival of the last byte. In modes where the client sets the pace,
-    set points can pile up; the server spreads their times evenly between the client's previous bytes and the
-    last ones. In other modes, all requests that were read together count as arriving at once.
-
-    Attributes:
-        address: Host and port that the server listens on.
-        tap: Object that receives all traffic; None if there is none.
+    set points can pile up. The server then spreads their times evenly between the client's previous bytes and
+    the last ones. In other modes, all requests that were read together count as arriving at once.
     """
 
     def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:
-        """Listen on UDP and TCP; port 0 chooses a port that is free for both.
-
-        Raises:
-            SimulatorListenError: The server cannot listen on the port.
-        """
+        """Listen on UDP and TCP, or raise SimulatorListenError; port 0 picks a port that is free for both."""
         self._model = simulator
         self.tap: TrafficTap | None = None
-        self.datagram_queue: DatagramQueue[_Address] = DatagramQueue()
+        self.datagram_queue = DatagramQueue()
         self._connections: dict[int, _Connection] = {}
         self._by_peer: dict[object, _Connection] = {}
         self._lobby: FirstFrameQueue[int] = FirstFrameQueue()
@@ -107,10 +127,9 @@ class SimulatorServer:
         self._udp, self._tcp = open_sockets(host, port)
         self._udp_descriptor, self._tcp_descriptor = self._udp.fileno(), self._tcp.fileno()
         self._receive = receive_function(self._udp)
-        self._extra: tuple[int, ...] = ()
-        self._selector = SocketSelector((), ())
-        self._selector_is_stale = True
-        self.address: tuple[str, int] = self._tcp.getsockname()[:2]
+        self._readers: list[int] = [self._udp_descriptor, self._tcp_descriptor]
+        self._writers: list[int] = []
+        self.address: Address = self._tcp.getsockname()[:2]
 
     def now(self) -> int:
         return self._clock.now()
@@ -123,27 +142,20 @@ class SimulatorServer:
         self._spares.close()
 
     def step(self, until: float = LONGEST_WAIT, extra: Sequence[int] = ()) -> list[int]:
-        """Wait up to `until` seconds for a socket or a due time, and serve it.
-
-        `extra` holds other file descriptors to wait for; the method returns those that are readable.
-        """
+        """Serve sockets and due times for at most `until` seconds; return the readable ones of `extra`."""
         now = self._clock.now()
         self._tidy()
         due = self._model.due(now)
-        if self._extra != (others := tuple(extra)):
-            self._extra = others
-            self._selector_is_stale = True
-        if self._selector_is_stale:
-            self._rebuild_selector()
-        readable, writable = self._wait(0 if self.datagram_queue.waiting else until, due, now)
+        readers = [*self._readers, *extra]
+        readable, writable = self._wait(readers, 0 if self.datagram_queue.waiting else until, due, now)
         moment = self._clock.update()
         if due is not None and due <= moment:  # requests that arrived before the due time are processed first
-            readable, writable = self._selector.ready_now()
+            readable, writable = self._select(readers, 0)
             self._may_be_more = True
         for blocked in writable:
             self._flush(self._connections[blocked])
         for source in readable:
-            if source not in others:
+            if source not in extra:
                 self._read_socket(source, len(readable) > 2)
         if self.datagram_queue.waiting:
             self._deliver_queued()
@@ -156,7 +168,7 @@ class SimulatorServer:
         if due is not None and due <= moment:
             self._send(self._model.advance(self._clock.make_monotonic(moment)))
             self._clock.on_replies_sent()
-        return [source for source in readable if source in others] if others else []
+        return [source for source in readable if source in extra] if extra else []
 
     def reset(self) -> None:
         """Press the pendant's Reset button."""
@@ -165,7 +177,7 @@ class SimulatorServer:
     def _monotonic_now(self) -> int:
         return self._clock.make_monotonic(self._clock.update())
 
-    def _wait(self, until: float, due: int | None, now: int) -> ReadyDescriptors:
+    def _wait(self, readers: list[int], until: float, due: int | None, now: int) -> ReadyDescriptors:
         """Wait for readable and writable sockets; shortly after a request, poll instead of sleeping.
 
         Bytes found after an empty poll arrived since that poll. If several datagrams arrived since then, the
@@ -173,9 +185,8 @@ class SimulatorServer:
         """
         end = self._spin_until if due is None else min(self._spin_until, due)
         self._may_be_more = True
-        look = self._selector.ready_now
         while now < end and until:
-            readable, writable = look()
+            readable, writable = self._select(readers, 0)
             if readable or writable:
                 self._polled_empty_at = now
                 return readable, writable
@@ -183,7 +194,16 @@ class SimulatorServer:
             now = self._clock.now()
         self._may_be_more = True
         wait = until if due is None else min(until, max(0, due - now) / 1e9)
-        return self._selector.wait(wait)
+        return self._select(readers, wait)
+
+    def _select(self, readers: list[int], seconds: float) -> ReadyDescriptors:
+        """Return the descriptors that are ready, after `seconds` at the latest.
+
+        Regular files, which stdin may be, are always ready; `epoll` refuses them. `select` waits with the
+        microsecond precision that modes on the 8 ms grid need; `poll` does not.
+        """
+        readable, writable, _ = select.select(readers, self._writers, (), seconds)
+        return readable, writable
 
     def _read_socket(self, source: int, is_crowded: bool) -> None:
         """Read a socket; when many connections are readable, read datagrams after each connection."""
@@ -217,7 +237,7 @@ class SimulatorServer:
         for address, came, data in self.datagram_queue.pop_one_per_sender():
             self._deliver_datagram(address, came, data)
 
-    def _deliver_datagram(self, address: _Address, came: int, data: bytes) -> None:
+    def _deliver_datagram(self, address: Sender, came: int, data: bytes) -> None:
         self._send(self._model.on_datagram(("udp", address), data, self._clock.make_monotonic(came)))
         self._clock.on_replies_sent()
 
@@ -234,7 +254,7 @@ class SimulatorServer:
                 if (accepted := accept_connection(self._tcp, self._free_descriptor)) is None:
                     break
             except OSError:
-                self._is_paused = True  # or the selector would report the same connection again
+                self._is_paused = True  # or `select` would report the same connection again
                 break
             sock, address = accepted
             sock.setblocking(False)
@@ -244,7 +264,7 @@ class SimulatorServer:
             connection = _Connection(sock, address)
             self._drop_newcomer(self._lobby.add(connection.number, address[0]))
             self._connections[connection.number] = self._by_peer[connection.peer] = connection
-        self._selector_is_stale = True
+        self._choose_sockets()
 
     def _drop_newcomer(self, number: int | None) -> bool:
         """Close a connection that has sent no frame yet; return whether there was such a connection."""
@@ -271,7 +291,7 @@ class SimulatorServer:
             self._drop_newcomer(number)
         if self._is_paused:
             self._is_paused = False
-            self._selector_is_stale = True
+            self._choose_sockets()
 
     def _admit(self, connection: _Connection, first: bytes) -> bool:
         """Make a connection a client of the controller; close it if there is no room, unless it is a stop."""
@@ -286,14 +306,13 @@ class SimulatorServer:
             self._drop(connection)
         return has_room
 
-    def _rebuild_selector(self) -> None:
+    def _choose_sockets(self) -> None:
         """Choose the sockets to wait for; read nothing from a client that does not read its replies."""
-        self._selector_is_stale = False
         connections = self._connections.items()
-        writers = [number for number, each in connections if each.is_blocked]
-        own = (number for number, each in connections if not each.is_blocked)
+        self._writers = [number for number, each in connections if each.is_blocked]
         listeners = () if self._is_paused else (self._tcp_descriptor,)
-        self._selector = SocketSelector([self._udp_descriptor, *listeners, *own, *self._extra], writers)
+        own = (number for number, each in connections if not each.is_blocked)
+        self._readers = [self._udp_descriptor, *listeners, *own]
 
     def _read_segment(self, number: int) -> None:
         connection = self._connections.get(number)
@@ -373,7 +392,7 @@ class SimulatorServer:
         del backlog[:sent]
         if connection.is_blocked is not bool(backlog):
             connection.is_blocked = bool(backlog)
-            self._selector_is_stale = True
+            self._choose_sockets()
 
     def _drop_broken(self, connection: _Connection, error: OSError) -> None:
         """Drop a client that reset its connection or became unreachable."""
@@ -387,7 +406,7 @@ class SimulatorServer:
         del self._by_peer[connection.peer]
         self._lobby.remove(connection.number)
         self._stops = [each for each in self._stops if each is not connection]
-        self._selector_is_stale = True
+        self._choose_sockets()
         if self.tap:
             if not is_broken:
                 self.tap.on_stream_end(self.address, connection.client, time.time_ns(), reset=by_reset)
@@ -402,10 +421,9 @@ class SimulatorServer:
 def serve(
     server: SimulatorServer, idle: Callable[[], bool], on_readable: Callable[[int], None], extra: list[int]
 ) -> None:
-    """Serve until interrupted.
+    """Serve until interrupted, and call `idle` after each step; `idle` returns whether it has more work.
 
-    The loop calls `idle` after each step; `idle` returns whether it has more work to do. The loop calls
-    `on_readable` with each readable descriptor in `extra`; `on_readable` may change that list.
+    The loop calls `on_readable` with each readable descriptor in `extra`; `on_readable` may change that list.
     """
     is_busy = False
     while True:

@@ -159,11 +159,7 @@ def _pace(context: CallContext, pose_type: PoseType, point: SetPoint, needed: in
 
 
 def _joints(context: CallContext, pose_type: PoseType, point: SetPoint) -> Joints:
-    """Return the joints of a set point; an impossible set point raises an error that ends slave mode.
-
-    Raises:
-        RefusedError: The set point is malformed or impossible.
-    """
+    """Return the joints of a set point, or refuse it; an impossible set point also ends slave mode."""
     if point.problems or point.pose is None:
         raise RefusedError(E_INVALIDARG)
     values = point.pose.values

@@ -1,9 +1,9 @@
 """Slave mode inside the controller: the buffer of set points, and what happens to them every 8 ms.
 
-Sources for slots, pacing and errors: DENSO Wave 2009, How to use the Slave mode (RC7); documentation of
-ShoheiKobata/orin_bcap_python_samples (table of slave modes) and issues of DENSORobot/denso_robot_ros (RC8).
-Two facts are assumed: the `MOVING_THRESHOLD` above which an axis counts as moving, and a grid of 8 ms that
-does not follow the client.
+Sources for slots, pacing and errors: DENSO Wave 2009, How to use the Slave mode (RC7); the table of slave
+modes in ShoheiKobata/orin_bcap_python_samples and issues of DENSORobot/denso_robot_ros (RC8). Two facts are
+assumed: the `MOVING_THRESHOLD` above which an axis counts as moving, and that the 8 ms cycle does not follow
+the client.
 """
 
 from __future__ import annotations
@@ -37,19 +37,14 @@ class SlaveDrive:
     """Consumes one set point every 8 ms while slave mode is on.
 
     Attributes:
-        mode: The current slave mode; None while slave mode is off.
         run_number: Number of slave-mode sessions so far.
         consumed: Number of set points consumed in this slave-mode session.
-        next_tick: Time in ns at which the next set point is due.
-        async_detector: Whether a late set point is an error in modes that leave this to the pendant.
+        async_detector: Whether a late set point is an error in RC7's Async modes, a setting of the pendant.
         receive_format: Format of slvMove's result, as set by slvRecvFormat; None before slvRecvFormat.
-        unreported_result: Result that ended slave mode and that no client has received yet; 0 if there is
-            none.
+        unreported_result: Result that ended slave mode and that no client has received yet; 0 for none.
     """
 
-    def __init__(
-        self, arm: Arm, limits: tuple[AxisLimit, ...] = AXIS_LIMITS, async_detector: bool = False
-    ) -> None:
+    def __init__(self, arm: Arm, limits: tuple[AxisLimit, ...] = AXIS_LIMITS) -> None:
         self.mode: SlaveMode | None = None
         self.run_number = 0
         self.consumed = 0
@@ -57,9 +52,9 @@ class SlaveDrive:
         self.send_format = POSE_ONLY_FORMAT
         self.receive_format: ReceiveFormat | None = None
         self.unreported_result = 0
+        self.async_detector = False
         self._arm = arm
         self._limits = limits
-        self.async_detector = async_detector
         self._queue: deque[Joints] = deque()
         self._speed: Joints = (0.0,) * 8
         self._moving = False
@@ -100,8 +95,7 @@ class SlaveDrive:
     def push(self, joints: Joints) -> int:
         """Put a set point into the buffer; return the value of `consumed` at which slvMove may answer.
 
-        Raises:
-            RefusedError: The buffer is full, and the mode does not make the client wait.
+        A full buffer refuses the set point in modes that do not make the client wait.
         """
         mode = self.mode
         assert mode is not None

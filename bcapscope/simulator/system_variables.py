@@ -19,12 +19,11 @@ from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT, SIMULATOR
 from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, integer_of, number_of, r4
 from bcapscope.simulator.call_context import CallContext, CommandHandler
 from bcapscope.simulator.call_outcome import HandlerOutcome, RefusedError
-from bcapscope.simulator.frame_commands import FRAMES, ZERO_FRAME, frame_number
 from bcapscope.simulator.kinematics import pose_of
 from bcapscope.simulator.machine import READY, RUNNING
 from bcapscope.simulator.object_table import ControllerObject
 from bcapscope.simulator.result_codes import BAD_INDEX, NOT_WRITABLE, OBJECT_NOT_FOUND
-from bcapscope.simulator.robot_commands import motor
+from bcapscope.simulator.robot_commands import FRAMES, ZERO_FRAME, frame_number, motor
 from bcapscope.simulator.variable_memory import LETTERS, VARIABLES_PER_LETTER, vector_of
 
 _NUMBERED = re.compile(r"(IO[BWDF]?|[IFDVPJTS]|TOOL|WORK)([0-9]{1,9}|\*)")
@@ -40,7 +39,7 @@ def check_exists(owner: ObjectClass, name: str, generation: Generation) -> None:
     """Refuse a variable that the object does not have on a controller of this generation."""
     upper = name.strip().upper()
     match = _NUMBERED.fullmatch(upper) if owner is ObjectClass.CONTROLLER else None
-    is_known = match is not None or (owner, upper) in _READERS
+    is_known = match is not None or upper in _READERS.get(owner, ())
     if not is_known or not _exists_on(generation, match[1] if match else upper):
         raise RefusedError(OBJECT_NOT_FOUND)
 
@@ -58,11 +57,11 @@ def read_variable(context: CallContext) -> Variant:
     owner, name = _owner_kind(context.object), context.object.name.strip().upper()
     if owner is ObjectClass.ROBOT and name in context.machine.initial_state.empty:
         return EMPTY
-    return _READERS[owner, name](context)
+    return _READERS[owner][name](context)
 
 
 def write_variable(context: CallContext, value: Variant) -> HandlerOutcome:
-    """Write the variable of `context.object`; if this acts as a command, the call lasts as long."""
+    """Write the variable of `context.object`; if it acts as a command, the call takes as long."""
     place = _numbered_variable(context.object)
     if place:
         if place[0] in FRAMES:
@@ -82,10 +81,9 @@ def write_variable(context: CallContext, value: Variant) -> HandlerOutcome:
 def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...]:
     """Return the names of an object's variables; numbered variables appear with the number 0."""
     letters = (*LETTERS, *FRAMES) if owner is ObjectClass.CONTROLLER else ()
-    named = (name for kind, name in _READERS if kind is owner)
     return (
         *(f"{letter}0" for letter in letters if _exists_on(generation, letter)),
-        *(name for name in named if _exists_on(generation, name)),
+        *(name for name in _READERS.get(owner, ()) if _exists_on(generation, name)),
     )
 
 
@@ -123,12 +121,12 @@ def _pose(pose_type: PoseType) -> VariableReader:
 
 
 def _error_code(context: CallContext) -> Variant:
-    active = context.machine.alarms.active
+    active = context.machine.active_alarms
     return i4(active[0].code if active else 0)
 
 
 def _error_text(context: CallContext) -> Variant:
-    active = context.machine.alarms.active
+    active = context.machine.active_alarms
     return bstr(active[0].text if active else "")
 
 
@@ -173,12 +171,10 @@ _WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CommandHandler] = {
     ),
     **{(ObjectClass.ROBOT, name): _put_speed(field) for name, field in _SPEEDS.items()},
 }
-"""Handlers of variables whose writing acts like a command or function, such as Motor, Task_Start and
-ExtSpeed."""
+"""Handlers of variables whose writing acts like a command or function, such as Motor."""
 
 _REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
-"""Variables that cannot be written in slave mode, because slave mode refuses the equivalent command or
-function."""
+"""Variables that slave mode protects, because it refuses the equivalent command or function."""
 
 
 def _speed(field: str) -> VariableReader:
@@ -189,47 +185,37 @@ def _fixed(value: Variant) -> VariableReader:
     return lambda context: value
 
 
-_CONTROLLER: dict[str, VariableReader] = {
-    SIMULATOR_VARIABLE: _fixed(bstr(SIMULATOR_TEXT)),
-    "@MODE": lambda context: i4(context.machine.mode),
-    "@ERROR_CODE": _error_code,
-    "@ERROR_DESCRIPTION": _error_text,
-    "@VERSION": lambda context: bstr(context.machine.profile.version),
-    "@FIRMWARE": _fixed(bstr(f"bcapscope {__version__}")),
-    "@CURRENT_TIME": lambda context: Variant(VT.DATE, context.machine.date(context.now)),
-    "@LOCK": _fixed(boolean(False)),
-    "@EMERGENCY_STOP": lambda context: boolean(context.machine.emergency),
-    "@BUSY_STATUS": lambda context: boolean(RUNNING in context.machine.tasks.values()),
-    "@NORMAL_STATUS": lambda context: boolean(not context.machine.alarms.active),
-    "@AUTO_ENABLE": _fixed(boolean(True)),
-    "@IO_ALLOC_MODE": _fixed(i4(0)),
-    "_ITP": _fixed(i4(0)),
-    **{f"@VAR_{letter}_LEN": _fixed(i4(VARIABLES_PER_LETTER)) for letter in LETTERS},
-}
-
-_ROBOT: dict[str, VariableReader] = {
-    "@CURRENT_POSITION": _pose(PoseType.P),
-    "@CURRENT_ANGLE": _pose(PoseType.J),
-    "@CURRENT_TRANS": _pose(PoseType.T),
-    "@HIGH_CURRENT_POSITION": _pose(PoseType.P),
-    "@HIGH_CURRENT_ANGLE": _pose(PoseType.J),
-    "@SERVO_ON": lambda context: boolean(context.machine.motor_is_on(context.now)),
-    "@BUSY_STATUS": lambda context: boolean(not context.machine.arm.is_at_rest(context.now)),
-    **{name: _speed(field) for name, field in _SPEEDS.items()},
-    "@TYPE": _fixed(i4(TYPE_NUMBER)),
-    "@TYPE_NAME": lambda context: bstr(context.machine.initial_state.type_name),
-    "@CURRENT_TOOL": lambda context: i4(context.machine.tool),
-    "@CURRENT_WORK": lambda context: i4(context.machine.work),
-}
-
-_TASK: dict[str, VariableReader] = {"@STATUS": _task_state, "@START": _task_state, "@STOP": _task_state}
-
-_READERS: Mapping[tuple[ObjectClass, str], VariableReader] = {
-    (owner, name): reader
-    for owner, readers in (
-        (ObjectClass.CONTROLLER, _CONTROLLER),
-        (ObjectClass.ROBOT, _ROBOT),
-        (ObjectClass.TASK, _TASK),
-    )
-    for name, reader in readers.items()
+_READERS: Mapping[ObjectClass, Mapping[str, VariableReader]] = {
+    ObjectClass.CONTROLLER: {
+        SIMULATOR_VARIABLE: _fixed(bstr(SIMULATOR_TEXT)),
+        "@MODE": lambda context: i4(context.machine.mode),
+        "@ERROR_CODE": _error_code,
+        "@ERROR_DESCRIPTION": _error_text,
+        "@VERSION": lambda context: bstr(context.machine.profile.version),
+        "@FIRMWARE": _fixed(bstr(f"bcapscope {__version__}")),
+        "@CURRENT_TIME": lambda context: Variant(VT.DATE, context.machine.date(context.now)),
+        "@LOCK": _fixed(boolean(False)),
+        "@EMERGENCY_STOP": lambda context: boolean(context.machine.emergency),
+        "@BUSY_STATUS": lambda context: boolean(RUNNING in context.machine.tasks.values()),
+        "@NORMAL_STATUS": lambda context: boolean(not context.machine.active_alarms),
+        "@AUTO_ENABLE": _fixed(boolean(True)),
+        "@IO_ALLOC_MODE": _fixed(i4(0)),
+        "_ITP": _fixed(i4(0)),
+        **{f"@VAR_{letter}_LEN": _fixed(i4(VARIABLES_PER_LETTER)) for letter in LETTERS},
+    },
+    ObjectClass.ROBOT: {
+        "@CURRENT_POSITION": _pose(PoseType.P),
+        "@CURRENT_ANGLE": _pose(PoseType.J),
+        "@CURRENT_TRANS": _pose(PoseType.T),
+        "@HIGH_CURRENT_POSITION": _pose(PoseType.P),
+        "@HIGH_CURRENT_ANGLE": _pose(PoseType.J),
+        "@SERVO_ON": lambda context: boolean(context.machine.motor_is_on(context.now)),
+        "@BUSY_STATUS": lambda context: boolean(not context.machine.arm.is_at_rest(context.now)),
+        **{name: _speed(field) for name, field in _SPEEDS.items()},
+        "@TYPE": _fixed(i4(TYPE_NUMBER)),
+        "@TYPE_NAME": lambda context: bstr(context.machine.initial_state.type_name),
+        "@CURRENT_TOOL": lambda context: i4(context.machine.tool),
+        "@CURRENT_WORK": lambda context: i4(context.machine.work),
+    },
+    ObjectClass.TASK: {"@STATUS": _task_state, "@START": _task_state, "@STOP": _task_state},
 }

@@ -21,8 +21,7 @@ IO_BYTES = 64
 """512 bits, IO0 to IO511."""
 
 LONGEST_TEXT = 247
-"""Maximum number of characters of an S variable, as on RC8 (by the manual's table of string variables; not
-verified)."""
+"""Maximum length of an S variable on RC8, by the manual's table of string variables; not verified."""
 
 _ROW_LENGTHS = {"V": 3, "P": 7, "J": 8, "T": 10}
 _SCALARS = {"I": VT.I4, "F": VT.R4, "D": VT.R8}
@@ -47,11 +46,7 @@ class VariableMemory:
         self.io = bytearray(IO_BYTES)
 
     def read(self, letter: str, index: int) -> Variant:
-        """Read a variable; the index of an I/O variable is the index of its first bit.
-
-        Raises:
-            RefusedError: There is no such variable.
-        """
+        """Read a variable, or refuse an unknown one; an I/O variable has the index of its first bit."""
         if letter.startswith("IO"):
             return self._read_io(letter, index)
         _check(index)
@@ -64,11 +59,7 @@ class VariableMemory:
         return Variant(_SCALARS[letter], int(number) if letter == "I" else float(number))
 
     def write(self, letter: str, index: int, value: Variant) -> None:
-        """Write a variable; numbers are converted, and zeros complete a short vector.
-
-        Raises:
-            RefusedError: The variable does not exist, or the value does not fit.
-        """
+        """Write a variable, or refuse an unfit value; zeros complete a short vector."""
         if letter.startswith("IO"):
             self._write_io(letter, index, value)
             return

@@ -28,7 +28,7 @@ from typing import NamedTuple
 import msgspec
 
 from bcapscope.client.controller_target import ControllerTarget
-from bcapscope.player.channel import SocketChannel
+from bcapscope.player.channel import Channel
 from bcapscope.player.lateness import Lateness, Spread
 from bcapscope.player.player_messages import PlayerQuestion, PlayOutcome, PlayPlan, SlaveModePacing
 from bcapscope.player.player_process import PlayerProcess
@@ -83,7 +83,7 @@ def empty(period: int, count: int, realtime: bool) -> None:
     """Be that process."""
     late = Lateness(count)
     ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    channel = SocketChannel(ends[0])
+    channel = Channel(ends[0])
     with realtime_priority() if realtime else nullcontext():
         due = channel.now()
         for _ in range(count):

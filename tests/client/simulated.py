@@ -7,8 +7,8 @@ from collections.abc import Iterable
 
 from bcapscope.capture.socket_recording import Address, SocketRecording
 from bcapscope.messages import Message
-from bcapscope.simulator.server_interfaces import ControllerModel
 from bcapscope.simulator.simulator import SimulatorOutput
+from bcapscope.simulator.simulator_server import ControllerModel
 from bcapscope.transport.loop_clock import LoopClock
 from tests.memory_link import MemoryLink
 from tests.samples.calls import CLIENT, SERVER, START

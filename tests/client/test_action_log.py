@@ -13,9 +13,7 @@ from typing import Any
 import orjson
 import pytest
 
-from bcapscope.client.action_log import LINE_TIMEOUT, ActionLog, LoggedConnection
-from bcapscope.client.armed_call_logger import ArmedCallLogger
-from bcapscope.client.log_files import LogFiles
+from bcapscope.client.action_log import LINE_TIMEOUT, ActionLog, ArmedCallLogger, LogFiles, LoggedConnection
 from bcapscope.protocol.codec.frame import Frame, encode_frame, parse_datagram
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 
@@ -147,7 +145,8 @@ def test_a_disk_that_hangs_delays_one_call_a_little_and_no_stop(tmp_path: Path) 
 
 
 def test_a_file_is_bounded_and_the_oldest_go(tmp_path: Path) -> None:
-    files = LogFiles(tmp_path, "actions", max_file_size=100, max_total_size=350)
+    files = LogFiles(tmp_path)
+    files.max_file_size, files.max_total_size = 100, 350
     stranger = tmp_path / "sent-2020-01-01.jsonl"
     stranger.write_bytes(b"x" * 1000)
     for number in range(100):
@@ -156,7 +155,8 @@ def test_a_file_is_bounded_and_the_oldest_go(tmp_path: Path) -> None:
     assert sum(path.stat().st_size for path in found) <= 350
     assert b"%040d\n" % 99 in b"".join(path.read_bytes() for path in found)
     assert stranger.exists()
-    again = LogFiles(tmp_path, "actions", max_file_size=100, max_total_size=350)
+    again = LogFiles(tmp_path)
+    again.max_file_size, again.max_total_size = 100, 350
     again.append(b"again\n")
     assert again.path == files.path
 
@@ -164,7 +164,7 @@ def test_a_file_is_bounded_and_the_oldest_go(tmp_path: Path) -> None:
 def test_a_line_that_was_torn_does_not_spoil_the_next(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    files, write = LogFiles(tmp_path, "actions"), os.write
+    files, write = LogFiles(tmp_path), os.write
     monkeypatch.setattr(os, "write", lambda descriptor, data: write(descriptor, data[:3]))
     with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
         files.append(b'{"a":1}\n')
@@ -175,7 +175,8 @@ def test_a_line_that_was_torn_does_not_spoil_the_next(
 
 def test_several_programs_write_whole_lines(tmp_path: Path) -> None:
     def write(name: str) -> None:
-        files = LogFiles(tmp_path, "actions", max_file_size=5000)
+        files = LogFiles(tmp_path)
+        files.max_file_size = 5000
         for _ in range(200):
             files.append(name.encode() * 50 + b"\n")
 

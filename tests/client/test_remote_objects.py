@@ -11,7 +11,7 @@ import pytest
 
 from bcapscope.client import Controller, ControllerMessage, Robot, connect, remote_objects
 from bcapscope.client.remote_object import RemoteObject
-from bcapscope.client.service import Service
+from bcapscope.client.remote_objects import Service
 from bcapscope.errors import ControllerError, RemoteProtocolError
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass

@@ -13,10 +13,9 @@ from typing import NamedTuple
 
 from bcapscope.protocol.codec.frame import LARGEST_UDP_FRAME, SMALLEST_FRAME, Frame, parse_datagram
 from bcapscope.protocol.codec.stream_splitter import LARGEST_GARBAGE, LARGEST_UNCONFIRMED
-from bcapscope.simulator.alarms import MAX_ACTIVE
 from bcapscope.simulator.call_executor import MAX_KEPT_REPLIES, MAX_WAITING, CallExecutor
-from bcapscope.simulator.control_log_ring import MAX_RECORDS
 from bcapscope.simulator.function_handlers import MAX_FILES
+from bcapscope.simulator.machine import MAX_ACTIVE, MAX_RECORDS
 from bcapscope.simulator.object_table import MAX_OBJECTS
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import (
@@ -159,12 +158,13 @@ class Stage:
         assert simulator.client_count <= 2 * (MAX_CLIENTS + STOP_CLIENTS)
         assert set(simulator._running) <= set(simulator._links)
         assert len(machine.files) <= MAX_FILES
-        assert len(machine.alarms.active) <= MAX_ACTIVE
+        assert len(machine.active_alarms) <= MAX_ACTIVE
         assert len(machine.log.records) <= MAX_RECORDS
         assert machine.slave.waiting <= 256
         for table in (machine.memory._numbers, machine.memory._rows, machine.memory._texts):
             assert len(table) <= 8 * VARIABLES_PER_LETTER
         for conversation, splitter in simulator._links.values():
+            assert isinstance(conversation, CallExecutor)
             self.check_client(conversation)
             most = max(LARGEST_REQUEST, LARGEST_GARBAGE + LARGEST_UNCONFIRMED)
             assert splitter is None or splitter.pending_bytes <= most

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from bcapscope.messages import Language, MessageFormatter
-from bcapscope.player.preflight_problem import PreflightProblem
+from bcapscope.player.checks import PreflightProblem
 from tests.player.test_preflight import FAULTS
 
 WORDS = MessageFormatter(Language.JAPANESE)

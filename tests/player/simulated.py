@@ -1,4 +1,4 @@
-"""The player's channel and desk in memory: a simulator at the other end, a clock that jumps, a script."""
+"""The player's channel and pipe in memory: a simulator at the other end, a clock that jumps, a script."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from random import Random
 from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.messages import Message
 from bcapscope.player.blocking_caller import run_blocking
+from bcapscope.player.channel import Channel
 from bcapscope.player.frame_recorder import FrameRecorder
 from bcapscope.player.play_session import YES, PlaySession
 from bcapscope.player.player_messages import (
@@ -37,7 +38,7 @@ _SLVMOVE = "slvMove".encode("utf-16-le")
 TARGET = ControllerTarget("simulator")
 
 
-class SimulatedChannel:
+class SimulatedChannel(Channel):
     """A way to a simulator, over a network that takes its time and loses some.
 
     Attributes:
@@ -129,15 +130,15 @@ class ScriptedPipe(PlayerPipe):
     """Gives orders and answers as a script says.
 
     Attributes:
-        told: all messages.
-        asked: what was asked for.
+        messages: all messages that the player sent.
+        asked: topics of the questions.
     """
 
     def __init__(self, answers: Mapping[QuestionTopic, str] | None = None) -> None:
         self.order: Order | None = None
         self.reason: Message | None = None
         self.order_count = 0
-        self.told: list[PlayerMessage] = []
+        self.messages: list[PlayerMessage] = []
         self.asked: list[QuestionTopic] = []
         self.at_poll: Callable[[int], Order | None] = lambda _: None
         self._polls = 0
@@ -151,11 +152,11 @@ class ScriptedPipe(PlayerPipe):
         return self.order
 
     def try_send(self, message: PlayerMessage) -> bool:
-        self.told.append(message)
+        self.messages.append(message)
         return True
 
     def send(self, message: PlayerMessage) -> None:
-        self.told.append(message)
+        self.messages.append(message)
 
     def ask(self, question: PlayerQuestion) -> str:
         self.asked.append(question.topic)
@@ -175,15 +176,15 @@ class Stage:
     ) -> None:
         self.simulator = Simulator(PROFILES[profile], start)
         self.channel = SimulatedChannel(self.simulator, loss)
-        self.desk = ScriptedPipe(answers)
+        self.pipe = ScriptedPipe(answers)
 
     def play(self, plan: PlayPlan) -> PlayEnded:
         """Play a plan to its end."""
-        self.visit = PlaySession(plan, self.channel, self.desk, FrameRecorder(self.desk.send, None))
-        return run_blocking(self.visit.run())
+        self.session = PlaySession(plan, self.channel, self.pipe, FrameRecorder(self.pipe.send, None))
+        return run_blocking(self.session.run())
 
     @property
-    def said(self) -> list[str]:
+    def calls(self) -> list[str]:
         """Calls that the player made, by function or command: set points once in a row, no reading."""
         names: list[str] = []
         for _, frame in self.channel.sent:
@@ -219,4 +220,4 @@ def fall_silent(stage: Stage, count: int) -> None:
         if stage.channel.points > count:
             stage.channel.silent_from = 0
 
-    stage.desk.at_poll = look
+    stage.pipe.at_poll = look

@@ -7,9 +7,7 @@ from pathlib import Path
 import orjson
 import pytest
 
-from bcapscope.client.action_log import ActionLog, LoggedConnection
-from bcapscope.client.armed_call_logger import ArmedCallLogger
-from bcapscope.player.armed_message_logger import ArmedMessageLogger
+from bcapscope.client.action_log import ActionLog, ArmedCallLogger, LoggedConnection
 from bcapscope.player.player_messages import (
     ControllerInfo,
     FrameMessage,
@@ -19,6 +17,7 @@ from bcapscope.player.player_messages import (
     PlayProgress,
     PlayState,
 )
+from bcapscope.player.player_process import ArmedMessageLogger
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 

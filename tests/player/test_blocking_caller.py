@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from bcapscope.player.blocking_caller import BlockingCaller, run_blocking
-from bcapscope.player.channel import SocketChannel, open_channel
+from bcapscope.player.channel import Channel, open_channel
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.retry.requester import CallAnswered, CallRefused, CallTimedOut, RetryPolicy
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
@@ -20,7 +20,7 @@ QUICK = RetryPolicy(30 * MS, 1)
 SLOW = RetryPolicy(20_000 * MS, 0)
 
 
-def connected(address: tuple[str, int], tcp: bool) -> SocketChannel:
+def connected(address: tuple[str, int], tcp: bool) -> Channel:
     """Open a channel."""
     return open_channel(address[0], address[1], tcp)
 

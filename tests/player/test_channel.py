@@ -12,7 +12,7 @@ from contextlib import contextmanager
 import pytest
 
 from bcapscope.player import channel as channels
-from bcapscope.player.channel import SPIN_TIME, SocketChannel, open_channel
+from bcapscope.player.channel import SPIN_TIME, Channel, open_channel
 from bcapscope.transport.receive_timestamps import kernel_timestamp
 from tests.transport.test_udp_link import two_addresses
 
@@ -99,7 +99,7 @@ TOLD = pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells when
 
 
 @contextmanager
-def ends(tcp: bool) -> Iterator[tuple[SocketChannel, socket.socket]]:
+def ends(tcp: bool) -> Iterator[tuple[Channel, socket.socket]]:
     """Yield a channel, and a socket at its other end that has said hello."""
     kind = socket.SOCK_STREAM if tcp else socket.SOCK_DGRAM
     with socket.socket(socket.AF_INET, kind) as there:
@@ -128,7 +128,7 @@ def ends(tcp: bool) -> Iterator[tuple[SocketChannel, socket.socket]]:
                 peer.close()
 
 
-def is_told(channel: SocketChannel, peer: socket.socket) -> bool:
+def is_told(channel: Channel, peer: socket.socket) -> bool:
     """Send something, rest, and read it; return whether it is told when it came."""
     before = channel.now()
     peer.send(b"abc")
@@ -171,7 +171,7 @@ def test_nobody_rests_where_nobody_tells_when_something_came(monkeypatch: pytest
 
 def test_small_pieces_of_a_stream_are_not_held_back(listening: socket.socket) -> None:
     with socket.create_connection(listening.getsockname()) as sock:
-        channel = SocketChannel(sock)
+        channel = Channel(sock)
         assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
         assert (channel.datagrams, channel.peer) == (False, listening.getsockname())
 

@@ -18,17 +18,17 @@ from tests.player.simulated import HOME, MS, SimulatedChannel, Stage, fall_silen
 
 def order_at(stage: Stage, look: int, order: Order) -> None:
     """Give an order at the n-th look for one."""
-    stage.desk.at_poll = lambda count: order if count == look else None
+    stage.pipe.at_poll = lambda count: order if count == look else None
 
 
 @pytest.mark.parametrize("order", list(Order))
 def test_an_order_ends_what_is_waited_for(order: Order) -> None:
     stage = Stage(start=InitialState(motor_time=10_000 * MS))
-    stage.desk.at_poll = lambda _: order if "Motor" in stage.said else None
+    stage.pipe.at_poll = lambda _: order if "Motor" in stage.calls else None
     ended = stage.play(plan(0x202))
     assert ended.outcome is (PlayOutcome.STOPPED if order is Order.STOP else PlayOutcome.HALTED)
     assert 10_000 * MS < stage.channel.now() < 12_000 * MS
-    assert stage.said[-5:] == ["Motor", "GiveArm", "Robot_Release", "Controller_Disconnect", "Service_Stop"]
+    assert stage.calls[-5:] == ["Motor", "GiveArm", "Robot_Release", "Controller_Disconnect", "Service_Stop"]
     assert not stage.simulator.machine.motor_is_on(120_000 * MS)
 
 
@@ -48,7 +48,7 @@ def test_an_order_at_any_moment_leaves_everything_as_it_was(profile: str, order:
         assert (machine.slave.mode, machine.owner, machine.open_objects) == (None, None, {}), moment
         assert not machine.motor_is_on(stage.channel.now())
         assert set(machine.tasks.values()) == {2}
-        assert not machine.alarms.active
+        assert not machine.active_alarms
         logged = len(machine.log.records)
         stage.simulator.advance(stage.channel.now() + 100 * MS)
         assert len(machine.log.records) == logged
@@ -61,12 +61,12 @@ def test_an_order_ends_what_nobody_will_answer() -> None:
     stage = Stage()
 
     def look(_: int) -> Order | None:
-        if "Motor" not in stage.said:
+        if "Motor" not in stage.calls:
             return None
         stage.channel.silent_from = 0
         return Order.STOP
 
-    stage.desk.at_poll = look
+    stage.pipe.at_poll = look
     stage.channel.delay = 20 * MS
     ended = stage.play(plan(0x202))
     assert (ended.outcome, ended.left) == (PlayOutcome.STOPPED, False)
@@ -75,16 +75,16 @@ def test_an_order_ends_what_nobody_will_answer() -> None:
 
 def test_robslave_is_stopped_if_an_order_comes_while_it_starts() -> None:
     stage = Stage("rc7")
-    stage.desk.at_poll = lambda _: Order.STOP if "Task_Start" in stage.said else None
+    stage.pipe.at_poll = lambda _: Order.STOP if "Task_Start" in stage.calls else None
     assert stage.play(plan(0x002)).outcome is PlayOutcome.STOPPED
-    assert "Task_Stop" in stage.said
+    assert "Task_Stop" in stage.calls
     assert set(stage.simulator.machine.tasks.values()) == {2}
 
 
 def test_what_is_owed_is_told_before_it_is_begun() -> None:
     stage = Stage()
     stage.play(plan(0x202, log="anything"))
-    owed = [message for message in stage.desk.told if isinstance(message, PendingCleanup)]
+    owed = [message for message in stage.pipe.messages if isinstance(message, PendingCleanup)]
     debts = [CleanupTask.ARM, CleanupTask.MOTOR, CleanupTask.LOG, CleanupTask.SLAVE_MODE]
     growing = [tuple(debts[:count]) for count in range(5)]
     assert [each.debts for each in owed] == [*growing, *reversed(growing[:-1])]
@@ -99,7 +99,7 @@ def test_another_player_ends_what_one_has_left(profile: str) -> None:
     stage.play(plan(0x102))
     machine = stage.simulator.machine
     assert machine.slave.mode is not None
-    owed = [message for message in stage.desk.told if isinstance(message, PendingCleanup)][-1]
+    owed = [message for message in stage.pipe.messages if isinstance(message, PendingCleanup)][-1]
     last = max(frame.serial for _, frame in stage.channel.sent)
     after = Stage(profile)
     after.channel = SimulatedChannel(stage.simulator, began=stage.channel.now())
@@ -109,8 +109,8 @@ def test_another_player_ends_what_one_has_left(profile: str) -> None:
     assert not machine.motor_is_on(after.channel.now())
     assert (machine.owner, machine.open_objects) == (None, {})
     assert set(machine.tasks.values()) == {2}
-    assert not machine.alarms.active
-    assert not [message for message in after.desk.told if isinstance(message, PlayerProblem)]
+    assert not machine.active_alarms
+    assert not [message for message in after.pipe.messages if isinstance(message, PlayerProblem)]
 
 
 def test_a_motion_to_the_first_point_is_halted_by_another_player() -> None:
@@ -118,11 +118,11 @@ def test_a_motion_to_the_first_point_is_halted_by_another_player() -> None:
     owed: list[PendingCleanup] = []
 
     def vanish(_: int) -> None:
-        if "Robot_Move" in stage.said and not owed:
-            owed.extend(message for message in stage.desk.told if isinstance(message, PendingCleanup))
+        if "Robot_Move" in stage.calls and not owed:
+            owed.extend(message for message in stage.pipe.messages if isinstance(message, PendingCleanup))
             stage.channel.silent_from = 0
 
-    stage.desk.at_poll = vanish
+    stage.pipe.at_poll = vanish
     stage.play(plan(0x202, may_approach=True, approach=0.1))
     assert owed[-1].debts == (CleanupTask.ARM, CleanupTask.MOTOR, CleanupTask.MOTION)
     arm, now = stage.simulator.machine.arm, stage.channel.now()
@@ -131,7 +131,7 @@ def test_a_motion_to_the_first_point_is_halted_by_another_player() -> None:
     after.channel = SimulatedChannel(stage.simulator, began=now)
     ended = after.play(plan(0x202, points=(), aftermath=owed[-1], first_serial=9999))
     assert (ended.outcome, ended.left) == (PlayOutcome.DONE, True)
-    assert after.said[3:6] == ["Robot_Halt", "Motor", "GiveArm"]
+    assert after.calls[3:6] == ["Robot_Halt", "Motor", "GiveArm"]
     assert arm.is_at_rest(after.channel.now() + 100 * MS)
 
 
@@ -146,6 +146,6 @@ def test_what_the_controller_shows_after_a_player_was_killed_is_told() -> None:
         )
     )
     assert ended.outcome is PlayOutcome.DONE
-    (trouble,) = [message for message in stage.desk.told if isinstance(message, PlayerProblem)]
+    (trouble,) = [message for message in stage.pipe.messages if isinstance(message, PlayerProblem)]
     assert [code for code, _ in trouble.errors] == [0x84201482]
-    assert "ClearError" not in stage.said
+    assert "ClearError" not in stage.calls

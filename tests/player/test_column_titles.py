@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.player.column_titles import COUNTER, NUMBER, TIME, UNITS, ColumnRole, ColumnTitle, read_title
+from bcapscope.player.column_layout import COUNTER, NUMBER, TIME, UNITS, ColumnRole, ColumnTitle, read_title
 from bcapscope.protocol.slave_mode.poses import AXES
 
 NAMES = {axis.name for kind in AXES.values() for axis in kind} | {TIME, COUNTER, NUMBER}

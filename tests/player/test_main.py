@@ -1,4 +1,4 @@
-"""What the player's process does besides its visit."""
+"""What the player's process does besides its session."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from pathlib import Path
 import pytest
 
 from bcapscope.capture.rotating_recording import RotatingRecording
-from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.controller_target import DEFAULT_RETRY_POLICIES, ControllerTarget
 from bcapscope.client.remote_objects import Robot
-from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES
 from bcapscope.client.session import Session
 from bcapscope.messages import Message
 from bcapscope.player import __main__ as process
@@ -65,21 +64,21 @@ def test_an_order_ends_the_reading_of_the_log(ordered: bool, monkeypatch: pytest
         return 9 if command == "GetLogCount" else f"record {parameter}"
 
     monkeypatch.setattr(Robot, "execute", execute)
-    stage, desk, log = Stage(), ScriptedPipe(), io.BytesIO()
-    desk.set_order(Order.STOP, PARENT_GONE)
-    desk.at_poll = lambda count: Order.HALT if ordered and count > 5 else None
+    stage, pipe, log = Stage(), ScriptedPipe(), io.BytesIO()
+    pipe.set_order(Order.STOP, PARENT_GONE)
+    pipe.at_poll = lambda count: Order.HALT if ordered and count > 5 else None
     session, look = (
         Session(BlockingCaller(stage.channel, ReservedConvention.SEED), DEFAULT_RETRY_POLICIES),
-        process.abort_on_order(desk),
+        process.abort_on_order(pipe),
     )
     ended = process.write_files(
         PlayEnded(PlayOutcome.STOPPED),
-        FrameRecorder(desk.send, None),
+        FrameRecorder(pipe.send, None),
         stage.channel,
         log,
         lambda: run_blocking(read_log_records(session, TARGET, "Arm", look)),
     )
-    assert stage.said[-1] == "Service_Stop"
+    assert stage.calls[-1] == "Service_Stop"
     if ordered:
         told = "the log could not be written: an order to stop arrived first"
         assert (ended.outcome, str(ended.reason or ""), log.getvalue()) == (PlayOutcome.UNWRITABLE, told, b"")

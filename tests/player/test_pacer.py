@@ -11,6 +11,7 @@ import pytest
 from bcapscope.errors import CallTimeout, ControllerError
 from bcapscope.player.arm_limits import UNKNOWN_ARM
 from bcapscope.player.blocking_caller import BlockingCaller
+from bcapscope.player.channel import Channel
 from bcapscope.player.pacer import MIN_PERIOD_SHARE, HaltedError, IdleCallback, Pacer, SlvMoveCall
 from bcapscope.player.player_messages import SetPointValues
 from bcapscope.player.set_point_sequence import SetPointSequence
@@ -26,7 +27,7 @@ MS = 1_000_000
 POINTS = 40
 
 
-class Controller:
+class Controller(Channel):
     """A channel to a controller that answers as a script says.
 
     Attributes:

@@ -52,14 +52,14 @@ def speeds(stage: Stage) -> list[float]:
 
 def order_after(stage: Stage, count: int, order: Order) -> None:
     """Give an order once so many packets with set points were sent."""
-    stage.desk.at_poll = lambda _: order if stage.channel.points > count else None
+    stage.pipe.at_poll = lambda _: order if stage.channel.points > count else None
 
 
 def test_rc8_is_led_through_the_sequence_and_left_as_it_was() -> None:
     stage = Stage()
     ended = stage.play(plan(0x102))
     assert (ended.outcome, str(ended.reason or ""), ended.left) == (PlayOutcome.DONE, "", True)
-    assert stage.said == [
+    assert stage.calls == [
         *("Service_Start", "Controller_Connect", "Controller_GetRobot", "TakeArm", "Motor"),
         *("slvSendFormat", "slvRecvFormat", "slvChangeMode 258", "slvMove", "slvChangeMode 0"),
         *("Motor", "GiveArm", "Robot_Release", "Controller_Disconnect", "Service_Stop"),
@@ -70,7 +70,7 @@ def test_rc8_is_led_through_the_sequence_and_left_as_it_was() -> None:
 def test_rc7_has_robslave_started_and_stopped() -> None:
     stage = Stage("rc7")
     assert stage.play(plan(0x002)).outcome is PlayOutcome.DONE
-    assert stage.said == [
+    assert stage.calls == [
         *("Service_Start", "Controller_Connect", "Controller_GetRobot", "Controller_GetTask", "Task_Start"),
         *("Motor", "slvChangeMode 2", "slvMove", "slvChangeMode 0", "Motor", "Task_Stop"),
         *("Task_Release", "Robot_Release", "Controller_Disconnect", "Service_Stop"),
@@ -90,14 +90,14 @@ def test_nothing_that_energises_the_robot_is_sent_before_the_start_is_confirmed(
     monkeypatch.setattr(RobotAdapter, "identify", switch_on_too_early)
     stage = Stage()
     assert stage.play(plan(0x102)).outcome is PlayOutcome.UNARMED
-    assert "Motor" not in stage.said
-    assert stage.said[-1] == "Service_Stop"
+    assert "Motor" not in stage.calls
+    assert stage.calls[-1] == "Service_Stop"
 
 
 def test_a_motor_that_was_on_stays_on() -> None:
     stage = Stage(start=InitialState(motor=True))
     assert stage.play(plan(0x202)).outcome is PlayOutcome.DONE
-    assert "Motor" not in stage.said
+    assert "Motor" not in stage.calls
     assert stage.simulator.machine.motor_is_on(stage.channel.now())
 
 
@@ -109,19 +109,24 @@ def test_a_robot_that_somebody_else_moves_is_left_alone() -> None:
     ended = stage.play(plan(0x102))
     assert ended.outcome is PlayOutcome.DECLINED
     assert str(ended.reason or "").startswith("the robot is already in slave mode 0x202")
-    assert stage.said[2:] == ["Controller_GetRobot", "Robot_Release", "Controller_Disconnect", "Service_Stop"]
+    assert stage.calls[2:] == [
+        "Controller_GetRobot",
+        "Robot_Release",
+        "Controller_Disconnect",
+        "Service_Stop",
+    ]
     assert stage.simulator.machine.slave.mode is taken
-    assert not stage.simulator.machine.alarms.active
+    assert not stage.simulator.machine.active_alarms
 
 
 def test_looking_changes_nothing() -> None:
     stage = Stage("rc7")
     assert stage.play(plan(0x002, look_only=True)).outcome is PlayOutcome.LOOKED
-    (peer,) = [message for message in stage.desk.told if isinstance(message, ControllerInfo)]
+    (peer,) = [message for message in stage.pipe.messages if isinstance(message, ControllerInfo)]
     assert (peer.simulator, peer.generation, peer.pose, peer.distance) == (True, Generation.RC7, HOME, 0.0)
     assert peer.facts["type name"] == "BCAPSCOPE-SIM6"
-    assert not {"Motor", "Task_Start", "slvMove"} & set(stage.said)
-    assert stage.desk.asked == []
+    assert not {"Motor", "Task_Start", "slvMove"} & set(stage.calls)
+    assert stage.pipe.asked == []
 
 
 @pytest.mark.parametrize(
@@ -133,19 +138,19 @@ def test_where_pose_variables_are_empty_commands_tell_the_pose(profile: str, mod
     usual, stage = Stage(profile), Stage(profile, InitialState(empty=variables))
     for each in (usual, stage):
         each.play(plan(mode, kind=kind, look_only=True))
-    (known,) = [message for message in usual.desk.told if isinstance(message, ControllerInfo)]
-    (peer,) = [message for message in stage.desk.told if isinstance(message, ControllerInfo)]
+    (known,) = [message for message in usual.pipe.messages if isinstance(message, ControllerInfo)]
+    (peer,) = [message for message in stage.pipe.messages if isinstance(message, ControllerInfo)]
     assert peer.pose == known.pose
     assert peer.generation is known.generation
     assert "type name" not in peer.facts
-    assert {"CurJnt", {PoseType.J: "CurJnt", PoseType.P: "CurPos"}[kind]} <= set(stage.said)
+    assert {"CurJnt", {PoseType.J: "CurJnt", PoseType.P: "CurPos"}[kind]} <= set(stage.calls)
 
 
 def test_it_plays_where_pose_variables_are_empty() -> None:
     stage = Stage(start=InitialState(empty=("@CURRENT_ANGLE", "@CURRENT_POSITION")))
     ended = stage.play(plan(0x102))
     assert (ended.outcome, ended.left) == (PlayOutcome.DONE, True)
-    assert stage.said.count("CurJnt") >= 2
+    assert stage.calls.count("CurJnt") >= 2
 
 
 @pytest.mark.parametrize(
@@ -239,13 +244,13 @@ def test_a_stop_brings_the_robot_to_rest_on_its_way(profile: str, mode: int) -> 
     assert max(steps) > 0.1
     assert steps[-1] == 0
     assert max(abs(b - a) for a, b in pairwise(steps)) < 0.1
-    assert not stage.simulator.machine.alarms.active
-    assert stage.said[-5:] == [
+    assert not stage.simulator.machine.active_alarms
+    assert stage.calls[-5:] == [
         *(["Motor", "GiveArm"] if profile == "rc8" else ["Task_Stop", "Task_Release"]),
         *("Robot_Release", "Controller_Disconnect", "Service_Stop"),
     ]
     assert PlayState.STOPPING in [
-        message.state for message in stage.desk.told if isinstance(message, PlayProgress)
+        message.state for message in stage.pipe.messages if isinstance(message, PlayProgress)
     ]
 
 
@@ -263,9 +268,9 @@ def test_a_halt_comes_before_everything_else() -> None:
     order_after(stage, 120, Order.HALT)
     ended = stage.play(plan(0x002, points=wave(600, 40.0)))
     assert ended.outcome is PlayOutcome.HALTED
-    place = stage.said.index("Robot_Halt")
-    assert stage.said[place - 1 : place + 2] == ["slvMove", "Robot_Halt", "slvChangeMode 0"]
-    assert stage.said[-1] == "Service_Stop"
+    place = stage.calls.index("Robot_Halt")
+    assert stage.calls[place - 1 : place + 2] == ["slvMove", "Robot_Halt", "slvChangeMode 0"]
+    assert stage.calls[-1] == "Service_Stop"
     halted = next(time for time, frame in stage.channel.sent if named(frame) == "Robot_Halt")
     assert halted - set_points(stage)[-1][0] <= 8 * MS
 
@@ -280,26 +285,26 @@ def test_the_motion_to_the_first_point_is_written_without_exponents() -> None:
 
 def test_an_order_during_the_motion_to_the_first_point_halts_it() -> None:
     stage = Stage(start=InitialState(joints=(60.0, *HOME[1:])))
-    stage.desk.at_poll = lambda count: Order.STOP if "Robot_Move" in stage.said else None
+    stage.pipe.at_poll = lambda count: Order.STOP if "Robot_Move" in stage.calls else None
     assert stage.play(plan(0x202, may_approach=True)).outcome is PlayOutcome.STOPPED
-    assert "slvMove" not in stage.said
-    assert stage.said[stage.said.index("Robot_Halt") :][:3] == ["Robot_Halt", "Motor", "GiveArm"]
+    assert "slvMove" not in stage.calls
+    assert stage.calls[stage.calls.index("Robot_Halt") :][:3] == ["Robot_Halt", "Motor", "GiveArm"]
 
 
 @pytest.mark.parametrize("answer", ["yes", "no"])
 def test_the_first_point_is_gone_to_if_the_user_agrees(answer: str) -> None:
     stage = Stage(start=InitialState(joints=(20.0, *HOME[1:])), answers={QuestionTopic.APPROACH: answer})
     ended = stage.play(plan(0x202))
-    assert stage.desk.asked == [QuestionTopic.BEGIN, QuestionTopic.APPROACH]
+    assert stage.pipe.asked == [QuestionTopic.BEGIN, QuestionTopic.APPROACH]
     if answer == "no":
         assert ended.outcome is PlayOutcome.DECLINED
-        assert "Robot_Move" not in stage.said
+        assert "Robot_Move" not in stage.calls
     else:
         assert ended.outcome is PlayOutcome.DONE
         (move,) = [frame for _, frame in stage.channel.sent if named(frame) == "Robot_Move"]
         texts = [argument.variant.value for argument in move.arguments[2:]]
         assert texts == ["@E J(0, 0, 90, 0, 90, 0, 0, 0)", "SPEED=10,NEXT"]
-    assert stage.said[-1] == "Service_Stop"
+    assert stage.calls[-1] == "Service_Stop"
 
 
 @pytest.mark.parametrize("answer", ["yes", "no"])
@@ -307,9 +312,9 @@ def test_another_posture_at_the_same_place_is_gone_to_as_well(answer: str) -> No
     points = [(*row[:6], 5.0) for row in position_wave("P")]
     stage = Stage(answers={QuestionTopic.APPROACH: answer})
     ended = stage.play(plan(0x201, kind=PoseType.P, points=points))
-    assert stage.desk.asked == [QuestionTopic.BEGIN, QuestionTopic.APPROACH]
+    assert stage.pipe.asked == [QuestionTopic.BEGIN, QuestionTopic.APPROACH]
     assert ended.outcome is (PlayOutcome.DONE if answer == "yes" else PlayOutcome.DECLINED)
-    assert ("Robot_Move" in stage.said) is (answer == "yes")
+    assert ("Robot_Move" in stage.calls) is (answer == "yes")
 
 
 def test_what_no_message_can_carry_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -317,7 +322,7 @@ def test_what_no_message_can_carry_is_left_out(monkeypatch: pytest.MonkeyPatch) 
     slv_move = pose_numbers
     monkeypatch.setattr(monitor, "pose_numbers", lambda variant: (nan, *(slv_move(variant) or ())[1:]))
     assert stage.play(plan(0x202)).outcome is PlayOutcome.DONE
-    for message in stage.desk.told:
+    for message in stage.pipe.messages:
         assert decode_message(encode_message(message)) == message
 
 
@@ -328,7 +333,7 @@ def test_a_controller_that_falls_silent_is_given_up() -> None:
     assert (ended.outcome, ended.left) == (PlayOutcome.UNANSWERED, False)
     tries = [frame for _, frame in set_points(stage)][-8:]
     assert len({frame.reserved for frame in tries[1:]}) == 1
-    assert stage.said[-1] == "slvChangeMode 0"
+    assert stage.calls[-1] == "slvChangeMode 0"
 
 
 def test_in_async_silence_ends_it_too() -> None:
@@ -344,12 +349,12 @@ def test_an_error_is_read_before_it_is_cleared() -> None:
     ended = stage.play(plan(0x002, points=[*wave()[:60], (90.0, *HOME[1:6])]))
     assert ended.outcome is PlayOutcome.REFUSED
     assert str(ended.reason or "").startswith("Robot_Execute slvMove was refused: 0x8")
-    (trouble,) = [message for message in stage.desk.told if isinstance(message, PlayerProblem)]
+    (trouble,) = [message for message in stage.pipe.messages if isinstance(message, PlayerProblem)]
     assert [hex(code)[:6] for code, _ in trouble.errors] == ["0x8420"]
     commands = [str(frame.arguments[1].variant.value) for _, frame in stage.channel.sent if frame.code == 17]
     assert commands == ["GetCurErrorCount", "GetCurErrorInfo", "ClearError"]
-    assert not stage.simulator.machine.alarms.active
-    assert stage.said[-1] == "Service_Stop"
+    assert not stage.simulator.machine.active_alarms
+    assert stage.calls[-1] == "Service_Stop"
 
 
 def test_an_error_on_the_way_to_the_first_point_is_read_and_clearing_offered() -> None:
@@ -357,31 +362,31 @@ def test_an_error_on_the_way_to_the_first_point_is_read_and_clearing_offered() -
     machine = stage.simulator.machine
 
     def press(_: int) -> None:
-        if "Robot_Move" in stage.said and not machine.emergency:
+        if "Robot_Move" in stage.calls and not machine.emergency:
             machine.press_emergency_stop(stage.channel.now())
 
-    stage.desk.at_poll = press
+    stage.pipe.at_poll = press
     ended = stage.play(plan(0x202, may_approach=True))
     assert ended.outcome is PlayOutcome.REFUSED
     assert str(ended.reason or "").startswith(
         "Robot_Move was refused: 0x8150101A, emergency stop is on; the robot is"
     )
-    (trouble,) = [message for message in stage.desk.told if isinstance(message, PlayerProblem)]
+    (trouble,) = [message for message in stage.pipe.messages if isinstance(message, PlayerProblem)]
     assert [code for code, _ in trouble.errors] == [0x8150101A]
-    assert stage.desk.asked == [QuestionTopic.BEGIN, QuestionTopic.CLEAR]
+    assert stage.pipe.asked == [QuestionTopic.BEGIN, QuestionTopic.CLEAR]
 
 
 def test_an_error_is_left_where_nobody_wants_it_cleared() -> None:
     stage = Stage()
     assert stage.play(plan(0x202, points=[*wave()[:60], (90.0, *HOME[1:6])])).outcome is PlayOutcome.REFUSED
-    assert stage.simulator.machine.alarms.active
+    assert stage.simulator.machine.active_alarms
 
 
 def test_an_order_when_there_is_an_error_does_not_hide_it() -> None:
     stage = Stage()
-    stage.desk.at_poll = lambda _: Order.STOP if QuestionTopic.CLEAR in stage.desk.asked else None
+    stage.pipe.at_poll = lambda _: Order.STOP if QuestionTopic.CLEAR in stage.pipe.asked else None
     assert stage.play(plan(0x202, points=[*wave()[:60], (90.0, *HOME[1:6])])).outcome is PlayOutcome.REFUSED
-    assert stage.simulator.machine.alarms.active
+    assert stage.simulator.machine.active_alarms
 
 
 def test_after_clearing_it_begins_again_with_robslave_and_the_first_point() -> None:
@@ -394,10 +399,10 @@ def test_after_clearing_it_begins_again_with_robslave_and_the_first_point() -> N
             stage.simulator.machine.press_emergency_stop(stage.channel.now())
             stage.simulator.machine.emergency = False
 
-    stage.desk.at_poll = press
+    stage.pipe.at_poll = press
     ended = stage.play(plan(0x002, may_approach=True))
     assert ended.outcome is PlayOutcome.DONE
-    assert [name for name in stage.said if name in ("Task_Start", "Robot_Move", "slvChangeMode 2")] == [
+    assert [name for name in stage.calls if name in ("Task_Start", "Robot_Move", "slvChangeMode 2")] == [
         *("Task_Start", "slvChangeMode 2", "Task_Start", "Robot_Move", "slvChangeMode 2")
     ]
 
@@ -413,7 +418,7 @@ def test_what_was_on_when_the_player_came_is_on_when_it_goes_errors_or_not() -> 
             machine.press_emergency_stop(stage.channel.now())
             machine.emergency = False
 
-    stage.desk.at_poll = press
+    stage.pipe.at_poll = press
     assert stage.play(plan(0x202, may_approach=True)).outcome is PlayOutcome.DONE
     assert pressed
     assert machine.motor_is_on(stage.channel.now())
@@ -424,14 +429,14 @@ def test_clearing_is_offered_again_where_it_was_refused() -> None:
     machine = stage.simulator.machine
 
     def press(_: int) -> None:
-        if stage.channel.points > 150 and not machine.alarms.active:
+        if stage.channel.points > 150 and not machine.active_alarms:
             machine.press_emergency_stop(stage.channel.now())
-        if stage.desk.asked.count(QuestionTopic.CLEAR) == 2:
+        if stage.pipe.asked.count(QuestionTopic.CLEAR) == 2:
             machine.emergency = False
 
-    stage.desk.at_poll = press
+    stage.pipe.at_poll = press
     assert stage.play(plan(0x202)).outcome is PlayOutcome.REFUSED
-    assert stage.desk.asked.count(QuestionTopic.CLEAR) == 2
+    assert stage.pipe.asked.count(QuestionTopic.CLEAR) == 2
     assert not machine.emergency
 
 
@@ -441,8 +446,8 @@ def test_a_real_controller_needs_arming(armed: bool, monkeypatch: pytest.MonkeyP
     stage = Stage()
     ended = stage.play(plan(0x202, armed=armed))
     assert ended.outcome is (PlayOutcome.DONE if armed else PlayOutcome.UNARMED)
-    assert ("TakeArm" in stage.said) is armed
-    assert stage.desk.asked == ([QuestionTopic.BEGIN] if armed else [QuestionTopic.BEGIN, QuestionTopic.ARM])
+    assert ("TakeArm" in stage.calls) is armed
+    assert stage.pipe.asked == ([QuestionTopic.BEGIN] if armed else [QuestionTopic.BEGIN, QuestionTopic.ARM])
 
 
 def test_a_typed_confirmation_arms_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -472,7 +477,7 @@ def test_the_number_of_a_mode_depends_on_the_generation(
 ) -> None:
     stage = Stage(profile)
     assert stage.play(plan(pacing)).outcome is PlayOutcome.DONE
-    assert f"slvChangeMode {mode}" in stage.said
+    assert f"slvChangeMode {mode}" in stage.calls
 
 
 def test_nobody_at_the_other_end() -> None:
@@ -486,8 +491,8 @@ def test_nobody_at_the_other_end() -> None:
 def test_the_log_of_the_controller_runs_during_the_motion() -> None:
     stage = Stage()
     assert stage.play(plan(0x202, log="anything")).outcome is PlayOutcome.DONE
-    assert stage.visit.has_log
-    assert [name for name in stage.said if "Log" in name or "slv" in name] == [
+    assert stage.session.has_log
+    assert [name for name in stage.calls if "Log" in name or "slv" in name] == [
         *("ClearLog", "StartLog", "slvSendFormat", "slvRecvFormat", "slvChangeMode 514", "slvMove"),
         *("slvChangeMode 0", "StopLog"),
     ]
@@ -517,7 +522,7 @@ def test_a_simulator_that_gets_no_processor_runs_out_of_set_points_before_it_ask
             now = stage.channel.now()
             stage.channel.asleep = (now, now + ms * MS)
 
-    stage.desk.at_poll = hold_up
+    stage.pipe.at_poll = hold_up
     ended = stage.play(plan(mode))
     assert ended.outcome is outcome
     assert ended.counts.sent > 20
@@ -548,7 +553,7 @@ def test_a_reply_that_is_longer_than_all_tries_is_waited_for() -> None:
     def hold_up(_: int) -> None:
         stage.channel.delay = 7 * MS // 2 if 200 < stage.channel.points <= 210 else MS // 10
 
-    stage.desk.at_poll = hold_up
+    stage.pipe.at_poll = hold_up
     ended = stage.play(plan(0x202, points=wave(200, 2.0)))
     assert (ended.outcome, str(ended.reason or "")) == (PlayOutcome.DONE, "")
     tries = check_retries(stage)

@@ -31,14 +31,14 @@ class Ends:
     """The other ends.
 
     Attributes:
-        desk: that is tested.
+        pipe: that is tested.
     """
 
     def __init__(self) -> None:
         commands, self._orders = os.pipe()
         self._told, messages = os.pipe()
         self._own = [commands, messages]
-        self.desk = PlayerPipe(commands, messages)
+        self.pipe = PlayerPipe(commands, messages)
         os.set_blocking(commands, False)
 
     def order(self, command: PlayerCommand) -> None:
@@ -74,45 +74,45 @@ def ends() -> Iterator[Ends]:
 
 
 def test_orders_are_taken_as_they_come(ends: Ends) -> None:
-    assert ends.desk.poll_order() is None
+    assert ends.pipe.poll_order() is None
     ends.order(PlayerCommand(Order.STOP))
-    assert ends.desk.poll_order() is Order.STOP
+    assert ends.pipe.poll_order() is Order.STOP
     ends.order(PlayerCommand(Order.HALT))
-    assert ends.desk.poll_order() is Order.HALT
+    assert ends.pipe.poll_order() is Order.HALT
     ends.order(PlayerCommand(Order.STOP))
-    assert (ends.desk.poll_order(), str(ends.desk.reason or "")) == (Order.HALT, "halt was requested")
+    assert (ends.pipe.poll_order(), str(ends.pipe.reason or "")) == (Order.HALT, "halt was requested")
 
 
 def test_an_order_in_two_pieces_is_one(ends: Ends) -> None:
     whole = encode_message(PlayerCommand(Order.STOP)) + b"\n"
     ends.write(whole[:5])
-    assert ends.desk.poll_order() is None
+    assert ends.pipe.poll_order() is None
     ends.write(whole[5:])
-    assert ends.desk.poll_order() is Order.STOP
+    assert ends.pipe.poll_order() is Order.STOP
 
 
 def test_the_other_end_gone_is_an_order_to_stop(ends: Ends) -> None:
     ends.hang_up()
-    assert (ends.desk.poll_order(), ends.desk.reason) == (Order.STOP, PARENT_GONE)
-    ends.desk.send(PlayEnded(PlayOutcome.STOPPED))
-    ends.desk.wait_until_sent()
+    assert (ends.pipe.poll_order(), ends.pipe.reason) == (Order.STOP, PARENT_GONE)
+    ends.pipe.send(PlayEnded(PlayOutcome.STOPPED))
+    ends.pipe.wait_until_sent()
 
 
 def test_a_reader_gone_is_one_too(ends: Ends) -> None:
     ends.hang_up()
-    assert not ends.desk.try_send(PlayProgress(PlayState.PLAYING))
-    assert ends.desk.order is Order.STOP
+    assert not ends.pipe.try_send(PlayProgress(PlayState.PLAYING))
+    assert ends.pipe.order is Order.STOP
 
 
 def test_progress_is_left_out_while_nobody_reads_and_the_rest_waits(ends: Ends) -> None:
     told = 0
-    while ends.desk.try_send(PlayProgress(PlayState.PLAYING, told)):
+    while ends.pipe.try_send(PlayProgress(PlayState.PLAYING, told)):
         told += 1
     assert told > 50
-    ends.desk.send(PlayEnded(PlayOutcome.DONE))
-    assert not ends.desk.try_send(PlayProgress(PlayState.PLAYING, 999_999))
+    ends.pipe.send(PlayEnded(PlayOutcome.DONE))
+    assert not ends.pipe.try_send(PlayProgress(PlayState.PLAYING, 999_999))
     data = ends.read()
-    ends.desk.wait_until_sent()
+    ends.pipe.wait_until_sent()
     data += ends.read()
     found = [decode_message(line) for line in data.splitlines()]
     assert found[-1] == PlayEnded(PlayOutcome.DONE)
@@ -122,28 +122,28 @@ def test_progress_is_left_out_while_nobody_reads_and_the_rest_waits(ends: Ends) 
 
 def test_a_question_is_answered(ends: Ends) -> None:
     ends.order(PlayerCommand(answer="yes"))
-    ends.desk.poll_order()
+    ends.pipe.poll_order()
     ends.order(PlayerCommand(answer="yes"))
-    assert ends.desk.ask(QUESTION) == "yes"
+    assert ends.pipe.ask(QUESTION) == "yes"
     assert decode_message(ends.read().strip()) == QUESTION
 
 
 @pytest.mark.parametrize("command", [PlayerCommand(answer="perhaps"), PlayerCommand(Order.STOP)])
 def test_what_is_no_answer_is_the_first_choice(ends: Ends, command: PlayerCommand) -> None:
     ends.order(command)
-    assert ends.desk.ask(QUESTION) == "no"
+    assert ends.pipe.ask(QUESTION) == "no"
 
 
 def test_nobody_to_ask_is_the_first_choice(ends: Ends) -> None:
     ends.hang_up()
-    assert ends.desk.ask(QUESTION) == "no"
+    assert ends.pipe.ask(QUESTION) == "no"
 
 
 def test_a_plan_and_an_order_in_one_piece() -> None:
     ends = Ends()
     plan = PlayPlan(target=ControllerTarget("host"), points=[(1.0, 2.0)])
     ends.write(encode_message(plan) + b"\n" + encode_message(PlayerCommand(Order.STOP)) + b"\n")
-    found = ends.desk.read_plan()
+    found = ends.pipe.read_plan()
     assert (found.target, list(found.points)) == (plan.target, [(1.0, 2.0)])
-    assert ends.desk.poll_order() is Order.STOP
+    assert ends.pipe.poll_order() is Order.STOP
     ends.close()

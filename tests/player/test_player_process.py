@@ -147,7 +147,7 @@ def test_a_stop_ends_it_in_order(sim: Sim) -> None:
         "stop was requested",
     )
     assert player.ended.left
-    assert not sim.machine.alarms.active
+    assert not sim.machine.active_alarms
 
 
 @pytest.mark.lifecycle
@@ -222,7 +222,7 @@ def all_is_let_go(sim: Sim) -> None:
     machine = sim.machine
     sim.wait(lambda: machine.slave.mode is None and machine.owner is None and not machine.open_objects)
     assert not machine.motor_is_on(time.monotonic_ns())
-    assert not machine.alarms.active
+    assert not machine.active_alarms
 
 
 def test_nobody_reading_delays_nothing(sim: Sim) -> None:
@@ -232,7 +232,7 @@ def test_nobody_reading_delays_nothing(sim: Sim) -> None:
         sim.wait(lambda: sim.machine.slave.mode is None)
     assert player.ended is not None
     assert player.ended.outcome is PlayOutcome.DONE
-    assert not sim.machine.alarms.active
+    assert not sim.machine.active_alarms
 
 
 def test_a_controller_that_is_killed_is_told(sim: Sim) -> None:

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from bcapscope.analysis.finding import Severity
 from bcapscope.messages import Message
 from bcapscope.player.arm_limits import SIMULATED_ARM, UNKNOWN_ARM, ArmLimits, with_limits
+from bcapscope.player.checks import MAX_NUMBERS, PreflightProblem
 from bcapscope.player.preflight import PreflightResult, run_preflight
-from bcapscope.player.preflight_problem import MAX_NUMBERS, PreflightProblem
 from bcapscope.player.resampling import resample
 from bcapscope.player.smooth_curve import Array
 from bcapscope.player.trajectory import Column, Trajectory

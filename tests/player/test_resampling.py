@@ -10,11 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.messages import Message
-from bcapscope.player.arm_limits import SIMULATED_ARM, ArmLimits
+from bcapscope.player.arm_limits import SIMULATED_ARM, ArmLimits, limit_excess
 from bcapscope.player.resampling import DEFAULT_RAMP, resample, stop_after
 from bcapscope.player.smooth_curve import Array
 from bcapscope.player.trajectory import MAX_POINTS, Trajectory, TrajectoryError
-from bcapscope.player.trajectory_motion import limit_excess
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.simulator.kinematics import AxisLimit
 from tests.player.ways import PERIOD, swing, texts, way

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bcapscope.player.set_point_timing import (
+from bcapscope.player.trajectory import (
     MAX_PARTS,
     find_runs,
     timing_from_due_times,

@@ -45,7 +45,7 @@ def test_axes_that_are_not_in_the_file_stay_where_they_are(
 ) -> None:
     trajectory = way([[1, 2, 3, 4, 5, 6]] * 2, kind)
     assert trajectory.completed(present).points.tolist() == [list(filled)] * 2
-    assert trajectory.set_point(1, present) == filled
+    assert trajectory.completed(present).set_point(1) == filled
 
 
 def test_what_is_whole_stays_as_it_is() -> None:

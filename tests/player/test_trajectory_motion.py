@@ -7,8 +7,7 @@ from math import inf
 import numpy as np
 import pytest
 
-from bcapscope.player.arm_limits import SIMULATED_ARM, UNKNOWN_ARM, with_limits
-from bcapscope.player.trajectory_motion import limit_excess, motions_of
+from bcapscope.player.arm_limits import SIMULATED_ARM, UNKNOWN_ARM, limit_excess, motions_of, with_limits
 from bcapscope.protocol.slave_mode.modes import PoseType
 
 

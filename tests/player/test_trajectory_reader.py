@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.player import trajectory_reader, yaml_text
+from bcapscope.player import trajectory_documents, trajectory_reader
 from bcapscope.player.column_layout import ReadOptions
 from bcapscope.player.trajectory import TrajectoryError
 from bcapscope.player.trajectory_documents import EXTRACT_FORMAT, MAX_VALUES
@@ -158,7 +158,9 @@ def test_files_that_are_too_large(tmp_path: Path, name: str, size: int) -> None:
         read_trajectories(path)
 
 
-@pytest.mark.parametrize(("name", "reader"), [("way.yaml", yaml_text), ("a.json", trajectory_reader)])
+@pytest.mark.parametrize(
+    ("name", "reader"), [("way.yaml", trajectory_documents), ("a.json", trajectory_reader)]
+)
 def test_files_of_too_many_values(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, reader: ModuleType
 ) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.player import wincaps_project
+from bcapscope.player import trajectory_reader
 from bcapscope.player.trajectory import TrajectoryError
 from bcapscope.player.trajectory_reader import read_trajectories
 from tests.cli.run import CAPTURES
@@ -37,7 +37,7 @@ def test_several_files_are_several_trajectories(tmp_path: Path) -> None:
 
 
 def test_no_more_are_read_than_one_chooses_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(wincaps_project, "MAX_TRAJECTORIES", 2)
+    monkeypatch.setattr(trajectory_reader, "MAX_TRAJECTORIES", 2)
     make(tmp_path, a_csv=LOG, b_csv=LOG, c_csv=LOG)
     assert len(read_trajectories(tmp_path)) == 2
 
@@ -60,7 +60,7 @@ def test_an_empty_folder(tmp_path: Path) -> None:
 
 
 def test_no_more_files_are_looked_at_than_it_takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(wincaps_project, "MAX_FILES", 2)
+    monkeypatch.setattr(trajectory_reader, "MAX_FILES", 2)
     make(tmp_path, a_dat=b"", b_dat=b"", c_csv=LOG)
     with pytest.raises(TrajectoryError, match="only 2 files"):
         read_trajectories(tmp_path)

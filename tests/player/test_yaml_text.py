@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bcapscope.faults.yaml_events import MAX_LEVELS
 from bcapscope.player.trajectory import TrajectoryError
-from bcapscope.player.yaml_text import read_yaml
+from bcapscope.player.trajectory_documents import read_yaml
 
 
 @pytest.mark.parametrize(

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 
 from bcapscope.client import Session, open_session
-from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.controller_target import DEFAULT_RETRY_POLICIES, ControllerTarget
 from bcapscope.client.object_opener import ObjectOpener
-from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES
 from bcapscope.player.blocking_caller import BlockingCaller, run_blocking
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.replay.replay_script import ReplayScript, scripts_of
 from bcapscope.replay.script_player import PlayedCall, ScriptPlayer
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.server_interfaces import ControllerModel
 from bcapscope.simulator.simulator import Simulator
+from bcapscope.simulator.simulator_server import ControllerModel
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.tracker import Tracker

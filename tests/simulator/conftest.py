@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 
 from bcapscope.simulator.profile import PROFILES
-from tests.simulator.desk import Desk, Operator
+from tests.simulator.simulation import Operator, Simulation
 
 
 @pytest.fixture(params=list(PROFILES))
-def desk(request: pytest.FixtureRequest) -> Desk:
-    return Desk(str(request.param))
+def simulation(request: pytest.FixtureRequest) -> Simulation:
+    return Simulation(str(request.param))
 
 
 @pytest.fixture
-def operator(desk: Desk) -> Operator:
-    return Operator(desk)
+def operator(simulation: Simulation) -> Operator:
+    return Operator(simulation)

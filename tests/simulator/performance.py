@@ -13,8 +13,8 @@ from bcapscope.protocol.tables.function_table import function_by_name
 from bcapscope.protocol.tables.hresult import S_EXECUTING
 from bcapscope.simulator.scenario_event import AnyEvent
 from bcapscope.simulator.simulator import SimulatorOutput
-from tests.simulator.desk import MS, Desk
 from tests.simulator.playbook import Playbook, Step, arguments, first_names
+from tests.simulator.simulation import MS, Simulation
 
 PATIENCE = 30_000 * MS
 TIMEOUT = 16
@@ -60,7 +60,7 @@ class Performance:
     """A controller, the clients of a playbook and what they have stored."""
 
     def __init__(self, playbook: Playbook, profile: str) -> None:
-        self.desk = Desk.of(playbook.scenario)
+        self.simulation = Simulation.of(playbook.scenario)
         self.names = first_names(profile)
         self.speakers = {name: Speaker(*how) for name, how in playbook.clients.items()}
         self.connect()
@@ -68,7 +68,7 @@ class Performance:
     def connect(self) -> None:
         """Connect the clients that use TCP."""
         for name, speaker in self.speakers.items():
-            assert not speaker.tcp or self.desk.answerer.on_connect(name, self.desk.now)
+            assert not speaker.tcp or self.simulation.answerer.on_connect(name, self.simulation.now)
 
     def play(self, step: Step) -> None:
         """Do one step.
@@ -79,22 +79,22 @@ class Performance:
         if step.subject == "wait":
             number, unit = step.words
             assert unit == "ms"
-            self.deliver(self.desk.wait(float(number)))
+            self.deliver(self.simulation.wait(float(number)))
         elif step.subject == "controller":
             event: AnyEvent = read_document(step.words[0], AnyEvent)  # type: ignore[arg-type]  # a union
-            self.deliver(event.apply(self.desk.simulator, self.desk.now) or [])
+            self.deliver(event.apply(self.simulation.simulator, self.simulation.now) or [])
         else:
             for repetition in range(step.times):
                 self._speak(step, repetition)
 
     def _speak(self, step: Step, repetition: int) -> None:
-        began = self.desk.now
+        began = self.simulation.now
         if step.verb != "gets":
             self._send(step, repetition)
         if step.reply is None:
             return
         frame = self._wait(self.speakers[step.subject], step)
-        took = (self.desk.now - began) / MS
+        took = (self.simulation.now - began) / MS
         values = frame.variants
         said = f"{frame.code:08X} {values[0] if values else 'no argument'} in {took:g} ms"
         right = frame.code == step.reply.result and self._fits(step.reply.value, values)
@@ -118,12 +118,12 @@ class Performance:
             if step.verb == "abandons":
                 speaker.serial -= 1  # the Python client advances it only with a reply
             if fate:
-                self.deliver(self.desk.wait(TIMEOUT))
+                self.deliver(self.simulation.wait(TIMEOUT))
                 speaker.inbox.clear()
 
     def transmit(self, name: str, raw: bytes) -> list[SimulatorOutput]:
         """Send a request of a client to the controller; return what is to be delivered."""
-        answerer, now = self.desk.answerer, self.desk.now
+        answerer, now = self.simulation.answerer, self.simulation.now
         return (
             answerer.on_segment(name, raw, now)
             if self.speakers[name].tcp
@@ -131,13 +131,13 @@ class Performance:
         )
 
     def _wait(self, speaker: Speaker, step: Step) -> Frame:
-        end = self.desk.now + PATIENCE
+        end = self.simulation.now + PATIENCE
         while (frame := speaker.reply()) is None:
-            due = self.desk.answerer.due(self.desk.now)
+            due = self.simulation.answerer.due(self.simulation.now)
             if due is None or due > end:
                 raise Wrong(f"{step.place}: {' '.join(step.words)}: no reply")
-            self.desk.now = max(due, self.desk.now + 1)
-            self.deliver(self.desk.answerer.advance(self.desk.now))
+            self.simulation.now = max(due, self.simulation.now + 1)
+            self.deliver(self.simulation.answerer.advance(self.simulation.now))
         return frame
 
     def deliver(self, outputs: list[SimulatorOutput]) -> None:

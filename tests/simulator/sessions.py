@@ -12,8 +12,7 @@ from math import cos, pi
 from typing import Any, TypeAlias
 
 from bcapscope.client import connect
-from bcapscope.client.remote_objects import Controller, Robot
-from bcapscope.client.service import Service
+from bcapscope.client.remote_objects import Controller, Robot, Service
 from bcapscope.client.session import LinkOpener
 from bcapscope.errors import CallTimeout, ControllerError
 from bcapscope.protocol.codec.variant import VT, Variant

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.simulator.argument_values import i4
-from tests.simulator.desk import Desk, Operator
+from tests.simulator.simulation import Operator, Simulation
 
 HOME = (0.0, 0.0, 90.0, 0.0, 90.0, 0.0)
 UNDERFLOW, OVERFLOW, OUTSIDE, REFUSED = 0x84201482, 0x83201483, 0x83500121, 0x83501032
@@ -13,7 +13,7 @@ FULL = 0x0F200501
 
 def started(profile: str = "rc8", mode: int | None = None) -> Operator:
     """An operator in slave mode, by joints; the mode that waits unless another is asked for."""
-    operator = Operator(Desk(profile))
+    operator = Operator(Simulation(profile))
     operator.ready()
     chosen = mode if mode is not None else 0x002 if profile == "rc7" else 0x202
     assert operator.slave(chosen).hresult == 0

@@ -10,7 +10,7 @@ from bcapscope.protocol.tables.hresult import E_INVALIDARG
 from bcapscope.simulator.argument_values import bstr, i4
 from bcapscope.simulator.machine import InitialState
 from bcapscope.simulator.profile import PROFILES
-from tests.simulator.desk import Desk, Operator, ints
+from tests.simulator.simulation import Operator, Simulation, ints
 
 
 def servo(operator: Operator) -> Variant:
@@ -21,7 +21,7 @@ def servo(operator: Operator) -> Variant:
 @pytest.mark.parametrize("profile", sorted(PROFILES))
 @pytest.mark.parametrize("tcp", [False, True])
 def test_writing_servo_on_switches_the_motor_as_the_command_does(profile: str, tcp: bool) -> None:
-    operator = Operator(Desk(profile), tcp=tcp)
+    operator = Operator(Simulation(profile), tcp=tcp)
     variable = servo(operator)
     states = [operator.call("Variable_GetValue", variable).value]
     on = operator.call("Variable_PutValue", variable, Variant(VT.BOOL, True))
@@ -38,13 +38,13 @@ def test_writing_servo_on_switches_the_motor_as_the_command_does(profile: str, t
 
 
 def test_a_motion_ends_when_servo_on_is_written_false() -> None:
-    desk = Desk()
-    operator, other = Operator(desk), Operator(desk, "other", tcp=True)
+    simulation = Simulation()
+    operator, other = Operator(simulation), Operator(simulation, "other", tcp=True)
     operator.ready()
     variable = servo(other)
     pose = bstr("J(90,0,90,0,90,0)")
     assert operator.send("Robot_Move", operator.arm, i4(1), pose, bstr("")) == []
-    desk.wait(100)
+    simulation.wait(100)
     outputs = other.send("Variable_PutValue", variable, Variant(VT.BOOL, False))
     assert {output.peer: Frame(output.data).code for output in outputs} == {"other": 0, "client": 0x81501003}
     assert operator.move("J(0,0,90,0,90,0)").hresult == 0x81501003
@@ -60,7 +60,7 @@ def test_a_motion_ends_when_servo_on_is_written_false() -> None:
     ],
 )
 def test_servo_on_is_refused_as_the_motor_command_is(start: InitialState, result: int) -> None:
-    operator = Operator(Desk("rc8", start))
+    operator = Operator(Simulation("rc8", start))
     variable = servo(operator)
     written = operator.call("Variable_PutValue", variable, Variant(VT.BOOL, True))
     assert written.hresult == operator.robot("Motor", ints(1, 0)).hresult == result
@@ -70,7 +70,7 @@ def test_servo_on_is_refused_as_the_motor_command_is(start: InitialState, result
 
 @pytest.mark.parametrize("value", [Variant(VT.BSTR, "on"), EMPTY, Variant(VT.NULL, None)])
 def test_servo_on_takes_only_what_says_on_or_off(value: Variant) -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     variable = servo(operator)
     assert operator.call("Variable_PutValue", variable, value).hresult in (E_INVALIDARG, 0x80020005)
     assert operator.call("Variable_GetValue", variable).value is False
@@ -78,7 +78,7 @@ def test_servo_on_takes_only_what_says_on_or_off(value: Variant) -> None:
 
 @pytest.mark.parametrize(("name", "value"), [("@SERVO_ON", True), ("@SERVO_ON", False), ("@START", 1)])
 def test_a_variable_that_acts_is_refused_in_slave_mode_as_its_command_is(name: str, value: object) -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     task = operator.get("Controller_GetTask", operator.controller, "Pro1")
     variable = servo(operator) if name == "@SERVO_ON" else operator.get("Task_GetVariable", task, name)
     operator.ready()
@@ -91,12 +91,12 @@ def test_a_variable_that_acts_is_refused_in_slave_mode_as_its_command_is(name: s
 
 
 def test_writing_start_and_stop_is_starting_and_stopping_a_task() -> None:
-    operator = Operator(Desk("rc7"))
+    operator = Operator(Simulation("rc7"))
     task = operator.get("Controller_GetTask", operator.controller, "RobSlave")
     start, stop = (operator.get("Task_GetVariable", task, name) for name in ("@START", "@STOP"))
-    operator.desk.machine.press_emergency_stop(operator.desk.now)
+    operator.simulation.machine.press_emergency_stop(operator.simulation.now)
     assert operator.call("Variable_PutValue", start, i4(1)).hresult == 0x8150101A
-    operator.desk.machine.emergency = False
+    operator.simulation.machine.emergency = False
     operator.command("ClearError")
     assert operator.call("Variable_PutValue", start, i4(1)).hresult == 0
     operator.robot("Motor", i4(1))
@@ -110,7 +110,7 @@ def test_writing_start_and_stop_is_starting_and_stopping_a_task() -> None:
 def test_writing_stop_is_allowed_in_slave_mode_as_task_stop_is(profile: str, mode: int, after: int) -> None:
     """It stops RobSlave, without which there is no slave mode on RC7."""
     for by_variable in (True, False):
-        operator = Operator(Desk(profile))
+        operator = Operator(Simulation(profile))
         task = operator.get("Controller_GetTask", operator.controller, "RobSlave")
         stop = operator.get("Task_GetVariable", task, "@STOP")
         operator.ready()

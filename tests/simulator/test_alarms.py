@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from bcapscope.simulator.argument_values import i4
-from tests.simulator.desk import Desk, Operator
+from tests.simulator.simulation import Operator, Simulation
 
 
 def test_errors_are_told_until_they_are_cleared() -> None:
-    operator = Operator(Desk())
-    operator.desk.machine.raise_error(0x84204051, operator.desk.now)
+    operator = Operator(Simulation())
+    operator.simulation.machine.raise_error(0x84204051, operator.simulation.now)
     assert operator.read("@ERROR_CODE").value == 0x84204051 - (1 << 32)
     assert operator.command("GetCurErrorCount").value == 1
     info = operator.command("GetCurErrorInfo", i4(0)).value
@@ -28,11 +28,11 @@ def test_errors_are_told_until_they_are_cleared() -> None:
 
 
 def test_the_emergency_stop_stays_until_it_is_let_go() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     operator.ready()
-    operator.desk.machine.press_emergency_stop(operator.desk.now)
+    operator.simulation.machine.press_emergency_stop(operator.simulation.now)
     assert operator.robot("Motor", i4(1)).hresult == 0x8150101A
     assert operator.command("ClearError").hresult == 0x8150101A
-    operator.desk.machine.emergency = False
+    operator.simulation.machine.emergency = False
     assert operator.command("ClearError").hresult == 0
     assert operator.robot("Motor", i4(1)).hresult == 0

@@ -7,12 +7,13 @@ from dataclasses import fields
 from pathlib import Path
 
 from bcapscope import simulator
-from bcapscope.simulator.behaviours import BEHAVIOURS, Certainty
+from bcapscope.simulator.behaviours import Certainty, read_behaviours
 from bcapscope.simulator.profile import Profile
 
 _ENDS = ("RefusedError", "CallResult", "SlaveModeFault", "raise_error", "refuse", "reply", "stop")
 """What is called with a result."""
 
+BEHAVIOURS = read_behaviours()
 NAMES = [behaviour.name for behaviour in BEHAVIOURS]
 
 
@@ -44,7 +45,7 @@ def test_no_behaviour_is_told_twice_or_without_a_source() -> None:
 
 def test_what_no_source_says_is_assumed() -> None:
     for behaviour in BEHAVIOURS:
-        if behaviour.source in ("no source says", "ours", "our bound"):
+        if behaviour.source in ("no source says", "bcapscope's own choice", "bcapscope's own limit"):
             assert behaviour.certainty is Certainty.ASSUMED, behaviour
 
 

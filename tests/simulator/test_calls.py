@@ -13,7 +13,7 @@ from bcapscope.simulator.argument_values import bstr, i4, r4, r8
 from bcapscope.simulator.machine import InitialState
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Simulator
-from tests.simulator.desk import MS, Desk, Operator
+from tests.simulator.simulation import MS, Operator, Simulation
 from tests.strategies import variants
 
 E_HANDLE = 0x80070006
@@ -42,14 +42,14 @@ def test_a_client_has_a_thousand_objects(operator: Operator) -> None:
 
 
 @pytest.mark.parametrize("function_id", [0, 138, 200, 0x80000000, 0xFFFFFFFF])
-def test_ids_outside(desk: Desk, function_id: int) -> None:
-    reply = desk.simulator.on_datagram("a", encode_frame(1, 0, function_id), 0)
+def test_ids_outside(simulation: Simulation, function_id: int) -> None:
+    reply = simulation.simulator.on_datagram("a", encode_frame(1, 0, function_id), 0)
     assert reply[0].data == encode_frame(1, 0, E_INVALIDARG)
 
 
 @pytest.mark.parametrize("function_id", [each for each in FUNCTIONS if each not in (1, 2, 4)])
 def test_every_function_answers_one_argument_or_none(function_id: int) -> None:
-    operator = Operator(Desk("cserver"))
+    operator = Operator(Simulation("cserver"))
     function = FUNCTIONS[function_id]
     fill = {"VT_I4": i4(1), "VT_R4": r4(1), "VT_BSTR": bstr("x"), "VARIANT": EMPTY}
     handles = {"Controller": operator.controller, "Robot": operator.arm}
@@ -63,8 +63,8 @@ def test_every_function_answers_one_argument_or_none(function_id: int) -> None:
 
 
 def test_s_executing_comes_each_wdt_while_a_call_runs() -> None:
-    desk = Desk("cserver", InitialState(motor=True))
-    operator = Operator(desk, options=",WDT=80")
+    simulation = Simulation("cserver", InitialState(motor=True))
+    operator = Operator(simulation, options=",WDT=80")
     operator.robot("TakeArm")
     operator.robot("ExtSpeed", r8(10))
     reply = operator.move("J(20,0,90,0,90,0)")
@@ -73,71 +73,74 @@ def test_s_executing_comes_each_wdt_while_a_call_runs() -> None:
 
 
 def test_a_stuck_call_is_never_answered_and_makes_the_client_busy() -> None:
-    desk = Desk("cserver", InitialState(motor=True))
-    operator = Operator(desk, options=",WDT=80,InvokeTimeout=200")
+    simulation = Simulation("cserver", InitialState(motor=True))
+    operator = Operator(simulation, options=",WDT=80,InvokeTimeout=200")
     operator.robot("TakeArm")
     operator.robot("ExtSpeed", r8(1))
     stuck = operator.send("Robot_Move", operator.arm, i4(1), bstr("J(90,0,90,0,90,0)"), bstr(""))
     assert stuck == []
-    assert len(desk.wait(1000)) == 2
+    assert len(simulation.wait(1000)) == 2
     assert operator.robot("CurJnt").hresult == 0x809100AA
-    assert desk.wait(120_000) == []
+    assert simulation.wait(120_000) == []
     assert operator.robot("CurJnt").hresult == 0
 
 
 def test_calls_of_one_client_wait_for_each_other() -> None:
-    desk = Desk("rc8", InitialState(motor=True))
-    operator = Operator(desk, tcp=True)
+    simulation = Simulation("rc8", InitialState(motor=True))
+    operator = Operator(simulation, tcp=True)
     operator.robot("TakeArm")
     operator.send("Robot_Move", operator.arm, i4(1), bstr("@E J(10,0,90,0,90,0)"), bstr(""))
     assert operator.send("Robot_Execute", operator.arm, bstr("CurJnt"), EMPTY) == []
-    codes = [Frame(output.data).serial for output in desk.wait(2000)]
+    codes = [Frame(output.data).serial for output in simulation.wait(2000)]
     assert codes == [operator.serial - 1, operator.serial]
 
 
 def test_a_retry_is_answered_and_not_run_again() -> None:
-    desk = Desk("rc7")
-    operator = Operator(desk)
-    count = len(desk.simulator._links["client"].executor.session.objects)
+    simulation = Simulation("rc7")
+    operator = Operator(simulation)
+    (objects,) = simulation.machine.open_objects.values()
+    count = len(objects)
     content = (9, [operator.controller, bstr("I2"), bstr("")])
-    first = desk.simulator.on_datagram("client", encode_frame(100, 0, *content), desk.now)[0].data
-    again = desk.simulator.on_datagram("client", encode_frame(101, 100, *content), desk.now)[0].data
+    first = simulation.simulator.on_datagram("client", encode_frame(100, 0, *content), simulation.now)[0].data
+    again = simulation.simulator.on_datagram("client", encode_frame(101, 100, *content), simulation.now)[
+        0
+    ].data
     assert Frame(first).arguments == Frame(again).arguments
     assert (Frame(again).serial, Frame(again).reserved) == (101, 100)
-    assert len(desk.simulator._links["client"].executor.session.objects) == count + 1
+    assert len(objects) == count + 1
 
 
 def test_what_a_datagram_cannot_carry_is_refused() -> None:
     """The names of all variables are a few kB."""
     for tcp, result in ((False, E_TOO_MUCH_DATA), (True, 0)):
-        operator = Operator(Desk("rc8"), tcp=tcp)
+        operator = Operator(Simulation("rc8"), tcp=tcp)
         assert operator.call("Controller_GetVariableNames", operator.controller, bstr("")).hresult == result
         assert operator.call("Controller_GetName", operator.controller).hresult == 0
 
 
 def test_reserved_is_echoed_by_rc7_only() -> None:
     for name, reserved in (("rc7", 7), ("rc8", 0)):
-        outputs = Desk(name).simulator.on_datagram("a", encode_frame(7, 7, 1, [bstr("")]), 0)
+        outputs = Simulation(name).simulator.on_datagram("a", encode_frame(7, 7, 1, [bstr("")]), 0)
         assert Frame(outputs[0].data).reserved == reserved
 
 
 def test_defects_of_the_c_server_are_its_own() -> None:
     for name, result in (("cserver", 0), ("rc8", E_INVALIDARG)):
-        outputs = Desk(name).simulator.on_datagram("a", encode_frame(0, 0, 200), 0)
+        outputs = Simulation(name).simulator.on_datagram("a", encode_frame(0, 0, 200), 0)
         assert Frame(outputs[0].data).code == result
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 140), st.lists(variants(), max_size=4)), max_size=12))
 def test_any_request_gets_one_answer_at_most(requests: list[tuple[int, list[Variant]]]) -> None:
-    desk = Desk("rc8", InitialState(motor=True))
-    operator = Operator(desk, tcp=True)
+    simulation = Simulation("rc8", InitialState(motor=True))
+    operator = Operator(simulation, tcp=True)
     operator.robot("TakeArm")
     for function_id, arguments in requests:
         filled = [operator.controller if function_id < 26 else operator.arm, *arguments]
         operator.serial += 1
         raw = encode_frame(operator.serial, 0, function_id, filled)
-        outputs = desk.simulator.on_segment("client", raw, desk.now) + desk.wait(60_000)
+        outputs = simulation.simulator.on_segment("client", raw, simulation.now) + simulation.wait(60_000)
         assert len([each for each in outputs if each.data]) <= 1
         if any(not each.data for each in outputs):
             return

@@ -10,7 +10,7 @@ from bcapscope.protocol.codec.frame import Frame, encode_frame, parse_datagram
 from bcapscope.simulator.argument_values import bstr, i4
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import EVICTABLE_AFTER_NS, MAX_CLIENTS, STOP_CLIENTS, Simulator
-from tests.simulator.desk import Desk, Operator, Person
+from tests.simulator.simulation import Operator, SimulatedClient, Simulation
 
 START = encode_frame(1, 0, 1, [bstr("")])
 E_INVALIDARG = 0x80070057
@@ -20,14 +20,14 @@ def _framed(inner: bytes) -> bytes:
     return b"\x01" + (len(inner) + 6).to_bytes(4, "little") + inner + b"\x04"
 
 
-def test_everything_before_service_start_is_refused(desk: Desk) -> None:
-    person = Person(desk)
+def test_everything_before_service_start_is_refused(simulation: Simulation) -> None:
+    person = SimulatedClient(simulation)
     assert person.call("Controller_Connect", *map(bstr, "abcd")).hresult == 0x80000902
 
 
 @pytest.mark.parametrize(("option", "result"), [(",WDT=79", E_INVALIDARG), (",WDT=80", 0), ("WDT=400", 0)])
-def test_wdt_has_a_least_value(desk: Desk, option: str, result: int) -> None:
-    assert Person(desk).call("Service_Start", bstr(option)).hresult == result
+def test_wdt_has_a_least_value(simulation: Simulation, option: str, result: int) -> None:
+    assert SimulatedClient(simulation).call("Service_Start", bstr(option)).hresult == result
 
 
 @pytest.mark.parametrize(
@@ -41,13 +41,13 @@ def test_wdt_has_a_least_value(desk: Desk, option: str, result: int) -> None:
     ],
 )
 def test_the_provider_counts_but_on_rc7(profile: str, provider: str, result: int) -> None:
-    person = Person(Desk(profile))
+    person = SimulatedClient(Simulation(profile))
     person.call("Service_Start", bstr(""))
     assert person.call("Controller_Connect", *map(bstr, ("", provider, "", ""))).hresult == result
 
 
 def test_a_controller_connected_twice_under_one_name() -> None:
-    person = Person(Desk("rc8"))
+    person = SimulatedClient(Simulation("rc8"))
     person.call("Service_Start", bstr(""))
     texts = ("a", "CaoProv.DENSO.VRC", "localhost")
     first = person.call("Controller_Connect", *map(bstr, (*texts, "")))
@@ -57,8 +57,8 @@ def test_a_controller_connected_twice_under_one_name() -> None:
 
 
 def test_a_name_is_in_use_as_long_as_any_client_has_it() -> None:
-    desk = Desk("rc8")
-    first, second = Person(desk, "first"), Person(desk, "second")
+    simulation = Simulation("rc8")
+    first, second = SimulatedClient(simulation, "first"), SimulatedClient(simulation, "second")
     names = [bstr(text) for text in ("Cell", "CaoProv.DENSO.VRC", "localhost", "")]
     first.call("Service_Start", bstr(""))
     second.call("Service_Start", bstr(""))
@@ -66,28 +66,28 @@ def test_a_name_is_in_use_as_long_as_any_client_has_it() -> None:
     assert second.call("Controller_Connect", bstr("CELL"), *names[1:]).hresult == 0x80000205
     assert second.call("Controller_Connect", *names[:3], bstr("@IfNotMember")).hresult == 0
     assert second.call("Service_Stop").hresult == 0
-    desk.simulator.on_disconnect("first", desk.now)
+    simulation.simulator.on_disconnect("first", simulation.now)
     second.call("Service_Start", bstr(""))
     assert second.call("Controller_Connect", *names).hresult == 0
 
 
 @pytest.mark.parametrize("data", [b"", b"\x01", b"\x01\xff\xff\xff\xff" + bytes(20), b"x" * 600])
-def test_a_bad_datagram_is_dropped_and_counted(desk: Desk, data: bytes) -> None:
-    assert desk.simulator.on_datagram("a", data, 0) == []
-    assert (desk.simulator.dropped, desk.simulator.client_count) == (1, 0)
+def test_a_bad_datagram_is_dropped_and_counted(simulation: Simulation, data: bytes) -> None:
+    assert simulation.simulator.on_datagram("a", data, 0) == []
+    assert (simulation.simulator.dropped, simulation.simulator.client_count) == (1, 0)
 
 
-def test_a_bad_frame_ends_a_connection_without_reply(desk: Desk) -> None:
-    assert desk.simulator.on_connect("a", 0)
-    outputs = desk.simulator.on_segment(
+def test_a_bad_frame_ends_a_connection_without_reply(simulation: Simulation) -> None:
+    assert simulation.simulator.on_connect("a", 0)
+    outputs = simulation.simulator.on_segment(
         "a", encode_frame(1, 0, 1, [bstr("")])[:-1] + b"\x05" + b"\x01" * 40, 0
     )
     assert outputs == [("a", b"")]
-    assert desk.simulator.client_count == 0
+    assert simulation.simulator.client_count == 0
 
 
 def test_twenty_clients_of_each_kind() -> None:
-    simulator = Desk().simulator
+    simulator = Simulation().simulator
     request = encode_frame(1, 0, 1, [bstr("")])
     for number in range(MAX_CLIENTS):
         assert simulator.on_connect(("tcp", number), 0)
@@ -99,7 +99,7 @@ def test_twenty_clients_of_each_kind() -> None:
 
 
 def test_stops_find_a_place_when_all_are_taken_and_others_keep_theirs() -> None:
-    simulator = Desk().simulator
+    simulator = Simulation().simulator
     request, halt = encode_frame(1, 0, 1, [bstr("")]), encode_frame(1, 0, 70, [i4(1), bstr("")])
     for number in range(MAX_CLIENTS):
         assert simulator.on_connect(("tcp", number), 0)
@@ -114,11 +114,11 @@ def test_stops_find_a_place_when_all_are_taken_and_others_keep_theirs() -> None:
 
 
 def test_reset_lets_go_of_all() -> None:
-    desk = Desk()
-    first = Operator(desk, "a", tcp=True)
+    simulation = Simulation()
+    first = Operator(simulation, "a", tcp=True)
     first.robot("TakeArm")
-    assert desk.simulator.reset(desk.now) == [("a", b"")]
-    assert Operator(desk, "b").robot("TakeArm").hresult == 0
+    assert simulation.simulator.reset(simulation.now) == [("a", b"")]
+    assert Operator(simulation, "b").robot("TakeArm").hresult == 0
 
 
 @given(

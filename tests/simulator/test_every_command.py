@@ -13,13 +13,13 @@ from bcapscope.protocol.codec.variant import EMPTY, VT, Variant, vt_name
 from bcapscope.protocol.tables.command_catalogue import CommandSpec, commands_of
 from bcapscope.protocol.tables.hresult import E_NOTIMPL, S_EXECUTING
 from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, r8, variant_array
-from bcapscope.simulator.behaviours import BEHAVIOURS, Certainty
+from bcapscope.simulator.behaviours import Certainty, read_behaviours
 from bcapscope.simulator.call_context import accept_without_effect
-from bcapscope.simulator.controller_commands import CONTROLLER_COMMANDS, TASK_COMMANDS
+from bcapscope.simulator.function_handlers import CONTROLLER_COMMANDS, TASK_COMMANDS
 from bcapscope.simulator.machine import InitialState
 from bcapscope.simulator.result_codes import INVALID_COMMAND
 from bcapscope.simulator.robot_commands import ROBOT_COMMANDS
-from tests.simulator.desk import Desk, Operator, ints
+from tests.simulator.simulation import Operator, Simulation, ints
 from tests.strategies import variants as any_variant
 
 CONTROLLER, EXTENSION, ROBOT, TASK = 17, 28, 64, 87
@@ -139,13 +139,13 @@ CASES = [
 
 def _ready(profile: str, known: CommandSpec) -> Operator:
     """Return a client that is ready for a command: an object lies between the fingers."""
-    operator = Operator(Desk(profile, InitialState(object_width=12.0)), tcp=True)
+    operator = Operator(Simulation(profile, InitialState(object_width=12.0)), tcp=True)
     operator.ready()
     if known.name in ("GetCurErrorInfo", "GetErrorLog"):
-        operator.desk.machine.raise_error(0x84204051, operator.desk.now)
+        operator.simulation.machine.raise_error(0x84204051, operator.simulation.now)
     if known.name == "GetLogRecord":
         operator.robot("StartLog")
-        operator.desk.wait(20)
+        operator.simulation.wait(20)
     if known.name == "slvMove":
         assert operator.slave(0x001).hresult == 0
     return operator
@@ -211,10 +211,10 @@ LIKELY = st.recursive(
 @settings(max_examples=300, deadline=None)
 @given(st.sampled_from([known for profile, known in CASES if profile == "rc8"]), any_variant() | LIKELY)
 def test_any_parameter_is_answered_or_refused(known: CommandSpec, parameter: Variant) -> None:
-    operator = Operator(Desk("rc8", InitialState(motor=True, object_width=12.0)), tcp=True)
+    operator = Operator(Simulation("rc8", InitialState(motor=True, object_width=12.0)), tcp=True)
     operator.ready()
     function, target = _target(operator, known)
-    raw = operator.send(function, target, bstr(known.name), parameter) + operator.desk.wait(3_700_000)
+    raw = operator.send(function, target, bstr(known.name), parameter) + operator.simulation.wait(3_700_000)
     replies = [Frame(output.data) for output in raw if Frame(output.data).code != S_EXECUTING]
     assert len(replies) == 1
     assert replies[0].code not in (E_NOTIMPL, INVALID_COMMAND)
@@ -229,14 +229,14 @@ def test_each_generation_is_walked() -> None:
 
 @pytest.mark.parametrize(("profile", "name"), [("rc7", "HandMoveA"), ("rc9", "HandStop"), ("rc8", "MoveA")])
 def test_a_command_of_another_controller_is_unknown(profile: str, name: str) -> None:
-    operator = Operator(Desk(profile))
+    operator = Operator(Simulation(profile))
     assert operator.command(name, ints(5, 100)).hresult == INVALID_COMMAND
 
 
 @pytest.mark.parametrize("profile", ["rc7", "rc8", "cserver"])
 @pytest.mark.parametrize("name", ["TwofgGrip", "twofgstop", "HandGrip"])
 def test_the_hand_of_cobotta_pro_is_unknown_to_others(profile: str, name: str) -> None:
-    operator = Operator(Desk(profile))
+    operator = Operator(Simulation(profile))
     assert operator.robot(name, PARAMETERS.get(name, EMPTY)).hresult == INVALID_COMMAND
 
 
@@ -245,7 +245,7 @@ def test_what_has_no_effect_is_listed_as_assumed() -> None:
     ineffective = {name for table in tables for name, run in table.items() if run is accept_without_effect}
     listed = {
         name.casefold()
-        for behaviour in BEHAVIOURS
+        for behaviour in read_behaviours()
         for name in behaviour.name.split()
         if behaviour.certainty is Certainty.ASSUMED
     }

@@ -11,7 +11,7 @@ from bcapscope.protocol.tables.variables import VARIABLES, VariableKind
 from bcapscope.simulator.argument_values import bstr, float_array, i4, r4, variant_array
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.result_codes import BAD_INDEX, NOT_WRITABLE, OBJECT_NOT_FOUND, TYPE_MISMATCH
-from tests.simulator.desk import Desk, Operator
+from tests.simulator.simulation import Operator, Simulation
 
 ONLY_ON_RC7 = ("TOOL", "WORK", "_ITP")
 READ_ONLY = frozenset(
@@ -49,7 +49,7 @@ def opened(operator: Operator, kind: VariableKind) -> Variant:
 
 @pytest.mark.parametrize(("profile", "kind"), CASES, ids=[f"{p}-{k.owner}-{k.name}" for p, k in CASES])
 def test_a_documented_variable_is_read_and_written(profile: str, kind: VariableKind) -> None:
-    operator = Operator(Desk(profile))
+    operator = Operator(Simulation(profile))
     variable = opened(operator, kind)
     read = operator.call("Variable_GetValue", variable)
     assert read.hresult == 0
@@ -66,7 +66,7 @@ def test_a_documented_variable_is_read_and_written(profile: str, kind: VariableK
 
 @pytest.mark.parametrize("profile", sorted(PROFILES))
 def test_the_number_of_a_variable_may_follow_as_its_id(profile: str) -> None:
-    operator = Operator(Desk(profile))
+    operator = Operator(Simulation(profile))
     for kind in VARIABLES:
         if not kind.is_numbered or (kind.name in ONLY_ON_RC7 and profile != "rc7"):
             continue
@@ -82,7 +82,7 @@ def test_the_number_of_a_variable_may_follow_as_its_id(profile: str) -> None:
 @pytest.mark.parametrize("profile", ["rc8", "rc9", "cserver"])
 @pytest.mark.parametrize("name", ["TOOL1", "WORK1", "TOOL*", "_ITP"])
 def test_variables_of_rc7_are_unknown_to_later_controllers(profile: str, name: str) -> None:
-    operator = Operator(Desk(profile), tcp=True)  # the list of names is too long for a datagram
+    operator = Operator(Simulation(profile), tcp=True)  # the list of names is too long for a datagram
     opened = operator.call("Controller_GetVariable", operator.controller, bstr(name), bstr(""))
     assert opened.hresult == OBJECT_NOT_FOUND
     listed = operator.call("Controller_GetVariableNames", operator.controller, bstr("")).value
@@ -91,7 +91,7 @@ def test_variables_of_rc7_are_unknown_to_later_controllers(profile: str, name: s
 
 
 def test_a_tool_of_rc7_is_what_its_command_defines() -> None:
-    operator = Operator(Desk("rc7"), tcp=True)
+    operator = Operator(Simulation("rc7"), tcp=True)
     assert operator.robot("SetToolDef", variant_array(i4(1), bstr("P(1, 2, 3, 4, 5, 6)"))).hresult == 0
     assert operator.read("TOOL1").value == (1, 2, 3, 4, 5, 6)
     assert operator.write("tool2", float_array(VT.R4, (6, 5, 4, 3, 2, 1, -1))).hresult == 0
@@ -114,7 +114,7 @@ def test_a_tool_of_rc7_is_what_its_command_defines() -> None:
     ],
 )
 def test_a_frame_that_makes_no_sense_is_refused(name: str, value: Variant, result: int) -> None:
-    assert Operator(Desk("rc7")).write(name, value).hresult == result
+    assert Operator(Simulation("rc7")).write(name, value).hresult == result
 
 
 @pytest.mark.parametrize("profile", sorted(PROFILES))
@@ -122,7 +122,7 @@ def test_a_frame_that_makes_no_sense_is_refused(name: str, value: Variant, resul
 def test_external_speeds_are_refused_in_slave_mode_as_the_command_is(profile: str, name: str) -> None:
     results = []
     for by_variable in (True, False):
-        operator = Operator(Desk(profile))
+        operator = Operator(Simulation(profile))
         variable = operator.get("Robot_GetVariable", operator.arm, name)
         operator.ready()
         assert operator.slave(0x002).hresult == 0
@@ -138,7 +138,7 @@ def test_external_speeds_are_refused_in_slave_mode_as_the_command_is(profile: st
 
 @pytest.mark.parametrize("name", ["@SPEED", "@ACCEL", "@JDECEL"])
 def test_internal_speeds_are_accepted_in_slave_mode_as_robot_speed_is(name: str) -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     variable = operator.get("Robot_GetVariable", operator.arm, name)
     operator.ready()
     assert operator.slave(0x202).hresult == 0
@@ -149,7 +149,7 @@ def test_internal_speeds_are_accepted_in_slave_mode_as_robot_speed_is(name: str)
 
 @pytest.mark.parametrize("value", [r4(0), r4(101), r4(-1)])
 def test_speeds_outside_their_range_are_not_written(value: Variant) -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     for name in ("@SPEED", "@EXTSPEED"):
         variable = operator.get("Robot_GetVariable", operator.arm, name)
         assert operator.call("Variable_PutValue", variable, value).hresult == NOT_WRITABLE

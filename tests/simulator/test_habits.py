@@ -10,7 +10,7 @@ from bcapscope.simulator.call_executor import CallReport
 from bcapscope.simulator.machine import InitialState
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Simulator
-from tests.simulator.desk import Desk, Operator, Person, ints, joints
+from tests.simulator.simulation import Operator, SimulatedClient, Simulation, ints, joints
 
 HOME = (0, 0, 90, 0, 90, 0)
 TURNED = (10, 0, 90, 0, 90, 0)
@@ -18,13 +18,13 @@ TURNED = (10, 0, 90, 0, 90, 0)
 
 @pytest.fixture
 def operator() -> Operator:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     operator.ready()
     return operator
 
 
 def _angle(operator: Operator) -> Value:
-    operator.desk.wait(1000)
+    operator.simulation.wait(1000)
     return operator.robot("CurJnt").value
 
 
@@ -130,7 +130,7 @@ def test_a_variable_may_give_the_speed(operator: Operator, option: str) -> None:
     slow = operator.move("J(0, 0, 90, 0, 90, 0)", option)
     assert slow.hresult == 0
     if "NEXT" in option:
-        operator.desk.wait(usual * 4.9)
+        operator.simulation.wait(usual * 4.9)
         assert operator.move("J(0, 0, 90, 0, 90, 0)").hresult == 0x80010004
     else:
         assert slow.ms == pytest.approx(usual * 5, rel=0.01)
@@ -185,7 +185,7 @@ def test_axes_are_driven_to_angles(operator: Operator) -> None:
 
 def test_the_pass_before_the_axes_counts(operator: Operator) -> None:
     plain = operator.robot("DriveAEx", Variant.array(VT.BSTR, ("(1, 10)", "")))
-    operator.desk.wait(100)
+    operator.simulation.wait(100)
     ends = operator.robot("DriveAEx", Variant.array(VT.BSTR, ("@E (1, 0)", "")))
     assert ends.ms - plain.ms == pytest.approx(24, abs=0.1)
 
@@ -215,18 +215,18 @@ def test_the_distance_of_an_approach_may_be_a_list(operator: Operator) -> None:
 
 def test_motion_skip_ends_a_motion_and_the_next_one_begins(operator: Operator) -> None:
     assert operator.move("J(90, 0, 90, 0, 90, 0)", "SPEED=10, NEXT").hresult == 0
-    operator.desk.wait(100)
+    operator.simulation.wait(100)
     assert operator.robot("MotionSkip", ints(-1, 3)).hresult == 0
     assert operator.robot("MotionComplete", ints(-1, 0)).value is True
     assert operator.move("J(0, 0, 90, 0, 90, 0)").hresult == 0
 
 
 def test_the_call_that_waits_for_a_skipped_motion_succeeds() -> None:
-    desk = Desk()
-    first, second = Operator(desk, "a"), Operator(desk, "b")
+    simulation = Simulation()
+    first, second = Operator(simulation, "a"), Operator(simulation, "b")
     first.ready()
     assert first.send("Robot_Move", first.arm, i4(1), bstr("J(90,0,90,0,90,0)"), bstr("SPEED=1")) == []
-    desk.wait(100)
+    simulation.wait(100)
     outputs = second.send("Robot_Execute", second.arm, bstr("MotionSkip"), ints(-1, 0))
     assert {output.peer for output in outputs} == {"a", "b"}
 
@@ -235,7 +235,7 @@ def test_the_call_that_waits_for_a_skipped_motion_succeeds() -> None:
 
 
 def test_names_and_options_of_objects() -> None:
-    person = Person(Desk())
+    person = SimulatedClient(Simulation())
     person.call("Service_Start", bstr(""))
     texts = ("", "caoProv.denso.vrc", "192.168.0.1", "Server = 192.168.0.1")
     opened = person.call("Controller_Connect", *map(bstr, texts))
@@ -260,23 +260,23 @@ def test_names_and_options_of_objects() -> None:
     ],
 )
 def test_parameters_as_text_and_as_other_numbers(command: str, parameter: Variant) -> None:
-    operator = Operator(Desk("rc8", InitialState(motor=False)))
+    operator = Operator(Simulation("rc8", InitialState(motor=False)))
     assert operator.robot(command, parameter).hresult == 0
     if command == "ExtSpeed":
         assert operator.robot("CurExtSpd").value == 50
     if command == "Motor":
-        assert operator.desk.machine.motor_is_on(operator.desk.now)
+        assert operator.simulation.machine.motor_is_on(operator.simulation.now)
 
 
 @pytest.mark.parametrize("profile", ["rc8", "rc9", "cserver"])
 def test_the_reset_is_prepared_on_robot_and_controller(profile: str) -> None:
-    operator = Operator(Desk(profile))
+    operator = Operator(Simulation(profile))
     assert operator.robot("ManualResetPreparation").hresult == 0
     assert operator.command("ManualResetPreparation").hresult == 0
 
 
 def test_a_serial_line_opens_and_stays_empty() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     line = operator.get("Controller_GetExtension", operator.controller, "Comm")
 
     def run(command: str, number: int = 4) -> Value:
@@ -291,7 +291,7 @@ def test_a_serial_line_opens_and_stays_empty() -> None:
 
 
 def test_an_extension_that_is_not_there_is_refused() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     reply = operator.call("Controller_GetExtension", operator.controller, bstr("Hand9"), bstr(""))
     assert reply.hresult == 0x80000204
     names = operator.call("Controller_GetExtensionNames", operator.controller, bstr("")).value
@@ -314,20 +314,20 @@ def test_brackets_open_once_and_close_once(
 def test_brackets_end_with_the_client_that_has_the_arm(operator: Operator) -> None:
     assert operator.robot("SyncTimeStart").hresult == 0
     assert operator.call("Service_Stop").hresult == 0
-    again = Operator(operator.desk)
+    again = Operator(operator.simulation)
     again.ready()
     assert again.robot("SyncTimeStart").hresult == 0
 
 
 def test_force_control_needs_the_arm_and_a_number_from_1_to_10() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     assert operator.robot("ForceCtrl", ints(1, 1)).hresult == 0x83501024
     operator.ready()
     assert operator.robot("ForceCtrl", ints(1, 11)).hresult == 0x80070057
     assert operator.robot("ForceCtrl", ints(1, 10)).hresult == 0
-    assert operator.desk.machine.equipment.force_control == 10
+    assert operator.simulation.machine.equipment.force_control == 10
     operator.robot("Motor", ints(0, 0))
-    assert operator.desk.machine.equipment.force_control is None
+    assert operator.simulation.machine.equipment.force_control is None
 
 
 def test_areas_are_kept(operator: Operator) -> None:
@@ -346,9 +346,9 @@ def test_areas_are_kept(operator: Operator) -> None:
 @pytest.mark.parametrize("profile", ["rc8", "rc9", "cserver"])
 def test_a_provider_that_is_not_simulated_is_refused_with_a_reason(profile: str, provider: str) -> None:
     reports: list[CallReport] = []
-    desk = Desk(profile)
-    desk.simulator = Simulator(PROFILES[profile], None, 0, lambda peer, report: reports.append(report))
-    person = Person(desk, tcp=True)
+    simulation = Simulation(profile)
+    simulation.simulator = Simulator(PROFILES[profile], None, 0, lambda peer, report: reports.append(report))
+    person = SimulatedClient(simulation, tcp=True)
     person.call("Service_Start", bstr(""))
     texts = ("", provider, "", "Server=192.168.0.90")
     assert person.call("Controller_Connect", *map(bstr, texts)).hresult == 0x80070057

@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, r8, variant_array
-from bcapscope.simulator.hand import COBOTTA_HAND, SECOND, Hand, HandMotion
+from bcapscope.simulator.equipment import COBOTTA_HAND, SECOND, Hand, HandMotion
 from bcapscope.simulator.machine import InitialState
 from bcapscope.simulator.scenario import read_scenario
-from tests.simulator.desk import Desk, Operator, Reply, ints
+from tests.simulator.simulation import Operator, Reply, Simulation, ints
 
 HOLDING = variant_array(i4(10), boolean(True))
 """Parameter of HandMoveH that closes with 10 N."""
 
 
 def ready(object_width: float | None = None, profile: str = "rc8") -> Operator:
-    operator = Operator(Desk(profile, InitialState(motor=True, object_width=object_width)))
+    operator = Operator(Simulation(profile, InitialState(motor=True, object_width=object_width)))
     operator.ready()
     return operator
 
@@ -95,10 +95,10 @@ def test_next_answers_at_once_and_a_moving_hand_refuses_the_next_command() -> No
     operator = ready()
     slow = variant_array(r8(0.0), i4(10), bstr("Next"))
     assert operator.command("HandMoveA", slow) == Reply(0, None, 0, 0.0, 0, 0)
-    operator.desk.wait(100)
+    operator.simulation.wait(100)
     assert 28 < width(operator) < 30
     assert operator.command("HandMoveA", ints(30, 100)).hresult == 0x83500301
-    operator.desk.wait(5000)
+    operator.simulation.wait(5000)
     assert operator.command("HandMoveA", ints(30, 100)).hresult == 0
 
 
@@ -127,11 +127,11 @@ def test_what_a_hand_cannot_do_is_refused(command: str, parameter: Variant, resu
 
 
 def test_the_hand_needs_the_motor_and_a_controller_without_trouble_but_not_the_arm() -> None:
-    operator = Operator(Desk("rc8"))
+    operator = Operator(Simulation("rc8"))
     assert operator.command("HandMoveA", ints(10, 100)).hresult == 0x81501003
     operator.robot("Motor", ints(1, 0))
     assert operator.command("HandMoveA", ints(10, 100)).hresult == 0
-    operator.desk.machine.press_emergency_stop(operator.desk.now)
+    operator.simulation.machine.press_emergency_stop(operator.simulation.now)
     assert operator.command("HandMoveA", ints(20, 100)).hresult == 0x8150101A
 
 
@@ -143,7 +143,7 @@ def test_a_grip_holds_an_object_with_its_force() -> None:
     assert not holds(operator)
     assert operator.command("HandMoveH", HOLDING).hresult == 0
     assert (holds(operator), width(operator)) == (True, 12.5)
-    assert operator.desk.machine.equipment.hand.force(operator.desk.now) == 10
+    assert operator.simulation.machine.equipment.hand.force(operator.simulation.now) == 10
     assert operator.command("HandMoveA", ints(30, 100)).hresult == 0
     assert (holds(operator), width(operator)) == (False, 30)
 
@@ -177,7 +177,7 @@ def test_fingers_that_meet_an_object_without_gripping_are_an_error() -> None:
     assert operator.command("HandMoveA", ints(0, 100)).hresult == 0x8450031C
     assert operator.machine_error() == 0x8450031C
     assert width(operator) == 10
-    assert not operator.desk.machine.motor_is_on(operator.desk.now)
+    assert not operator.simulation.machine.motor_is_on(operator.simulation.now)
     operator.command("ClearError")
     operator.robot("Motor", ints(1, 0))
     assert operator.command("HandMoveA", ints(30, 100)).hresult == 0
@@ -186,9 +186,9 @@ def test_fingers_that_meet_an_object_without_gripping_are_an_error() -> None:
 def test_that_error_comes_in_time_if_nobody_waits_for_the_motion() -> None:
     operator = ready(object_width=10)
     operator.command("HandMoveA", variant_array(i4(0), i4(100), bstr("NEXT")))
-    operator.desk.wait(100)
+    operator.simulation.wait(100)
     assert operator.machine_error() == 0
-    operator.desk.wait(1000)
+    operator.simulation.wait(1000)
     assert operator.machine_error() == 0x8450031C
 
 
@@ -203,15 +203,15 @@ def test_without_power_the_grip_is_lost() -> None:
 
 
 def test_stop_ends_the_motion_of_another_client() -> None:
-    desk = Desk("rc8", InitialState(motor=True))
-    first, second = Operator(desk, "a"), Operator(desk, "b")
+    simulation = Simulation("rc8", InitialState(motor=True))
+    first, second = Operator(simulation, "a"), Operator(simulation, "b")
     assert first.send("Controller_Execute", first.controller, bstr("HandMoveA"), ints(0, 10)) == []
-    desk.wait(500)
+    simulation.wait(500)
     outputs = second.send("Controller_Execute", second.controller, bstr("HandStop"), EMPTY)
     assert {output.peer: Frame(output.data).code for output in outputs} == {"b": 0, "a": 0x835002FF}
     stopped = width(second)
     assert 0 < stopped < 30
-    desk.wait(1000)
+    simulation.wait(1000)
     assert width(second) == stopped
 
 
@@ -227,8 +227,8 @@ def test_a_stop_leaves_a_grip_and_switches_the_vacuum_off() -> None:
 
 
 def test_halt_stops_the_hand_too() -> None:
-    desk = Desk("rc8", InitialState(motor=True))
-    first, second = Operator(desk, "a"), Operator(desk, "b")
+    simulation = Simulation("rc8", InitialState(motor=True))
+    first, second = Operator(simulation, "a"), Operator(simulation, "b")
     first.send("Controller_Execute", first.controller, bstr("HandMoveA"), ints(0, 10))
     outputs = second.send("Robot_Halt", second.arm, bstr(""))
     assert {output.peer: Frame(output.data).code for output in outputs} == {"b": 0, "a": 0x835002FF}
@@ -238,8 +238,8 @@ def test_halt_stops_the_hand_too() -> None:
 
 
 def test_a_second_client_moves_the_hand_while_the_first_is_in_slave_mode() -> None:
-    desk = Desk("rc8")
-    first, second = Operator(desk, "a"), Operator(desk, "b", tcp=True)
+    simulation = Simulation("rc8")
+    first, second = Operator(simulation, "a"), Operator(simulation, "b", tcp=True)
     first.ready()
     assert first.slave(0x202).hresult == 0
     for command, parameter in (
@@ -261,7 +261,7 @@ def test_a_second_client_moves_the_hand_while_the_first_is_in_slave_mode() -> No
 
 
 def test_the_client_in_slave_mode_may_stop_the_hand_but_not_move_it() -> None:
-    operator = Operator(Desk("rc8"))
+    operator = Operator(Simulation("rc8"))
     operator.ready()
     assert operator.slave(0x202).hresult == 0
     assert operator.command("HandStop").hresult == 0
@@ -296,11 +296,11 @@ def test_a_two_finger_grip_that_does_not_wait_is_busy_until_it_ends() -> None:
     operator = ready(10, "rc9")
     assert operator.robot("TwofgGrip", variant_array(r8(5), i4(20), i4(10), i4(0))).ms == 0
     assert operator.robot("TwofgIsBusy").value == 1
-    operator.desk.wait(5000)
+    operator.simulation.wait(5000)
     assert operator.robot("TwofgIsBusy").value == 0
     assert operator.robot("TwofgGetForce").value == 20
     assert operator.robot("HandRelease").hresult == 0
-    operator.desk.wait(5000)
+    operator.simulation.wait(5000)
     assert operator.robot("TwofgIsGrip").value == 0
 
 

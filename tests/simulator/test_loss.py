@@ -13,7 +13,7 @@ from bcapscope.simulator.argument_values import bstr, float_array, i4
 from bcapscope.simulator.call_executor import CallReport
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Peer, Simulator, SimulatorOutput
-from tests.simulator.desk import MS, Desk, Operator
+from tests.simulator.simulation import MS, Operator, Simulation
 
 TRIES, TIME_OUT = 8, 2 * MS
 HOME = (0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0)
@@ -30,8 +30,10 @@ def reserved(convention: str, first: int, serial: int) -> int:
 class Lossy:
     """A client and a network that drops a share of the packets in each direction."""
 
-    def __init__(self, desk: Desk, operator: Operator, convention: str, loss: float, seed: int) -> None:
-        self._desk = desk
+    def __init__(
+        self, simulation: Simulation, operator: Operator, convention: str, loss: float, seed: int
+    ) -> None:
+        self._desk = simulation
         self._arm = operator.arm
         self._convention = convention
         self._loss = loss
@@ -72,35 +74,35 @@ class Lossy:
 @pytest.mark.parametrize("convention", ["seed", "own", "chain"])
 @pytest.mark.parametrize("profile", ["rc7", "rc8"])
 def test_no_set_point_is_taken_twice(profile: str, convention: str) -> None:
-    desk, taken = Desk(profile), Counter[Value]()
+    simulation, taken = Simulation(profile), Counter[Value]()
 
     def count(peer: Peer, report: CallReport) -> None:
         if report.function_id == 64 and report.result.hresult == 0 and len(report.arguments) == 3:
             taken[report.arguments[2].value] += 1
 
-    desk.simulator = Simulator(PROFILES[profile], report=count)
-    operator = Operator(desk)
+    simulation.simulator = Simulator(PROFILES[profile], report=count)
+    operator = Operator(simulation)
     operator.ready()
     assert operator.slave(0x002 if profile == "rc7" else 0x202).hresult == 0
     taken.clear()
-    client = Lossy(desk, operator, convention, loss=0.05, seed=7)
+    client = Lossy(simulation, operator, convention, loss=0.05, seed=7)
     results = [client.point(number * 0.001) for number in range(POINTS)]
     assert results == [0] * POINTS
     assert set(taken.values()) == {1}
     assert len(taken) == POINTS
-    assert desk.machine.slave.consumed in range(POINTS - 3, POINTS + 1)
+    assert simulation.machine.slave.consumed in range(POINTS - 3, POINTS + 1)
 
 
 def test_the_c_servers_defect_takes_one_twice() -> None:
     counts = []
     for name in ("rc8", "cserver"):
-        desk = Desk(name)
-        operator = Operator(desk)
+        simulation = Simulation(name)
+        operator = Operator(simulation)
         content = (9, [operator.controller, bstr("I1"), bstr("")])
         for serial in (101, 102):  # 100 was lost
-            desk.simulator.on_datagram("client", encode_frame(serial, 100, *content), desk.now)
+            simulation.simulator.on_datagram("client", encode_frame(serial, 100, *content), simulation.now)
         handle = Frame(
-            desk.simulator.on_datagram("client", encode_frame(200, 0, *content), desk.now)[0].data
+            simulation.simulator.on_datagram("client", encode_frame(200, 0, *content), simulation.now)[0].data
         ).arguments[0]
         counts.append(handle.variant)
     assert counts == [i4(4), i4(5)]

@@ -7,7 +7,7 @@ import pytest
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import VT
 from bcapscope.simulator.argument_values import bstr, float_array, i4, r8
-from tests.simulator.desk import Desk, Operator, ints, joints
+from tests.simulator.simulation import Operator, Simulation, ints, joints
 
 E_INVALIDARG = 0x80070057
 
@@ -24,7 +24,7 @@ E_INVALIDARG = 0x80070057
     ],
 )
 def test_a_motion_is_made_as_its_option_says(option: str, ms: float) -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     operator.ready()
     reply = operator.move("@E J(40,0,90,0,90,0)", option)
     assert (reply.hresult, reply.ms) == (0, ms)
@@ -32,15 +32,15 @@ def test_a_motion_is_made_as_its_option_says(option: str, ms: float) -> None:
 
 @pytest.mark.parametrize("option", ["SPEED=0", "SPEED=101", "SPEED=x", "TIME=-1", "TIME=1e300", "TIME=nan"])
 def test_a_motion_with_an_odd_option_is_refused(option: str) -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     operator.ready()
     assert operator.move("@E J(40,0,90,0,90,0)", option).hresult >> 16 in (0x8007, 0x8002)
     assert operator.robot("CurJnt").value == joints(0, 0, 90, 0, 90, 0)
 
 
 def test_the_arm_has_one_owner() -> None:
-    desk = Desk()
-    first, second = Operator(desk, "a"), Operator(desk, "b")
+    simulation = Simulation()
+    first, second = Operator(simulation, "a"), Operator(simulation, "b")
     assert first.robot("TakeArm").hresult == 0
     assert second.robot("takearm").hresult == 0x83501024
     assert second.robot("GiveArm").hresult == 0
@@ -50,49 +50,49 @@ def test_the_arm_has_one_owner() -> None:
 
 
 def test_motion_needs_arm_motor_and_no_error() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     results = [operator.move("J(0,0,90)").hresult]
     operator.robot("Motor", i4(1))
     results.append(operator.move("J(0,0,90,0,0,0)").hresult)
     operator.robot("TakeArm")
     results.append(operator.move("J(0,0,90,0,0,0)").hresult)
-    operator.desk.machine.raise_error(0x84204051, operator.desk.now)
+    operator.simulation.machine.raise_error(0x84204051, operator.simulation.now)
     results.append(operator.move("J(0,0,90,0,0,0)").hresult)
     assert results == [E_INVALIDARG, 0x83501024, 0, 0x81501025]
 
 
 def test_a_move_takes_time_and_ends_where_it_should() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     operator.ready()
     plain = operator.move("J(90, 0, 90, 0, 90, 0)")
     ends = operator.move("@E J(0, 0, 90, 0, 90, 0)")
     passing = operator.move("@P J(90, 0, 90, 0, 90, 0)")
     assert ends.ms - plain.ms == pytest.approx(24, abs=0.1)
     assert 0.69 < passing.ms / plain.ms < 0.71
-    operator.desk.wait(1000)
+    operator.simulation.wait(1000)
     assert operator.robot("CurJnt").value == joints(90, 0, 90, 0, 90, 0)
     operator.robot("ExtSpeed", r8(10))
     assert operator.move("J(0, 0, 90, 0, 90, 0)").ms == pytest.approx(plain.ms * 10, rel=0.01)
 
 
 def test_a_second_move_meanwhile_is_told_to_come_back() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     operator.ready()
     assert operator.move("J(90,0,90,0,90,0)", "SPEED=50, NEXT").ms == 0
     assert operator.move("J(0,0,90,0,90,0)").hresult == 0x80010004
     assert operator.robot("MotionComplete", ints(0, 1)).value is False
-    operator.desk.wait(2000)
+    operator.simulation.wait(2000)
     assert operator.robot("MotionComplete", ints(0, 1)).value is True
     assert operator.move("J(0,0,90,0,90,0)").hresult == 0
 
 
 def test_halt_stops_a_motion_of_another_client() -> None:
-    desk = Desk()
-    first, second = Operator(desk, "a"), Operator(desk, "b")
+    simulation = Simulation()
+    first, second = Operator(simulation, "a"), Operator(simulation, "b")
     first.ready()
     first.robot("ExtSpeed", r8(1))
     assert first.send("Robot_Move", first.arm, i4(1), bstr("J(90,0,90,0,90,0)"), bstr("")) == []
-    desk.wait(100)
+    simulation.wait(100)
     outputs = second.send("Robot_Halt", second.arm, bstr(""))
     assert {output.peer: Frame(output.data).code for output in outputs} == {"b": 0, "a": 0x83201404}
     angle = second.robot("CurJnt").value
@@ -101,7 +101,7 @@ def test_halt_stops_a_motion_of_another_client() -> None:
 
 
 def test_beyond_reach_and_limits() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     operator.ready()
     assert operator.move("J(171,0,90,0,90,0)").hresult == 0x83204071
     assert operator.move("P(5000,0,0,0,0,0)").hresult == 0x83204232
@@ -110,7 +110,7 @@ def test_beyond_reach_and_limits() -> None:
 
 
 def test_conversions_agree_with_each_other() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     here = (20.0, 30.0, 60.0, 10.0, 20.0, 30.0, 0.0, 0.0)
     position = operator.robot("J2P", float_array(VT.R8, here)).value
     assert isinstance(position, tuple)
@@ -121,7 +121,7 @@ def test_conversions_agree_with_each_other() -> None:
 
 
 def test_the_control_log_has_a_record_each_8_ms() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     operator.ready()
     operator.robot("StartLog")
     moved = operator.move("J(10,0,90,0,90,0)")
@@ -129,7 +129,7 @@ def test_the_control_log_has_a_record_each_8_ms() -> None:
     count = operator.robot("GetLogCount").value
     assert isinstance(count, int)
     assert count == int(moved.ms / 8) + 1
-    tcp = Operator(operator.desk, "tcp", tcp=True)
+    tcp = Operator(operator.simulation, "tcp", tcp=True)
     record = tcp.robot("GetLogRecord", i4(count - 1)).value
     assert isinstance(record, tuple)
     assert len(record) == 39

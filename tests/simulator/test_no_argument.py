@@ -8,16 +8,16 @@ from bcapscope.protocol.codec.variant import VT
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ResultKind
 from bcapscope.simulator.argument_values import bstr, i2, i4
 from bcapscope.simulator.profile import PROFILES
-from tests.simulator.desk import Desk, Operator
+from tests.simulator.simulation import Operator, Simulation
 
 _RETURNING = [each for each in FUNCTIONS.values() if each.result is not ResultKind.NONE]
 
 
-def desk(profile: str, no_argument: str = "") -> Desk:
+def simulation(profile: str, no_argument: str = "") -> Simulation:
     """Switch a controller on, with the replies of its profile or with others."""
     if not no_argument:
-        return Desk(profile)
-    return Desk.of(f"title: x\nprofile: {profile}\nno_argument: {no_argument}")
+        return Simulation(profile)
+    return Simulation.of(f"title: x\nprofile: {profile}\nno_argument: {no_argument}")
 
 
 def empties(operator: Operator) -> list[int | None]:
@@ -48,12 +48,12 @@ def test_which_replies_carry_no_argument(profile: str, no_argument: str) -> None
         "slvchangemode": [empty, bare, bare, empty, empty, bare],
         "always": [bare, bare, bare, bare, bare, bare],
     }
-    assert empties(Operator(desk(profile, no_argument))) == expected[no_argument or usual]
+    assert empties(Operator(simulation(profile, no_argument))) == expected[no_argument or usual]
 
 
 @pytest.mark.parametrize("profile", sorted(PROFILES))
 def test_calls_that_return_nothing_never_carry_an_argument(profile: str) -> None:
-    operator = Operator(desk(profile, "never"))
+    operator = Operator(simulation(profile, "never"))
     variable = operator.get("Controller_GetVariable", operator.controller, "I1")
     assert operator.call("Variable_PutValue", variable, i4(1)).vt is None
     assert operator.call("Robot_Halt", operator.arm, bstr("")).vt is None
@@ -63,7 +63,7 @@ def test_calls_that_return_nothing_never_carry_an_argument(profile: str) -> None
 @pytest.mark.parametrize("profile", sorted(PROFILES))
 def test_csharp_and_java_find_an_argument_in_each_successful_reply(profile: str) -> None:
     """They read the first argument of each function that returns something without checking the count."""
-    operator = Operator(Desk(profile), tcp=True)
+    operator = Operator(Simulation(profile), tcp=True)
     for function in _RETURNING:
         handle = operator.controller if function.owner == "Controller" else operator.arm
         reply = operator.call(function.name, handle, bstr("ClearError"), bstr(""))

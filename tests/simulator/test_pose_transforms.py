@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.simulator.argument_values import bstr, float_array, i4, variant_array
-from bcapscope.simulator.pose_transforms import moved_in_base, moved_in_tool, relative_to, rotation
-from tests.simulator.desk import Desk, Operator, ints
+from bcapscope.simulator.kinematics import moved_in_base, moved_in_tool, relative_to, rotation
+from tests.simulator.simulation import Operator, Simulation, ints
 
 numbers = st.floats(-500, 500)
 angles = st.floats(-80, 80)
@@ -70,12 +70,12 @@ def test_a_turn_in_the_base_does_not_shift() -> None:
     ],
 )
 def test_dev_adds_in_the_base_and_keeps_fig(parameter: Variant) -> None:
-    reply = Operator(Desk()).robot("Dev", parameter)
+    reply = Operator(Simulation()).robot("Dev", parameter)
     assert reply.value == pytest.approx((410, 0, 495, 180, 0, 90, 5))
 
 
 def test_devh_feeds_slave_mode_as_the_sample_does() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     operator.ready()
     assert operator.move("@E J(0, 0, 90, 0, 90, 45)").hresult == 0
     here = operator.robot("CurPos").value
@@ -93,18 +93,18 @@ def test_devh_feeds_slave_mode_as_the_sample_does() -> None:
 
 @pytest.mark.parametrize("parameter", [bstr("P1"), Variant.array(VT.BSTR, ("P1", "nonsense")), i4(1)])
 def test_dev_refuses_what_are_no_two_poses(parameter: Variant) -> None:
-    assert Operator(Desk()).robot("Dev", parameter).hresult == 0x80070057
+    assert Operator(Simulation()).robot("Dev", parameter).hresult == 0x80070057
 
 
 def test_a_fence_is_asked_about_a_variable_and_needs_a_pose() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     assert operator.robot("CheckVirtualFence", bstr("P1")).value == 0
     assert operator.robot("CheckVirtualFence", bstr("P100")).hresult == 0x8002000B
     assert operator.robot("CheckVirtualFence", bstr("Q1")).hresult == 0x80070057
 
 
 def test_tools_are_kept_for_those_who_have_the_arm() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     define = variant_array(i4(3), bstr("P(0, 0, 100, 0, 0, 90)"))
     assert operator.robot("SetToolDef", define).hresult == 0x83501024
     operator.robot("TakeArm")
@@ -116,7 +116,7 @@ def test_tools_are_kept_for_those_who_have_the_arm() -> None:
 
 
 def test_a_pose_is_converted_from_one_work_to_another() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     operator.robot("TakeArm")
     operator.robot("SetWorkDef", variant_array(i4(1), bstr("P(100, 0, 0, 0, 0, 90)")))
     pose = bstr("P(10, 0, 0, 0, 0, 0, 5)")
@@ -137,7 +137,7 @@ def _place(operator: Operator, number: int, layer: int = 1, rows: int = 3, colum
 
 
 def test_places_of_a_pallet_lie_between_its_corners() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     assert _place(operator, 1) == (600, -100, 50, -180, 0, 180, 5)
     assert _place(operator, 5) == (600, 100, 50, -180, 0, 180, 5)
     assert _place(operator, 8) == (500, 0, 50, -180, 0, 180, 5)

@@ -86,7 +86,7 @@ def test_variables_are_written() -> None:
 def test_a_machine_begins_as_it_is_told() -> None:
     scenario = read_scenario(WHOLE)
     machine = Machine(scenario.controller_profile, scenario.initial_state())
-    assert [alarm.code for alarm in machine.alarms.active] == [0x8150101A, 0x80004005, 0x84201482]
+    assert [alarm.code for alarm in machine.active_alarms] == [0x8150101A, 0x80004005, 0x84201482]
     assert machine.tasks == {"robslave": 3, "pro7": 2}
     assert (machine.emergency, machine.owner, machine.speeds.external) == (True, 0, 50)
 

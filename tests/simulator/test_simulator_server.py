@@ -19,10 +19,9 @@ from bcapscope.simulator.listening_sockets import SimulatorListenError
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario import read_scenario
 from bcapscope.simulator.scenario_runner import ScenarioRunner
-from bcapscope.simulator.server_interfaces import Address
 from bcapscope.simulator.simulator import MAX_CLIENTS, STOP_CLIENTS, Peer, Simulator, SimulatorOutput
 from bcapscope.simulator.simulator_clock import SimulatorClock
-from bcapscope.simulator.simulator_server import SimulatorServer
+from bcapscope.simulator.simulator_server import Address, SimulatorServer
 from bcapscope.transport.first_frame_queue import MAX_PENDING
 from bcapscope.transport.receive_timestamps import AncillaryData
 
@@ -62,7 +61,7 @@ class Ends:
     """Keeps how TCP connections ended: by the client or not, and whether by reset."""
 
     def __init__(self, server: SimulatorServer) -> None:
-        self.told: list[tuple[bool, bool]] = []
+        self.ends: list[tuple[bool, bool]] = []
         self._server = server.address
 
     def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
@@ -72,10 +71,10 @@ class Ends:
         pass
 
     def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
-        self.told.append((target == self._server, reset))
+        self.ends.append((target == self._server, reset))
 
     def on_connection_end(self, client: Address, server: Address) -> None:
-        self.told.append((False, False))
+        self.ends.append((False, False))
 
 
 @pytest.mark.parametrize("kind", [socket.SOCK_STREAM, socket.SOCK_DGRAM])
@@ -323,9 +322,9 @@ def test_who_ended_a_connection_is_told_and_how(server: SimulatorServer) -> None
                 server.reset()
             else:
                 sock.close()
-                while not ends.told:
+                while not ends.ends:
                     server.step(0.05)
-        found.append(ends.told)
-        ends.told = []
+        found.append(ends.ends)
+        ends.ends = []
     gone = (False, False)
     assert found == [[(True, False), (False, False), gone], [(True, True), gone], [(False, False), gone]]

@@ -10,7 +10,7 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import EMPTY, VT
 from bcapscope.simulator.argument_values import bstr, float_array, i2, i4
 from bcapscope.simulator.profile import PROFILES
-from tests.simulator.desk import Desk, Operator, ints
+from tests.simulator.simulation import Operator, Simulation, ints
 from tests.simulator.slavemode import (
     HOME,
     OUTSIDE,
@@ -24,7 +24,7 @@ from tests.simulator.slavemode import (
 
 @pytest.mark.parametrize("profile", sorted(PROFILES))
 def test_slvmove_outside_slave_mode_is_a_current_error(profile: str) -> None:
-    operator = Operator(Desk(profile))
+    operator = Operator(Simulation(profile))
     operator.ready()
     assert current_errors(operator) == []
     assert [send(operator, 0) for _ in range(40)] == [OUTSIDE] * 40
@@ -38,12 +38,12 @@ def test_slvmove_outside_slave_mode_is_a_current_error(profile: str) -> None:
 @pytest.mark.parametrize(("profile", "stops"), [("rc7", True), ("rc8", False)])
 def test_slvmove_outside_slave_mode_is_an_error_of_level_3(profile: str, stops: bool) -> None:
     """It ends motions and programs; the motor stays on."""
-    operator = Operator(Desk(profile))
+    operator = Operator(Simulation(profile))
     operator.ready()
     operator.move("J(90,0,90,0,90,0)", "NEXT")
-    operator.desk.wait(100)
+    operator.simulation.wait(100)
     assert send(operator, 0) == OUTSIDE
-    operator.desk.wait(100)
+    operator.simulation.wait(100)
     busy = operator.get("Robot_GetVariable", operator.arm, "@BUSY_STATUS")
     servo = operator.get("Robot_GetVariable", operator.arm, "@SERVO_ON")
     assert operator.call("Variable_GetValue", busy).value is False
@@ -66,7 +66,7 @@ def test_running_empty_while_moving_ends_slave_mode() -> None:
     operator = started(mode=0x202)
     for number in range(10):
         send(operator, number * 0.2)
-    operator.desk.wait(3 * 8 + 8)
+    operator.simulation.wait(3 * 8 + 8)
     assert [send(operator, 2) for _ in range(3)] == [UNDERFLOW, OUTSIDE, OUTSIDE]
     assert operator.robot("slvGetMode").value == 0
     assert current_errors(operator) == [OUTSIDE, UNDERFLOW]
@@ -82,7 +82,7 @@ def test_three_points_are_24_ms_of_slack() -> None:
         operator = started(mode=0x002)
         for number in range(3):
             send(operator, 0.2 * number)
-        operator.desk.wait(pause)
+        operator.simulation.wait(pause)
         assert send(operator, 0.6) == result
 
 
@@ -90,7 +90,7 @@ def test_standing_still_without_points_is_no_error() -> None:
     operator = started()
     for _ in range(5):
         send(operator, 0)
-    operator.desk.wait(60_000)
+    operator.simulation.wait(60_000)
     assert send(operator, 0) == 0
 
 
@@ -98,11 +98,11 @@ def test_robslave_stops_with_an_error_on_rc7() -> None:
     operator = started("rc7")
     for number in range(5):
         send(operator, number * 0.3)
-    operator.desk.wait(50)
+    operator.simulation.wait(50)
     assert send(operator, 0) == UNDERFLOW
     operator.command("ClearError")
     operator.robot("Motor", i2(1))
-    operator.desk.wait(1000)
+    operator.simulation.wait(1000)
     assert operator.slave(0x002).hresult == 0x80004005
     operator.ready()
     assert operator.slave(0x002).hresult == 0
@@ -111,11 +111,11 @@ def test_robslave_stops_with_an_error_on_rc7() -> None:
 @pytest.mark.parametrize(("detector", "mode"), [(False, 0x102), (True, 0)])
 def test_a_late_point_is_an_error_in_async_of_rc7_if_its_detector_is_on(detector: bool, mode: int) -> None:
     operator = started("rc7", 0x102)
-    operator.desk.machine.slave.async_detector = detector
+    operator.simulation.machine.slave.async_detector = detector
     for number in range(3):
         send(operator, number * 0.1)
-        operator.desk.wait(8)
-    operator.desk.wait(100)
+        operator.simulation.wait(8)
+    operator.simulation.wait(100)
     assert operator.robot("slvGetMode").value == mode
     assert operator.machine_error() == (UNDERFLOW if detector else 0)
 
@@ -133,7 +133,7 @@ def test_limits_of_an_axis_end_slave_mode(points: list[float], code: int) -> Non
     results = []
     for point in points:
         results.append(send(operator, point))
-        operator.desk.wait(8)
+        operator.simulation.wait(8)
     assert operator.machine_error() == code
     assert operator.robot("slvGetMode").value == 0
 
@@ -154,14 +154,14 @@ def test_commands_that_slave_mode_refuses_end_it(command: str) -> None:
 
 def test_a_second_client_ends_the_first_ones_slave_mode() -> None:
     operator = started()
-    other = Operator(operator.desk, "other")
+    other = Operator(operator.simulation, "other")
     assert other.robot("TakeArm").hresult == REFUSED
     assert operator.point(*HOME).hresult == OUTSIDE
 
 
 def test_a_client_that_waits_for_its_turn_hears_of_the_error() -> None:
     operator = started("rc8", 0x202)
-    other = Operator(operator.desk, "other")
+    other = Operator(operator.simulation, "other")
     for _ in range(3):
         operator.point(*HOME)
     assert operator.send("Robot_Execute", operator.arm, bstr("slvMove"), float_array(VT.R8, HOME)) == []
@@ -180,7 +180,7 @@ def test_any_pace_gives_an_answer_each_and_an_end_that_is_told(
     operator = started(mode=mode)
     here, results = 0.0, []
     for pause, way in steps:
-        operator.desk.wait(pause)
+        operator.simulation.wait(pause)
         here += way
         results.append(send(operator, here))
     ended = [number for number, result in enumerate(results) if result == OUTSIDE]
@@ -193,13 +193,13 @@ def test_any_pace_gives_an_answer_each_and_an_end_that_is_told(
 def test_what_ended_slave_mode_is_told_once(mode: int) -> None:
     operator = started(mode=mode)
     send(operator, 0)
-    operator.desk.machine.press_emergency_stop(operator.desk.now)
+    operator.simulation.machine.press_emergency_stop(operator.simulation.now)
     assert [send(operator, 0) for _ in range(3)] == [0x8150101A, OUTSIDE, OUTSIDE]
 
 
 def test_what_ended_slave_mode_is_not_told_after_it_was_left() -> None:
     operator = started()
-    operator.desk.machine.switch_mode(1, operator.desk.now)
+    operator.simulation.machine.switch_mode(1, operator.simulation.now)
     assert operator.slave(0).hresult == 0
     assert send(operator, 0) == OUTSIDE
 
@@ -209,8 +209,8 @@ def test_an_error_while_slave_mode_is_left_is_not_answered_later(clears: bool) -
     operator = started(mode=0x002)
     send(operator, 0.3)
     assert operator.send("Robot_Execute", operator.arm, bstr("slvChangeMode"), i4(0)) == []
-    operator.desk.machine.raise_error(0x84204051, operator.desk.now)
-    (output,) = operator.desk.wait(0)
+    operator.simulation.machine.raise_error(0x84204051, operator.simulation.now)
+    (output,) = operator.simulation.wait(0)
     assert Frame(output.data).code == 0
     if clears:
         assert operator.command("ClearError").hresult == 0
@@ -219,8 +219,8 @@ def test_an_error_while_slave_mode_is_left_is_not_answered_later(clears: bool) -
 
 def test_a_cleared_error_is_not_answered_later() -> None:
     operator = started()
-    other = Operator(operator.desk, "other")
-    operator.desk.machine.raise_error(0x84204051, operator.desk.now)
+    other = Operator(operator.simulation, "other")
+    operator.simulation.machine.raise_error(0x84204051, operator.simulation.now)
     assert other.command("ClearError").hresult == 0
     assert send(operator, 0) == OUTSIDE
 
@@ -230,7 +230,7 @@ def test_a_client_that_waits_is_told_and_nobody_else() -> None:
     for _ in range(3):
         operator.point(*HOME)
     assert operator.send("Robot_Execute", operator.arm, bstr("slvMove"), float_array(VT.R8, HOME)) == []
-    operator.desk.machine.switch_motor(False, operator.desk.now)
-    (output,) = operator.desk.wait(0)
+    operator.simulation.machine.switch_motor(False, operator.simulation.now)
+    (output,) = operator.simulation.wait(0)
     assert Frame(output.data).code == 0x81501003
     assert send(operator, 0) == OUTSIDE

@@ -6,7 +6,7 @@ import pytest
 
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.simulator.argument_values import bstr, float_array, i4, variant_array
-from tests.simulator.desk import Desk, Operator, ints
+from tests.simulator.simulation import Operator, Simulation, ints
 from tests.simulator.slavemode import (
     HOME,
     started,
@@ -32,7 +32,7 @@ def test_lengths_and_types_of_set_points(parameter: Variant, result: int) -> Non
 
 def test_positions_and_trans_are_set_points_too() -> None:
     for mode, command in ((0x201, "CurPos"), (0x203, "CurTrn")):
-        operator = Operator(Desk())
+        operator = Operator(Simulation())
         operator.ready()
         here = operator.robot(command).value
         assert isinstance(here, tuple)
@@ -43,7 +43,7 @@ def test_positions_and_trans_are_set_points_too() -> None:
 
 
 def test_formats_of_rc8() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     operator.ready()
     assert operator.robot("slvSendFormat", i4(0x0320)).hresult == 0x80070057
     assert operator.robot("slvSendFormat", i4(0x0020)).hresult == 0
@@ -56,7 +56,7 @@ def test_formats_of_rc8() -> None:
     kinds = [part.vt for part in reply.value if isinstance(part, Variant)]
     assert kinds == [VT.I4, 0x2000 | VT.R8, VT.I4, VT.I4, 0x2000 | VT.R8]
     stamp, poses, _, hand, _ = (part.value for part in reply.value if isinstance(part, Variant))
-    assert stamp == operator.desk.now // 1000
+    assert stamp == operator.simulation.now // 1000
     assert isinstance(poses, tuple)
     assert len(poses) == 15
     assert hand == 0x00AB0000
@@ -65,7 +65,7 @@ def test_formats_of_rc8() -> None:
 
 
 def test_user_io_of_rc8() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     operator.ready()
     operator.robot("slvSendFormat", i4(0x200))
     operator.robot("slvRecvFormat", i4(0x202))
@@ -80,4 +80,4 @@ def test_user_io_of_rc8() -> None:
 
 
 def test_rc7_has_no_formats() -> None:
-    assert Operator(Desk("rc7")).robot("slvSendFormat", i4(0)).hresult == 0x80010005
+    assert Operator(Simulation("rc7")).robot("slvSendFormat", i4(0)).hresult == 0x80010005

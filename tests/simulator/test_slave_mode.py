@@ -6,7 +6,7 @@ import pytest
 
 from bcapscope.protocol.codec.variant import EMPTY, VT
 from bcapscope.simulator.argument_values import bstr, i2, i4, r8
-from tests.simulator.desk import Desk, Operator, joints
+from tests.simulator.simulation import Operator, Simulation, joints
 from tests.simulator.slavemode import (
     FULL,
     HOME,
@@ -31,7 +31,7 @@ from tests.simulator.slavemode import (
     ],
 )
 def test_modes_by_generation(profile: str, mode: int, result: int) -> None:
-    operator = Operator(Desk(profile))
+    operator = Operator(Simulation(profile))
     operator.ready()
     reply = operator.slave(mode)
     assert reply.hresult == result
@@ -41,21 +41,21 @@ def test_modes_by_generation(profile: str, mode: int, result: int) -> None:
 
 
 def test_what_must_be_ready() -> None:
-    operator = Operator(Desk("rc8"))
+    operator = Operator(Simulation("rc8"))
     results = [operator.slave(0x202).hresult]
     operator.robot("Motor", i4(1))
     results.append(operator.slave(0x202).hresult)
     operator.robot("TakeArm")
-    operator.desk.machine.mode = 1
+    operator.simulation.machine.mode = 1
     results.append(operator.slave(0x202).hresult)
-    operator.desk.machine.mode = 3
+    operator.simulation.machine.mode = 3
     results.append(operator.slave(0x202).hresult)
     results.append(operator.slave(0x102).hresult)
     assert results == [0x81501003, 0x83501024, 0x81501017, 0, REFUSED]
 
 
 def test_rc7_needs_robslave() -> None:
-    operator = Operator(Desk("rc7"))
+    operator = Operator(Simulation("rc7"))
     operator.robot("Motor", i2(1))
     assert operator.slave(0x002).hresult == 0x80004005
     operator.ready()
@@ -64,20 +64,20 @@ def test_rc7_needs_robslave() -> None:
 
 @pytest.mark.parametrize(("profile", "result"), [("rc7", 0x600B), ("rc8", 0x8150100D)])
 def test_entering_waits_half_a_second_for_standstill(profile: str, result: int) -> None:
-    operator = Operator(Desk(profile))
+    operator = Operator(Simulation(profile))
     operator.ready()
     operator.robot("ExtSpeed", r8(10))
     operator.move("J(20,0,90,0,90,0)", "NEXT")
     reply = operator.slave(0x002)
     assert (reply.hresult, reply.ms) == (result, 500)
-    operator.desk.wait(5000)
+    operator.simulation.wait(5000)
     assert operator.slave(0x002).hresult == 0
 
 
 def test_entering_after_an_end_motion_does_not_wait() -> None:
     waits = []
     for passing in ("@0", "@E"):
-        operator = Operator(Desk())
+        operator = Operator(Simulation())
         operator.ready()
         operator.move(f"{passing} J(20,0,90,0,90,0)")
         waits.append(operator.slave(0x202).ms)
@@ -108,7 +108,7 @@ def test_set_points_are_followed_with_a_lag() -> None:
 
 def test_the_arm_does_not_move_before_a_set_point_has_come() -> None:
     operator = started("rc7")
-    operator.desk.wait(3000)
+    operator.simulation.wait(3000)
     before = operator.point(0.005, *HOME[1:]).value
     assert before == pytest.approx(joints(*HOME))
 
@@ -127,16 +127,16 @@ def test_time_may_stand_still_only_where_clients_wait_for_replies(
     profile: str, mode: int, keeps_time: bool
 ) -> None:
     operator = started(profile, mode)
-    assert operator.desk.answerer.runs_in_real_time is keeps_time
+    assert operator.simulation.answerer.runs_in_real_time is keeps_time
     operator.slave(0)
-    assert not operator.desk.answerer.runs_in_real_time
+    assert not operator.simulation.answerer.runs_in_real_time
 
 
 def test_mode_0_warns_when_full_and_refuses_one_too_many() -> None:
     operator = started(mode=0x002)
     results = [send(operator, 0.1) for _ in range(5)]
     assert results == [0, 0, FULL, OVERFLOW, OVERFLOW]
-    operator.desk.wait(8)
+    operator.simulation.wait(8)
     assert [send(operator, 0.1) for _ in range(2)] == [FULL, OVERFLOW]
 
 
@@ -144,7 +144,7 @@ def test_mode_1_takes_the_newest_point_and_holds_the_last() -> None:
     operator = started(mode=0x102)
     for number in range(5):
         assert send(operator, 0.05 * number) == 0
-    operator.desk.wait(100)
+    operator.simulation.wait(100)
     assert operator.robot("CurJnt").value == pytest.approx(joints(0.2, *HOME[1:]))
     assert operator.robot("slvGetMode").value == 0x102
 
@@ -161,7 +161,7 @@ def test_what_slave_mode_allows() -> None:
 
 def test_the_set_points_of_another_client_are_refused() -> None:
     operator = started()
-    other = Operator(operator.desk, "other")
+    other = Operator(operator.simulation, "other")
     assert other.point(*HOME).hresult == 0x83501024
 
 
@@ -193,8 +193,8 @@ def test_slave_mode_begins_where_the_one_before_it_ended(mode: int) -> None:
     assert operator.slave(0).hresult == 0
     assert operator.slave(mode).hresult == 0
     assert operator.robot("CurJnt").value == pytest.approx(joints(1.9, *HOME[1:]))
-    operator.desk.wait(100)
+    operator.simulation.wait(100)
     assert send(operator, 1.9) == 0
-    operator.desk.wait(100)
+    operator.simulation.wait(100)
     assert operator.robot("CurJnt").value == pytest.approx(joints(1.9, *HOME[1:]))
     assert operator.machine_error() == 0

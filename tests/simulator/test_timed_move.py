@@ -7,12 +7,11 @@ import pytest
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import EMPTY, Variant
 from bcapscope.simulator.argument_values import bstr, i4
-from bcapscope.simulator.arm import ENCODER_LAG_NS, Arm
+from bcapscope.simulator.arm import ENCODER_LAG_NS, NEVER, PASS_SHARE, Arm, TimedMove
 from bcapscope.simulator.kinematics import HOME
 from bcapscope.simulator.pose_notation import END_OF_ENCODERS, PASSING
 from bcapscope.simulator.simulator import SimulatorOutput
-from bcapscope.simulator.timed_move import NEVER, PASS_SHARE, TimedMove
-from tests.simulator.desk import MS, Desk, Operator, Reply, ints, joints
+from tests.simulator.simulation import MS, Operator, Reply, Simulation, ints, joints
 
 GOAL = (40.0, *HOME[1:])
 BUSY, IS_STOPPING, RUNNING = 0x80010004, 0x83201404, 0x8150100D
@@ -56,13 +55,13 @@ def answer(outputs: list[SimulatorOutput]) -> int:
     return next((Frame(each.data).code for each in outputs if each.peer == "client"), -1)
 
 
-def pair() -> tuple[Desk, Operator, Operator]:
+def pair() -> tuple[Simulation, Operator, Operator]:
     """Make a client that moves the robot, and another one; the motion takes 250 ms."""
-    desk = Desk()
-    mover, other = Operator(desk), Operator(desk, "other")
+    simulation = Simulation()
+    mover, other = Operator(simulation), Operator(simulation, "other")
     mover.ready()
     assert mover.send("Robot_Move", mover.arm, i4(1), bstr("J(40,0,90,0,90,0)"), bstr("")) == []
-    return desk, mover, other
+    return simulation, mover, other
 
 
 def press(operator: Operator, function: str) -> Reply:
@@ -71,25 +70,25 @@ def press(operator: Operator, function: str) -> Reply:
 
 
 def test_the_call_of_a_motion_waits_while_it_is_held() -> None:
-    desk, _, other = pair()
-    desk.wait(100)
+    simulation, _, other = pair()
+    simulation.wait(100)
     assert press(other, "Robot_Hold").hresult == 0
     there = other.robot("CurJnt").value
-    assert answer(desk.wait(60_000)) == -1
+    assert answer(simulation.wait(60_000)) == -1
     assert other.robot("MotionComplete").value is False
     assert int(str(other.command("SysState").value)) & 0x300000 == 0
     assert other.robot("CurJnt").value == there
     assert press(other, "Robot_Unhold").hresult == 0
-    assert answer(desk.wait(1_000)) == 0
+    assert answer(simulation.wait(1_000)) == 0
     assert other.robot("CurJnt").value == joints(40, 0, 90, 0, 90, 0)
 
 
 def test_nothing_else_moves_while_a_motion_is_held() -> None:
-    desk, _, other = pair()
-    desk.wait(100)
+    simulation, _, other = pair()
+    simulation.wait(100)
     press(other, "Robot_Hold")
-    second = Operator(desk, "second")
-    desk.machine.owner = desk.simulator._links["second"].executor.session.number
+    second = Operator(simulation, "second")
+    simulation.machine.owner = max(simulation.machine.open_objects)
     assert second.move("J(0,0,90,0,90,0)").hresult == BUSY
     assert second.slave(2).hresult == RUNNING
     assert press(other, "Robot_Halt").hresult == 0
@@ -98,31 +97,31 @@ def test_nothing_else_moves_while_a_motion_is_held() -> None:
 
 
 def test_a_held_motion_is_stopped_by_halt_and_by_trouble() -> None:
-    desk, _, other = pair()
-    desk.wait(100)
+    simulation, _, other = pair()
+    simulation.wait(100)
     press(other, "Robot_Hold")
     outputs = other.send("Robot_Halt", other.arm, bstr(""))
     assert answer(outputs) == IS_STOPPING
-    desk, _, other = pair()
-    desk.wait(100)
+    simulation, _, other = pair()
+    simulation.wait(100)
     press(other, "Robot_Hold")
-    desk.machine.press_emergency_stop(desk.now)
-    assert answer(desk.wait(1)) == 0x8150101A
+    simulation.machine.press_emergency_stop(simulation.now)
+    assert answer(simulation.wait(1)) == 0x8150101A
     assert press(other, "Robot_Unhold").hresult == 0
 
 
 def test_a_held_motion_does_not_go_on_while_there_is_trouble() -> None:
-    desk, _, other = pair()
-    desk.wait(100)
+    simulation, _, other = pair()
+    simulation.wait(100)
     press(other, "Robot_Hold")
-    desk.machine.mode = 1
+    simulation.machine.mode = 1
     assert press(other, "Robot_Unhold").hresult == 0x81501017
-    desk.machine.mode = 3
+    simulation.machine.mode = 3
     assert press(other, "Robot_Unhold").hresult == 0
 
 
 def test_hold_without_a_motion_does_nothing() -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     operator.ready()
     assert press(operator, "Robot_Hold").hresult == 0
     assert operator.move("@E J(40,0,90,0,90,0)").hresult == 0
@@ -134,7 +133,7 @@ def test_hold_without_a_motion_does_nothing() -> None:
 
 @pytest.mark.parametrize("function", ["Robot_Chuck", "Robot_Unchuck", "Robot_GoHome"])
 def test_what_a_controller_leaves_out(function: str) -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     arguments = () if function == "Robot_GoHome" else (bstr(""),)
     assert operator.call(function, operator.arm, *arguments).hresult == 0x80004001
 
@@ -143,10 +142,10 @@ def test_what_a_controller_leaves_out(function: str) -> None:
     ("parameter", "kept"), [(EMPTY, False), (ints(0), False), (ints(0, 0), False), (ints(0, 1), True)]
 )
 def test_taking_the_arm_sets_speed_tool_and_work_back(parameter: Variant, kept: bool) -> None:
-    operator = Operator(Desk())
+    operator = Operator(Simulation())
     operator.robot("TakeArm")
     assert operator.call("Robot_Change", operator.arm, bstr("Tool3")).hresult == 0
-    operator.desk.machine.speeds.internal = 50.0
+    operator.simulation.machine.speeds.internal = 50.0
     assert operator.robot("TakeArm", parameter).hresult == 0
-    machine = operator.desk.machine
+    machine = operator.simulation.machine
     assert (machine.speeds.internal, machine.tool) == ((50.0, 3) if kept else (100.0, 0))

@@ -7,7 +7,7 @@ import pytest
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT, SIMULATOR_VARIABLE
 from bcapscope.simulator.argument_values import bstr, float_array, i2, i4, r4, r8
-from tests.simulator.desk import Desk, Operator, joints
+from tests.simulator.simulation import Operator, Simulation, joints
 
 
 @pytest.mark.parametrize(
@@ -43,8 +43,8 @@ def test_variables_keep_what_is_written(operator: Operator, name: str, value: Va
         ("@MODE", i4(1), 0x8000020A),
     ],
 )
-def test_what_does_not_fit_is_refused(desk: Desk, name: str, value: Variant, result: int) -> None:
-    operator = Operator(desk, tcp=True)
+def test_what_does_not_fit_is_refused(simulation: Simulation, name: str, value: Variant, result: int) -> None:
+    operator = Operator(simulation, tcp=True)
     assert operator.write(name, value).hresult == result
 
 
@@ -58,7 +58,7 @@ def test_a_star_takes_its_number_from_the_id(operator: Operator) -> None:
 
 def test_poses_are_single_on_rc7_and_double_later() -> None:
     for name, vt in (("rc7", VT.R4), ("rc8", VT.R8)):
-        operator = Operator(Desk(name))
+        operator = Operator(Simulation(name))
         variable = operator.get("Robot_GetVariable", operator.arm, "@CURRENT_ANGLE")
         reply = operator.call("Variable_GetValue", variable)
         assert (reply.vt, reply.value) == (0x2000 | vt, joints(0, 0, 90, 0, 90))

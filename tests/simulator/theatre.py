@@ -11,8 +11,8 @@ from bcapscope.client.session import LinkOpener
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario import Scenario, ScenarioTransport
 from bcapscope.simulator.scenario_runner import ScenarioRunner
-from bcapscope.simulator.server_interfaces import ControllerModel
 from bcapscope.simulator.simulator import Simulator
+from bcapscope.simulator.simulator_server import ControllerModel
 from tests.client.simulated import Controller
 from tests.memory_link import memory_link_pair, over_link
 from tests.simulator.sessions import play

@@ -12,9 +12,9 @@ from collections.abc import Callable
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.simulator.simulator import Peer, SimulatorOutput
 from bcapscope.simulator.simulator_server import SimulatorServer
-from tests.simulator.desk import Desk
 from tests.simulator.performance import Performance
 from tests.simulator.playbook import Playbook
+from tests.simulator.simulation import Simulation
 
 DEADLINE = 20.0
 """Seconds that something may be on its way."""
@@ -27,7 +27,7 @@ class Wire:
     """What a server answers with: the controller of one playbook after the other, at the playbook's time.
 
     Attributes:
-        desk: controller and time.
+        simulation: controller and time.
         heard: bytes that came from clients.
         sent: bytes that were answered.
         peers: connections over TCP.
@@ -37,7 +37,7 @@ class Wire:
     has_running_calls = False
 
     def __init__(self) -> None:
-        self.desk = Desk()
+        self.simulation = Simulation()
         self.heard = self.sent = 0
         self.peers: set[Peer] = set()
         self._pending: list[SimulatorOutput] = []
@@ -49,26 +49,26 @@ class Wire:
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
         """Take a datagram."""
         self.heard += len(data)
-        return self._counted(self.desk.answerer.on_datagram(peer, data, self.desk.now))
+        return self._counted(self.simulation.answerer.on_datagram(peer, data, self.simulation.now))
 
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
         """Take a connection."""
         self.peers.add(peer)
-        return self.desk.answerer.on_connect(peer, self.desk.now, is_stop)
+        return self.simulation.answerer.on_connect(peer, self.simulation.now, is_stop)
 
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
         """Take bytes of a connection."""
         self.heard += len(data)
-        return self._counted(self.desk.answerer.on_segment(peer, data, self.desk.now))
+        return self._counted(self.simulation.answerer.on_segment(peer, data, self.simulation.now))
 
     def on_disconnect(self, peer: Peer, now: int) -> None:
         """Part from a connection."""
         self.peers.discard(peer)
-        self.desk.answerer.on_disconnect(peer, self.desk.now)
+        self.simulation.answerer.on_disconnect(peer, self.simulation.now)
 
     def reset(self, now: int) -> list[SimulatorOutput]:
         """Forget all clients."""
-        return self._counted(self.desk.answerer.reset(self.desk.now))
+        return self._counted(self.simulation.answerer.reset(self.simulation.now))
 
     def advance(self, now: int) -> list[SimulatorOutput]:
         """Return what is to be sent."""
@@ -101,7 +101,7 @@ class WirePerformance(Performance):
         self._rests: dict[str, bytes] = {}
         self._sent, self._received = wire.heard, wire.sent
         super().__init__(playbook, profile)
-        wire.desk = self.desk
+        wire.simulation = self.simulation
 
     def connect(self) -> None:
         """Open a socket for each client."""

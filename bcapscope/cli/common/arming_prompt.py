@@ -9,8 +9,7 @@ from pathlib import Path
 
 import click
 
-from bcapscope.client.action_log import ActionLog, LoggedConnection, default_folder
-from bcapscope.client.armed_call_logger import ArmedCallLogger
+from bcapscope.client.action_log import ActionLog, ArmedCallLogger, LoggedConnection, default_folder
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.os_errors import os_reason

@@ -16,7 +16,6 @@ from bcapscope.client.action_log import LoggedConnection
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.live.terminal_keys import TerminalKeys
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
-from bcapscope.player.armed_message_logger import ArmedMessageLogger
 from bcapscope.player.player_messages import (
     ControllerInfo,
     PlayEnded,
@@ -29,7 +28,7 @@ from bcapscope.player.player_messages import (
     PlayState,
     QuestionTopic,
 )
-from bcapscope.player.player_process import PlayerProcess
+from bcapscope.player.player_process import ArmedMessageLogger, PlayerProcess
 from bcapscope.player.preflight import PreflightResult, run_preflight_for
 from bcapscope.player.realtime import RealtimeReport
 from bcapscope.player.trajectory import Trajectory

@@ -10,7 +10,7 @@ from bcapscope.cli.common.data_output import DataOutput
 from bcapscope.faults.document import DocumentError
 from bcapscope.render.columns import align_columns
 from bcapscope.render.escape import printable
-from bcapscope.simulator.behaviours import BEHAVIOURS
+from bcapscope.simulator.behaviours import read_behaviours
 from bcapscope.simulator.scenario import (
     ClientProgram,
     Scenario,
@@ -61,7 +61,7 @@ def list_behaviours(context: click.Context, param: click.Parameter, wanted: bool
     if not wanted or context.resilient_parsing:
         return
     head = ("BEHAVIOUR", "CERTAINTY", "WHAT THE SIMULATOR DOES, OR WHEN IT RETURNS THE RESULT", "SOURCE")
-    rows = [(each.name, each.certainty, each.text, each.source) for each in BEHAVIOURS]
+    rows = [(each.name, each.certainty, each.text, each.source) for each in read_behaviours()]
     DataOutput().write_lines(align_columns([head, *rows], "<<<<"), lambda: None)
     context.exit()
 

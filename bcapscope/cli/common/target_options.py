@@ -12,8 +12,12 @@ from click.core import ParameterSource
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.exit_codes import ExitCode, exit_with
-from bcapscope.client.controller_target import ControllerTarget, split_host_port
-from bcapscope.client.retry_policies import DEFAULT_PORT, DEFAULT_RETRY_POLICIES
+from bcapscope.client.controller_target import (
+    DEFAULT_PORT,
+    DEFAULT_RETRY_POLICIES,
+    ControllerTarget,
+    split_host_port,
+)
 from bcapscope.errors import BcapError, CallTimeout, ControllerError, FileWriteError
 from bcapscope.messages import MessageFormatter
 from bcapscope.messages.os_errors import os_reason

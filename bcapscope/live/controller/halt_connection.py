@@ -18,8 +18,7 @@ from enum import StrEnum
 from bcapscope.client.caller import Observer
 from bcapscope.client.controller_target import DEFAULT_ROBOT, ControllerTarget
 from bcapscope.client.object_opener import ObjectOpener
-from bcapscope.client.robot_halt import halt_robot
-from bcapscope.client.session import Session, open_target_session
+from bcapscope.client.session import Session, halt_robot, open_target_session
 from bcapscope.errors import BcapError, ControllerError
 from bcapscope.live.controller.history_record import Reason, error_reason
 from bcapscope.protocol.tables.function_table import ObjectClass

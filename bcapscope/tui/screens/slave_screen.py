@@ -17,16 +17,15 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.css.query import NoMatches
 from textual.widgets import Button, ContentSwitcher, Input, Select
 
-from bcapscope.client.action_log import LoggedConnection
-from bcapscope.client.armed_call_logger import ArmedCallLogger
+from bcapscope.client.action_log import ArmedCallLogger, LoggedConnection
 from bcapscope.client.controller_target import DEFAULT_ROBOT
 from bcapscope.errors import BcapError
 from bcapscope.live.controller.controller_session import ControllerSession
 from bcapscope.live.controller.error_recovery import RecoveryStep, run_recovery_step
 from bcapscope.live.controller.history_record import Initiator
 from bcapscope.live.controller.session_updates import SessionStatus
-from bcapscope.player.armed_message_logger import ArmedMessageLogger
 from bcapscope.player.player_messages import PlayProgress, QuestionTopic, SlaveModePacing
+from bcapscope.player.player_process import ArmedMessageLogger
 from bcapscope.protocol.number_parsing import parse_integer, parse_number
 from bcapscope.protocol.slave_mode.modes import pose_type_of_mode
 from bcapscope.render.escape import printable

@@ -13,8 +13,8 @@ from bcapscope.simulator.machine import InitialState, Machine
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario import read_scenario
 from bcapscope.simulator.scenario_runner import ScenarioRunner
-from bcapscope.simulator.server_interfaces import ControllerModel
 from bcapscope.simulator.simulator import Simulator, SimulatorOutput
+from bcapscope.simulator.simulator_server import ControllerModel
 from tests.english import collects
 
 MS = 1_000_000
@@ -31,7 +31,7 @@ class Reply(NamedTuple):
     reserved: int
 
 
-class Desk:
+class Simulation:
     """A controller and its time."""
 
     def __init__(self, profile: str = "rc8", start: InitialState | None = None) -> None:
@@ -41,13 +41,13 @@ class Desk:
         self.now = 0
 
     @classmethod
-    def of(cls, scenario: str) -> Desk:
-        """Make a desk at which a scenario is played."""
+    def of(cls, scenario: str) -> Simulation:
+        """Make a simulation at which a scenario is played."""
         played = read_scenario(scenario)
-        desk = cls()
-        desk.simulator = Simulator(played.controller_profile, played.initial_state())
-        desk.stage = ScenarioRunner(played, desk.simulator, 0, on_news=collects(desk.news))
-        return desk
+        simulation = cls()
+        simulation.simulator = Simulator(played.controller_profile, played.initial_state())
+        simulation.stage = ScenarioRunner(played, simulation.simulator, 0, on_news=collects(simulation.news))
+        return simulation
 
     @property
     def answerer(self) -> ControllerModel:
@@ -69,16 +69,16 @@ class Desk:
         return outputs + self.answerer.advance(self.now)
 
 
-class Person:
+class SimulatedClient:
     """One client, over UDP unless told."""
 
-    def __init__(self, desk: Desk, name: str = "client", tcp: bool = False) -> None:
-        self.desk = desk
+    def __init__(self, simulation: Simulation, name: str = "client", tcp: bool = False) -> None:
+        self.simulation = simulation
         self.name = name
         self.serial = 0
         self.tcp = tcp
         if tcp:
-            assert desk.answerer.on_connect(name, desk.now)
+            assert simulation.answerer.on_connect(name, simulation.now)
 
     def send(self, function: str, *arguments: Variant) -> list[SimulatorOutput]:
         """Send a request and return what comes at once."""
@@ -86,7 +86,7 @@ class Person:
         found = function_by_name(function)
         assert found is not None
         raw = encode_frame(self.serial, 0, found.id, arguments)
-        simulator, now = self.desk.answerer, self.desk.now
+        simulator, now = self.simulation.answerer, self.simulation.now
         return (
             simulator.on_segment(self.name, raw, now)
             if self.tcp
@@ -95,7 +95,7 @@ class Person:
 
     def call(self, function: str, *arguments: Variant, patience: float = 20_000) -> Reply:
         """Send a request and wait for its reply."""
-        began, notices = self.desk.now, 0
+        began, notices = self.simulation.now, 0
         outputs = self.send(function, *arguments)
         while True:
             for output in outputs:
@@ -105,16 +105,16 @@ class Person:
                 if frame.code != S_EXECUTING:
                     return self._reply(frame, began, notices)
                 notices += 1
-            due = self.desk.answerer.due(self.desk.now)
+            due = self.simulation.answerer.due(self.simulation.now)
             assert due is not None, "no answer, and nothing is under way"
             assert due - began <= patience * MS, "no answer in time"
-            self.desk.now = max(due, self.desk.now + 1)
-            outputs = self.desk.answerer.advance(self.desk.now)
+            self.simulation.now = max(due, self.simulation.now + 1)
+            outputs = self.simulation.answerer.advance(self.simulation.now)
 
     def _reply(self, frame: Frame, began: int, notices: int) -> Reply:
         values = frame.variants
         value = values[0] if values else None
-        ms = (self.desk.now - began) / MS
+        ms = (self.simulation.now - began) / MS
         return Reply(
             frame.code,
             value.value if value else None,
@@ -125,12 +125,14 @@ class Person:
         )
 
 
-class Operator(Person):
+class Operator(SimulatedClient):
     """A client with a controller and a robot open."""
 
-    def __init__(self, desk: Desk, name: str = "client", tcp: bool = False, options: str = "") -> None:
-        super().__init__(desk, name, tcp)
-        provider = {"rc9": "CaoProv.DENSO.VRC9"}.get(desk.machine.profile.name, "CaoProv.DENSO.VRC")
+    def __init__(
+        self, simulation: Simulation, name: str = "client", tcp: bool = False, options: str = ""
+    ) -> None:
+        super().__init__(simulation, name, tcp)
+        provider = {"rc9": "CaoProv.DENSO.VRC9"}.get(simulation.machine.profile.name, "CaoProv.DENSO.VRC")
         assert self.call("Service_Start", bstr(options)).hresult == 0
         texts = map(bstr, ("", provider, "localhost", ""))
         self.controller = self.handle(self.call("Controller_Connect", *texts))
@@ -170,12 +172,12 @@ class Operator(Person):
 
     def machine_error(self) -> int:
         """Return the newest active error as the controller's own panel shows it; 0 for none."""
-        active = self.desk.machine.alarms.active
+        active = self.simulation.machine.active_alarms
         return active[0].code if active else 0
 
     def ready(self) -> None:
         """Take the arm and switch the motor on; run RobSlave where it is needed."""
-        if self.desk.machine.profile.needs_robslave:
+        if self.simulation.machine.profile.needs_robslave:
             task = self.get("Controller_GetTask", self.controller, "RobSlave")
             assert self.call("Task_Start", task, i4(1), bstr("")).hresult == 0
         else:
