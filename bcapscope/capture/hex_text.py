@@ -15,19 +15,23 @@ from bcapscope.capture.hex_block import LARGEST_REPEAT, HexBlock
 from bcapscope.capture.hex_line import MIN_HEX_BYTES, EndOffset, HexDigits, LinePiece, ProseText, parse_line
 from bcapscope.capture.link_layer import ETHERNET, NOT_IP, find_ip, read_ip
 from bcapscope.capture.role_detection import BCAP_PORTS, direction_evidence
-from bcapscope.protocol.codec.frame import parse_single_frame
-from bcapscope.protocol.codec.frame_content import EOT, HEADER_SIZE, SOH
-from bcapscope.protocol.dissection.frame_repair import LONGEST_REPAIRED, find_repair
-from bcapscope.protocol.dissection.plausibility import (
-    LARGEST_LIKELY,
-    plausible_length_field,
-    plausible_prefix_length,
-)
+from bcapscope.protocol.codec.frame import Malformed, parse_single_frame
+from bcapscope.protocol.codec.frame_content import EOT, HEADER_SIZE, SMALLEST_FRAME, SOH
+from bcapscope.protocol.tables.function_table import FUNCTIONS
+from bcapscope.protocol.tables.hresult import S_FALSE, describe_hresult
 from bcapscope.traffic.observation import Direction
 
 MAX_REPEATED = 1024 * 1024
 """Maximum number of bytes that all asterisk lines of a text may stand for together. Without a limit, a short
 text could fill the memory."""
+
+LARGEST_LIKELY = 64 * 1024
+"""Largest plausible value of the length field, in bytes. A larger value is treated as damage, since frames of
+real sessions are below 10 KiB."""
+
+_LONGEST_COMPLETED = 1024
+"""Largest block, in bytes, that a few bytes beside words may complete. UDP frames have at most 503 bytes
+(orin_bcap dn_udp.h)."""
 
 _UDP, _TCP = 17, 6
 _SERIAL = slice(5, 7)
@@ -154,7 +158,7 @@ class _BlockReader:
     def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
         """Handle a few bytes beside words, which may end a frame or begin the bytes of the next line."""
         block = self._open
-        is_short = block is not None and block.size <= LONGEST_REPAIRED
+        is_short = block is not None and block.size <= _LONGEST_COMPLETED
         if piece.starts_line and block and is_short and len(piece.digits) <= 2 * _missing_bytes(block.data):
             block.add(number, piece)
         elif piece.ends_line:
@@ -203,15 +207,20 @@ def _last_frame_start(block: HexBlock) -> int:
     return start if block.size - start <= LARGEST_LIKELY else 0
 
 
+def _frame_length(data: bytes) -> int | None:
+    """Return the length field of a frame at the start of `data`; None without SOH or plausible length."""
+    length = int.from_bytes(data[1:5], "little") if len(data) >= 5 and data[0] == SOH else 0
+    return length if SMALLEST_FRAME <= length <= LARGEST_LIKELY else None
+
+
 def _begins_as_frame(data: bytes) -> bool:
-    return data[:1] == bytes((SOH,)) and plausible_length_field(data) is not None
+    return _frame_length(data) is not None
 
 
 def _missing_bytes(data: bytes) -> int:
     """Return how many bytes the last frame in `data` lacks; 0 for a whole frame and without a frame."""
     last = data[_frame_starts(data, [])[-1] :]
-    length = plausible_length_field(last) if _begins_as_frame(last) else None
-    return max(length - len(last), 0) if length else 0
+    return max((_frame_length(last) or 0) - len(last), 0)
 
 
 def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
@@ -287,7 +296,7 @@ def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
     while True:
         start = cuts[-1]
         head = data[start : start + 5]
-        stop = start + ((plausible_length_field(head) if _begins_as_frame(head) else None) or len(data))
+        stop = start + (_frame_length(head) or len(data))
         if stop < len(data) and data[stop - 1] == EOT and data[stop] == SOH:
             cuts.append(stop)
             continue
@@ -315,23 +324,19 @@ def _direction_of(
 
 
 def _direction_by_content(part: bytes) -> Direction | None:
-    """Return the direction that the content shows, perhaps after a repair; None if unknown."""
-    if not _begins_as_frame(part) or len(part) < HEADER_SIZE:
+    """Return the direction that the content shows; None if unknown.
+
+    The function id or result code shows the direction even if the rest of the frame is damaged.
+    """
+    item = parse_single_frame(part)
+    if isinstance(item, Malformed) or not _begins_as_frame(part):
         return None
-    shown = direction_evidence(parse_single_frame(part))
+    shown = direction_evidence(item)
     if shown is not None:
         return shown[0]
-    repaired = find_repair(part)
-    if repaired is not None:
-        part = repaired.raw
-    size = len(part) + (repaired.missing_at_end if repaired else 0)
-    as_request, as_reply = (
-        plausible_prefix_length(part, size, True),
-        plausible_prefix_length(part, size, False),
-    )
-    if as_request == as_reply:
-        return None
-    return Direction.REQUEST if as_request > as_reply else Direction.RESPONSE
+    if item.code in FUNCTIONS and not (item.code == S_FALSE and item.argc == 0):
+        return None if item.code == S_FALSE else Direction.REQUEST
+    return Direction.RESPONSE if describe_hresult(item.code).is_listed else None
 
 
 def _without_headers(data: bytes) -> tuple[bytes, Direction | None, int]:

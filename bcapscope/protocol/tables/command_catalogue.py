@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import lru_cache
 
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.call_effect import CallEffect
@@ -16,6 +18,9 @@ from bcapscope.protocol.tables.command_table import COMMAND_ROWS
 from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
 
 _POSE = "BSTR R8[] R4[] V[]"
+_LONGEST_COMPARED = 40
+_LEAST_SIMILARITY = 0.7
+"""Smallest similarity ratio, as difflib computes it. Two swapped letters in slvChangeMode give 0.92."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +57,14 @@ class CommandSpec:
 def find_command(function_id: int, name: str) -> CommandSpec | None:
     """Return a command by its ..._Execute function and its name, ignoring case; None if unknown."""
     return _BY_KEY.get((function_id, name.casefold()))
+
+
+@lru_cache(256)
+def similar_command(function_id: int, name: str) -> str | None:
+    """Return the known command of a function whose name resembles `name` most; None if none resembles it."""
+    known = {each.name.casefold(): each.name for each in commands_of(function_id)}
+    close = get_close_matches(name[:_LONGEST_COMPARED].casefold(), known, n=1, cutoff=_LEAST_SIMILARITY)
+    return known[close[0]] if close else None
 
 
 def commands_of(function_id: int) -> tuple[CommandSpec, ...]:
