@@ -14,7 +14,7 @@ from typing import Self
 from bcapscope.errors import InputError
 from bcapscope.messages import Message
 from bcapscope.protocol.tables.hresult import hresult_name
-from bcapscope.protocol.tables.hresult_table import NAMED_CODES
+from bcapscope.protocol.tables.hresult_table import LISTED_CODES
 from bcapscope.traffic.filter.compiler import Filter, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.operands import UNITS
@@ -38,7 +38,7 @@ _CODE = re.compile(r"0[xX][0-9A-Fa-f]{1,8}|-?[0-9]{1,10}")
 _PATH = re.compile(r"arg((?:\[[0-9]{1,5}\])+)")
 _SPAN = re.compile(r"([-+0-9.eE]*?)\.\.([-+0-9.eE]*)")
 _MULTIPLES = {"": 1, "k": 1000, "M": 1_000_000}
-_CODES = {entry.name: entry.code for entry in NAMED_CODES if entry.name}
+_CODES = {entry.name: entry.code for entry in LISTED_CODES if entry.name}
 _FOLDED_CODES = {name.casefold(): code for name, code in _CODES.items()}
 
 

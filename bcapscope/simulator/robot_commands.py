@@ -1,7 +1,7 @@
 """Commands of Robot_Execute other than motions and slave mode.
 
 Sources for names, parameters and results: ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2,
-nkawa/Denso_CobottaPro900_MQTT_Control. Results that no source shows are inferred as in `command_table`.
+nkawa/Denso_CobottaPro900_MQTT_Control. Results that no source shows are inferred as in `commands.tsv`.
 """
 
 from __future__ import annotations

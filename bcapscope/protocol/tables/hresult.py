@@ -18,11 +18,8 @@ from bcapscope.messages import Message
 from bcapscope.protocol.tables.hresult_table import (
     AXIS_FAMILIES,
     CODE_RANGES,
-    NAMED_CODES,
+    LISTED_CODES,
     RC7_CODES,
-    RC7_LEVELS,
-    SLAVE_MODE_CODES,
-    STATE_CODES,
     CodeRange,
     HresultEntry,
 )
@@ -222,7 +219,7 @@ def _info_from_entry(entry: HresultEntry) -> HresultInfo:
 
 
 def _build_table() -> dict[int, HresultInfo]:
-    table = {entry.code: _info_from_entry(entry) for entry in (*NAMED_CODES, *SLAVE_MODE_CODES, *STATE_CODES)}
+    table = {entry.code: _info_from_entry(entry) for entry in LISTED_CODES}
     for family in AXIS_FAMILIES:
         key = f"hresult.axis.{family.base:08X}"
         common, advice = Message.from_table(key, family.text), _advice(key, family.advice)
@@ -241,8 +238,8 @@ def _build_rc7_table() -> dict[int, HresultInfo]:
     table: dict[int, HresultInfo] = {}
     for entry in RC7_CODES:
         axis = entry.code & 0xF if entry.code & 0xFFF0 == 0x6410 else None
-        level = RC7_LEVELS.get(entry.code)
-        table[entry.code] = replace(_info_from_entry(entry), level=level, axis=axis)
+        info = _info_from_entry(entry)
+        table[entry.code] = replace(info, level=entry.level, axis=axis, rc7=f"{entry.code:04X}")
     for result in _KNOWN.values():
         if result.rc7 is not None:
             table.setdefault(int(result.rc7, 16), result)

@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import NamedTuple, NoReturn
 
 from bcapscope.messages import Message
-from bcapscope.protocol.tables.hresult_table import NAMED_CODES
+from bcapscope.protocol.tables.hresult_table import LISTED_CODES
 from bcapscope.traffic.filter import matching as matches
 from bcapscope.traffic.filter.field_table import FieldType, FilterField
 from bcapscope.traffic.filter.matching import LiteralMatch, Match, Number
@@ -27,7 +27,7 @@ NUMERIC = frozenset({FieldType.NUMBER, FieldType.TIME, FieldType.DURATION})
 _LISTS = frozenset({FieldType.NUMBERS, FieldType.TEXTS, FieldType.VALUES})
 _LITERALS = frozenset({TokenKind.WORD, TokenKind.NUMBER, TokenKind.TEXT, TokenKind.ADDRESS})
 _RESERVED = ("and", "or", "not", "in", "contains", "matches")
-_CODES = {entry.name: entry.code for entry in NAMED_CODES if entry.name}
+_CODES = {entry.name: entry.code for entry in LISTED_CODES if entry.name}
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _TIMESTAMP = re.compile(
     r"(\d{4}-\d\d-\d\d)(?:[T ](\d\d:\d\d(?::\d\d)?)(?:\.(\d{1,9}))?)?(Z|[+-]\d\d:\d\d)?", re.ASCII
