@@ -24,7 +24,7 @@ from bcapscope.render.escape import printable
 
 _LABELS = (
     *("title", "skip", "theme", "auto", "light", "dark", "contents", "pictures", "findings", "follows-from"),
-    *("advice", "frame", "frames", "source", "no-finding", "session", "output", "no-script"),
+    *("advice", "frame", "frames", "source", "no-finding", "session", "no-script"),
 )
 """Ids of the labels in the template, without the prefix ``report.label.``."""
 
@@ -41,7 +41,7 @@ def report_page(
     """
     statistics, strays = report_data.statistics, report_data.stray_replies
     timeline = report_calls.timeline_picture(report_data) if report_data.timelines else None
-    sessions = report_sections.session_views(report_data)
+    sessions = report_sections.session_views(report_data, words)
     latencies = None if statistics is None else report_calls.latency_picture(statistics.kinds)
     retry_chains = report_calls.retry_chain_picture(report_data)
     of_sessions = [picture for session in sessions for picture in session.pictures]
@@ -59,7 +59,7 @@ def report_page(
         period=report_sections.period_text(report_data, words),
         tiles=report_sections.summary_tiles(report_data, words),
         findings=report_sections.finding_views(report_data, words),
-        slave_sessions=report_sections.slave_session_table(report_data),
+        slave_sessions=report_sections.slave_session_table(report_data, words),
         call_tables=list(report_sections.call_tables(report_data, words)),
         verdicts=report_sections.verdict_table(report_data, words),
         stray_replies=words("report.strays", replies=Count(strays, "reply")) if strays else "",

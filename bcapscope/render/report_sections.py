@@ -9,19 +9,23 @@ from typing import NamedTuple
 from bcapscope.analysis.finding import Finding, Severity
 from bcapscope.analysis.report_data import DamagedFrame, ReportData
 from bcapscope.analysis.slave.notable_set_points import SetPointFact
-from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
+from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS, CallFigures, StatisticsRow
-from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
-from bcapscope.messages.places import Count, Duration, Times
+from bcapscope.messages import MessageFormatter
+from bcapscope.messages.places import Count, Duration
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.render import report_slave_sessions
 from bcapscope.render.diagnosis_summary import severity_counts_text
 from bcapscope.render.finding_text import finding_depths, finding_sentence, words_for
 from bcapscope.render.report_figure import Picture
-from bcapscope.render.slave_session_text import slave_session_lines
+from bcapscope.render.slave_session_text import (
+    GOOD_EXITS,
+    exit_message,
+    exit_result_message,
+    slave_session_lines,
+)
 from bcapscope.render.statistics_text import call_kind_text
 from bcapscope.render.timestamp import utc_text
-from bcapscope.traffic.observation import Conversation
 
 MAX_DRAWN = 6
 """Maximum number of slave-mode sessions with pictures: those with the most problems, then the longest."""
@@ -37,18 +41,6 @@ _FIGURE_COLUMNS = (
     *("retried", "refused", "unanswered"),
 )
 _SIGNS = {Severity.ERROR: "✖", Severity.WARNING: "▲", Severity.NOTE: "●"}
-_EXIT_TEXTS = {
-    ExitReason.LEFT: "left normally, by slvChangeMode 0",
-    ExitReason.CHANGED: "by slvChangeMode, which entered slave mode again",
-    ExitReason.ERROR: "by an error in the reply to a set point",
-    ExitReason.OTHER_CALL: "by an error of another call",
-    ExitReason.OTHER_CLIENT: "by slvChangeMode of another client",
-    ExitReason.FOUND_OFF: "found off; the capture does not show the reason",
-    ExitReason.DISCONNECTED: "by the client's release or disconnection",
-    ExitReason.SILENT: "the client sent no more set points, and did not leave slave mode",
-    ExitReason.CAPTURE_ENDED: "the capture ended first",
-}
-_GOOD_EXITS = (ExitReason.LEFT, ExitReason.CAPTURE_ENDED, ExitReason.CHANGED)
 
 
 class ReportTable(NamedTuple):
@@ -90,7 +82,6 @@ class SlaveSessionView(NamedTuple):
     """A slave-mode session with its pictures. `lines` is the output of `bcapscope slave` for the session."""
 
     number: int
-    facts: Sequence[tuple[str, str | Conversation]]
     pictures: Sequence[Picture]
     slowest: ReportTable | None
     lines: Sequence[str]
@@ -149,24 +140,15 @@ def finding_views(report_data: ReportData, words: MessageFormatter) -> list[Find
     ]
 
 
-def session_views(report_data: ReportData) -> list[SlaveSessionView]:
+def session_views(report_data: ReportData, words: MessageFormatter) -> list[SlaveSessionView]:
     """Return the slave-mode sessions that have pictures."""
     start = report_data.start
     return [
         SlaveSessionView(
             session.number,
-            list(_slave_session_facts(session, start)),
-            [
-                picture
-                for picture in (
-                    report_slave_sessions.pace_picture(session, start),
-                    report_slave_sessions.spread_picture(session),
-                    report_slave_sessions.motion_picture(session, start),
-                )
-                if picture is not None
-            ],
-            _slowest_table(session, start) if session.timing.slowest else None,
-            list(slave_session_lines(session)),
+            report_slave_sessions.session_pictures(session, start),
+            _slowest_table(session, start, words) if session.timing.slowest else None,
+            list(slave_session_lines(session, words=words)),
         )
         for session in drawn_slave_sessions(report_data.slave_sessions)
     ]
@@ -233,106 +215,54 @@ def drawn_slave_sessions(slave_sessions: Sequence[SlaveSession]) -> list[SlaveSe
 def _trouble_rank(slave_session: SlaveSession) -> int:
     if not slave_session.counts.sent:
         return -1
-    bad = slave_session.exit.reason not in _GOOD_EXITS
+    bad = slave_session.exit.reason not in GOOD_EXITS
     return 2 * bad + bool(
         slave_session.timing.gaps or slave_session.counts.refused or slave_session.counts.unanswered
     )
 
 
-def slave_session_table(report_data: ReportData) -> ReportTable:
+def slave_session_table(report_data: ReportData, words: MessageFormatter) -> ReportTable:
     """Return the table of the first slave-mode sessions."""
     rows = [
         (
             session.number,
             _seconds_since(session.entered_at, report_data.start),
             f"{session.duration_ms / 1e3:.3f}",
-            _mode_number(session),
+            _mode(session, words),
             session.conversation,
             f"{session.counts.sent:,}",
             f"{session.counts.retries:,}",
-            _exit(session),
+            _exit(session, words),
         )
         for session in report_data.slave_sessions[:MAX_ROWS]
     ]
-    all_of_them = len(report_data.slave_sessions) + report_data.slave_sessions_left_off
-    words = "Slave-mode sessions."
-    if all_of_them > len(rows):
-        words = f"The first {len(rows)} of {all_of_them} slave-mode sessions."
+    total = len(report_data.slave_sessions) + report_data.slave_sessions_left_off
+    caption = words("report.sessions")
+    if total > len(rows):
+        caption = words("report.first-rows", caption=caption, shown=len(rows), total=total)
     if len(report_data.slave_sessions) > MAX_DRAWN:
-        words += f" Pictures of the {MAX_DRAWN} with the most problems follow."
-    header = ("session", "at, s", "lasted, s", "mode", "client", "set points", "retries", "ended")
-    return ReportTable(words, header, "nnntennt", rows)
+        caption = words("report.sessions.drawn", caption=caption, drawn=MAX_DRAWN)
+    columns = ("session", "at", "lasted", "mode", "client", "set-points", "retries", "ended")
+    return ReportTable(caption, _header(columns, words), "nnntennt", rows)
 
 
-def _mode_number(slave_session: SlaveSession) -> str:
-    mode = slave_session.mode
-    return _mode(slave_session) if mode.value is None else f"0x{mode.value:03X}, {mode.pose_type} type"
-
-
-def _mode(slave_session: SlaveSession) -> str:
+def _mode(slave_session: SlaveSession, words: MessageFormatter) -> str:
     mode = slave_session.mode
     if mode.value is None:
-        return f"not captured; values look like {mode.pose_type} type" if mode.pose_type else "not captured"
-    text = "" if mode.meaning is None else f": {mode.meaning.text}"
-    return f"0x{mode.value:03X}{text}" + (" (as on an RC8)" if mode.guessed else "")
+        return words("slave.mode.unknown")
+    return f"0x{mode.value:03X}" if mode.pose_type is None else f"0x{mode.value:03X}, {mode.pose_type}"
 
 
-def _exit(slave_session: SlaveSession) -> str:
+def _exit(slave_session: SlaveSession, words: MessageFormatter) -> str:
     code = slave_session.exit.hresult
-    meaning = "" if not code else f": {hresult_name(code)}, {describe_hresult(code).text}"
-    return f"{_EXIT_TEXTS[slave_session.exit.reason]}{meaning}"
+    reason = words.text(exit_message(slave_session.exit.reason))
+    return f"{reason}: {words.text(exit_result_message(code, slave_session))}" if code else reason
 
 
-def _slave_session_facts(slave_session: SlaveSession, start: int) -> Iterator[tuple[str, str | Conversation]]:
-    counts, timing, buffer = slave_session.counts, slave_session.timing, slave_session.buffer
-    how = (
-        "before the capture began"
-        if slave_session.entry_call is None
-        else f"by call {slave_session.entry_call.call}"
-    )
-    yield "Entered", (f"at {_seconds_since(slave_session.entered_at, start)} s, {how}")
-    yield (
-        "Ended",
-        (f"at {_seconds_since(slave_session.exit.time, start)} s, {_exit(slave_session)}"),
-    )
-    yield "Client", slave_session.conversation
-    yield "Mode", (_mode(slave_session))
-    if slave_session.mode.generation_known_by:
-        yield (
-            "Controller",
-            (f"{slave_session.mode.generation}: {slave_session.mode.generation_known_by}"),
-        )
-    refused = sum(counts.refused.values())
-    yield (
-        "Set points",
-        (
-            f"{counts.sent:,} sent, {counts.accepted:,} accepted, {refused:,} refused, "
-            f"{counts.unanswered:,} never answered, {counts.open:,} open when the capture ended, "
-            f"{counts.not_followed:,} not followed to the end, {counts.after_end:,} after the session ended"
-        ),
-    )
-    yield "Sent again", (Times(counts.retries).text(ENGLISH_WORDS) if counts.retries else "never")
-    yield "Cycle", (report_slave_sessions.percentiles_text(timing.cycle))
-    yield (
-        "On the grid",
-        (f"{timing.on_grid:,} cycles of {timing.grid_ms:g} ms; {timing.grid_known_by}"),
-    )
-    yield "Reply after", (report_slave_sessions.percentiles_text(timing.latency))
-    yield (
-        "Gaps",
-        (f"{timing.gaps or 'none'} longer than the {timing.slack_ms:g} ms that a full buffer lasts"),
-    )
-    often = Times(buffer.underflows).text(ENGLISH_WORDS)
-    empty = f"{often} by the model, {buffer.underflows_in_motion:,} of them in motion"
-    yield "Buffer ran empty", (empty if buffer.underflows else "never, by the model")
-    if buffer.assumptions:
-        yield "The model assumes", ("; ".join(map(str, buffer.assumptions)))
-
-
-def _slowest_table(slave_session: SlaveSession, start: int) -> ReportTable:
+def _slowest_table(slave_session: SlaveSession, start: int, words: MessageFormatter) -> ReportTable:
     return ReportTable(
-        f"Set points of session {slave_session.number} with the slowest replies.",
-        ("call", "frame", "at, s", "cycle, ms", "reply after, ms", "result"),
+        words("report.slowest", number=slave_session.number),
+        _header(("number", "frame", "at", "cycle", "reply-after", "result"), words),
         "nnnnnt",
         [_slow_row(fact, start) for fact in slave_session.timing.slowest[:MAX_SLOW]],
     )
@@ -344,7 +274,7 @@ def _slow_row(fact: SetPointFact, start: int) -> list[object]:
         fact.request_frame,
         _seconds_since(fact.time, start),
         "" if fact.cycle_ms is None else f"{fact.cycle_ms:.3f}",
-        "never" if fact.latency_ms is None else f"{fact.latency_ms:.3f}",
+        "" if fact.latency_ms is None else f"{fact.latency_ms:.3f}",
         "" if fact.hresult is None else hresult_name(fact.hresult),
     ]
 

@@ -12,7 +12,6 @@ from bcapscope.analysis.slave.motion_model import AxisMotion
 from bcapscope.analysis.slave.notable_set_points import SetPointFact
 from bcapscope.analysis.slave.plot_samples import PlotSample
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
-from bcapscope.analysis.statistics.distribution import DistributionSummary
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.render.report_figure import (
     AMBER,
@@ -34,6 +33,16 @@ _MAX_DOTS = 400  # maximum number of points that are visible as dots on a line
 _LEAST_MOTION = 1e-9
 _COLUMNS, _COLUMN_GAP = 2, 0.12
 _NOTABLE_LAG = 0.5
+
+
+def session_pictures(slave_session: SlaveSession, start: int) -> list[Picture]:
+    """Return all pictures of a slave-mode session; `start` is the time of the first frame."""
+    drawn = (
+        pace_picture(slave_session, start),
+        spread_picture(slave_session),
+        motion_picture(slave_session, start),
+    )
+    return [picture for picture in drawn if picture is not None]
 
 
 def pace_picture(slave_session: SlaveSession, start: int) -> Picture | None:
@@ -438,13 +447,3 @@ def _axis_title(each: AxisMotion, number: str) -> dict[str, Any]:
         "text": words,
         "showarrow": False,
     }
-
-
-def percentiles_text(found: DistributionSummary | None) -> str:
-    """Return the percentiles of values in ms as one line."""
-    if found is None:
-        return "none"
-    return (
-        f"median {found.p50:.3f}, 90% {found.p90:.3f}, 99% {found.p99:.3f}, 99.9% {found.p999:.3f}, "
-        f"longest {found.most:.3f} ms"
-    )
