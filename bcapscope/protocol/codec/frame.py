@@ -24,7 +24,6 @@ from bcapscope.errors import LocalProtocolError, TooLargeError
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.arguments import Argument, Problem
-from bcapscope.protocol.codec.checksum import crc16
 from bcapscope.protocol.codec.frame_content import (
     EOT,
     HEADER_SIZE,
@@ -34,6 +33,7 @@ from bcapscope.protocol.codec.frame_content import (
     SOH,
     Framing,
     compressed_code,
+    crc16,
     is_compressed,
 )
 from bcapscope.protocol.codec.frame_template import FrameNumbers, FrameTemplate, FrameTemplates
