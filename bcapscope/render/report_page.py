@@ -36,14 +36,12 @@ def report_page(
     remarks: Sequence[str] = (),
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> str:
-    """Return the HTML page. `remarks` are sentences about reading the captures. Captions of pictures are in
-    English.
-    """
+    """Return the HTML page. `remarks` are sentences about reading the captures."""
     statistics, strays = report_data.statistics, report_data.stray_replies
-    timeline = report_calls.timeline_picture(report_data) if report_data.timelines else None
+    timeline = report_calls.timeline_picture(report_data, words) if report_data.timelines else None
     sessions = report_sections.session_views(report_data, words)
-    latencies = None if statistics is None else report_calls.latency_picture(statistics.kinds)
-    retry_chains = report_calls.retry_chain_picture(report_data)
+    latencies = None if statistics is None else report_calls.latency_picture(statistics.kinds, words)
+    retry_chains = report_calls.retry_chain_picture(report_data, words)
     of_sessions = [picture for session in sessions for picture in session.pictures]
     plotly = _script_text(get_plotlyjs())
     script = resources.files("bcapscope.render").joinpath("templates/report.js").read_text("utf-8")

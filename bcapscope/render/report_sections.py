@@ -14,10 +14,10 @@ from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS, CallFigur
 from bcapscope.messages import MessageFormatter
 from bcapscope.messages.places import Count, Duration
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
-from bcapscope.render import report_slave_sessions
 from bcapscope.render.diagnosis_summary import severity_counts_text
 from bcapscope.render.finding_text import finding_depths, finding_sentence, words_for
 from bcapscope.render.report_figure import Picture
+from bcapscope.render.report_slave_sessions import session_pictures
 from bcapscope.render.slave_session_text import (
     GOOD_EXITS,
     exit_message,
@@ -146,7 +146,7 @@ def session_views(report_data: ReportData, words: MessageFormatter) -> list[Slav
     return [
         SlaveSessionView(
             session.number,
-            report_slave_sessions.session_pictures(session, start),
+            session_pictures(session, start, words),
             _slowest_table(session, start, words) if session.timing.slowest else None,
             list(slave_session_lines(session, words=words)),
         )
