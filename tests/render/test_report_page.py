@@ -15,9 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.analysis.finding import Severity
+from bcapscope.messages import ENGLISH_WORDS
 from bcapscope.render.escape import printable
 from bcapscope.render.report_page import report_page, template_environment
-from bcapscope.render.report_sections import ReportTable
 from bcapscope.traffic.observation import Conversation, Endpoint, Transport
 from tests.render.reports import CAPTURES, Page, account_of, page_of
 from tests.samples.findings import make_finding
@@ -156,18 +156,21 @@ def elements() -> Any:
 
 
 def test_a_table_has_its_caption_and_sides() -> None:
-    made = elements().table(ReportTable("All <of> it.", ("name", "n"), "tn", [["a&b", 3]]))
+    source = (
+        "{% from 'elements.html' import number, table, text %}"
+        "{% call table(words, 'All <of> it.', 'client calls>') %}"
+        "{{ text('a&b') }}{{ number(3) }}{% endcall %}"
+    )
+    made = template_environment().from_string(source).render(words=ENGLISH_WORDS)
     assert "<caption>All &lt;of&gt; it.</caption>" in made
-    assert '<th scope="col" class="t">name</th><th scope="col" class="n">n</th>' in made
+    assert '<th scope="col" class="t">client</th><th scope="col" class="n">calls</th>' in made
     assert '<td class="t">a&amp;b</td><td class="n">3</td>' in made
 
 
-def test_cells_are_code_or_the_ends_of_a_conversation() -> None:
+def test_the_ends_of_a_conversation_are_escaped() -> None:
     ends = Conversation(Endpoint("<a>", 1), Endpoint("b", 2), Transport.UDP, "the port")
-    made = elements().table(ReportTable("", ("c", "e"), "ce", [["<x>", ends], ["y", None]]))
-    assert "<code>&lt;x&gt;</code>" in made
-    assert '<span class="ends">&lt;a&gt;:1</span> → <span class="ends">b:2 UDP</span>' in made
-    assert '<td class="t">all</td>' in made
+    made = elements().ends(ends)
+    assert made == '<span class="ends">&lt;a&gt;:1</span> → <span class="ends">b:2 UDP</span>'
 
 
 def test_facts_are_a_list_of_definitions() -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from bcapscope.analysis.timeline_events import TimelineEventKind
-from bcapscope.render.report_page import report_page
-from bcapscope.render.report_sections import MAX_DRAWN, MAX_ROWS, drawn_slave_sessions
+from bcapscope.render.report_page import MAX_DRAWN, MAX_ROWS, drawn_slave_sessions, report_page
 from tests.render.reports import CAPTURES, Page, account_of, page_of
 
 
