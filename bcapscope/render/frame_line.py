@@ -9,8 +9,7 @@ from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import Frame, Framing, Malformed
 from bcapscope.protocol.codec.frame_template import FrameTemplate, numbers_of_arguments
-from bcapscope.protocol.tables.argument_names import request_param, result_param
-from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.protocol.tables.function_table import function_name, request_param, result_param
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
 from bcapscope.render.line_template import LONGEST_STRING, LineTemplate, LineTemplateBuilder

@@ -20,9 +20,14 @@ from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.render.captioned import CaptionWriter, frames_message
 from bcapscope.render.color_palette import PLAIN, Palette
-from bcapscope.render.slave_controller import buffer_lines, clock_lines
-from bcapscope.render.slave_motion import motion_lines
-from bcapscope.render.slave_timing import deadline_lines, slice_lines, timing_lines
+from bcapscope.render.slave_figures import (
+    buffer_lines,
+    clock_lines,
+    deadline_lines,
+    motion_lines,
+    slice_lines,
+    timing_lines,
+)
 from bcapscope.render.timestamp import utc_text
 
 GOOD_EXITS = (ExitReason.LEFT, ExitReason.CHANGED, ExitReason.CAPTURE_ENDED)
