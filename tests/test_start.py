@@ -12,6 +12,7 @@ import pytest
 import bcapscope
 
 HEAVY = {"numpy", "orjson", "rich", "scapy", "textual"}
+SAMPLE = Path(__file__).parent.parent / "captures" / "exchanges.pcap"
 SCAPY_USERS = {"bcapscope.capture.layer", "bcapscope.capture.sniffer"}
 
 # Imports every module named on the command line in turn and tells which was the first to bring scapy along.
@@ -60,6 +61,13 @@ def test_help_imports_nothing_heavy() -> None:
 
 def test_version_imports_nothing_heavy() -> None:
     assert not _imported_by("--version") & HEAVY
+
+
+@pytest.mark.parametrize("command", ["decode", "calls"])
+def test_reading_a_capture_does_not_import_numpy(command: str) -> None:
+    imported = _imported_by(command, str(SAMPLE))
+    assert "click" in imported
+    assert not imported & {"numpy", "rich", "scapy", "textual"}
 
 
 @pytest.mark.lifecycle

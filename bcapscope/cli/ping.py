@@ -12,7 +12,8 @@ import numpy as np
 import orjson
 
 from bcapscope.analysis.slave.fitness import Fitness, fitness
-from bcapscope.analysis.statistics.distribution import DistributionSummary, Histogram
+from bcapscope.analysis.statistics.distribution import Histogram
+from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.cli.common import options
 from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode

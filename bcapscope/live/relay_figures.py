@@ -6,7 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from bcapscope.analysis.statistics.distribution import DistributionSummary, Histogram
+from bcapscope.analysis.statistics.distribution import Histogram
+from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Enumeration
 from bcapscope.proxy.ring_buffer import SET_POINT_DEADLINE_NS, RelayCounter, RingRecord, RingRecordKind

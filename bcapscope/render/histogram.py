@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 
-from bcapscope.analysis.statistics.distribution import Bin
+from bcapscope.analysis.statistics.distribution_summary import Bin
 from bcapscope.render.color_palette import PLAIN, Palette
 
 BAR_WIDTH = 40

@@ -7,7 +7,7 @@ import math
 
 import orjson
 
-from bcapscope.analysis.statistics.distribution import DistributionSummary
+from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.render.timestamp import epoch_text
 

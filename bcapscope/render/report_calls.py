@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from bcapscope.analysis.report_data import ClientTimeline, ReportData
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS, StatisticsRow
-from bcapscope.analysis.statistics.distribution import DistributionSummary
+from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.analysis.timeline_events import TimelineEvent, TimelineEventKind
 from bcapscope.messages import MessageFormatter
 from bcapscope.messages.places import Count, HexNumber, Quantity

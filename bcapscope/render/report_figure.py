@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import plotly.graph_objects as go
 import plotly.io as pio
 
-from bcapscope.analysis.statistics.distribution import Bin
+from bcapscope.analysis.statistics.distribution_summary import Bin
 from bcapscope.render.escape import printable
 
 BLUE, ORANGE, GREEN, PURPLE, AMBER, GRAY = "#2F7FC1", "#CF5C0A", "#0A8F6A", "#B5619A", "#B27A00", "#7A828C"

@@ -10,7 +10,7 @@ from bcapscope.analysis.slave.motion_model import AxisMotion, MotionFacts, Peak
 from bcapscope.analysis.slave.session_slices import SessionSlice
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.slave.timing_model import TimingFacts
-from bcapscope.analysis.statistics.distribution import DistributionSummary
+from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, Quantity, Times

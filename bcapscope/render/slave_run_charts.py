@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from bcapscope.analysis.statistics.distribution import Bin
+from bcapscope.analysis.statistics.distribution_summary import Bin
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.message import PlaceValue
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType

@@ -27,7 +27,7 @@ from bcapscope.analysis.slave.slave_session import (
     SlaveSession,
 )
 from bcapscope.analysis.slave.timing_model import Deadline, TimingFacts
-from bcapscope.analysis.statistics.distribution import DistributionSummary
+from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.messages import Message
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult

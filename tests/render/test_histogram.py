@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.analysis.statistics.distribution import Bin
+from bcapscope.analysis.statistics.distribution_summary import Bin
 from bcapscope.render.color_palette import ANSI
 from bcapscope.render.histogram import BAR_WIDTH, edges_around, edges_by_decades, histogram
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bcapscope.analysis.statistics.distribution import DistributionSummary, Floats, Histogram
+from bcapscope.analysis.statistics.distribution import Floats, Histogram
+from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from bcapscope.analysis.slave.axis_lag import AxisLag
 from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
-from bcapscope.analysis.statistics.distribution import Bools, DistributionSummary, Floats, Histogram
+from bcapscope.analysis.statistics.distribution import Bools, Floats, Histogram
+from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import Axis

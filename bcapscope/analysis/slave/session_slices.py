@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bcapscope.analysis.slave.set_point_table import SetPointTable
-from bcapscope.analysis.statistics.distribution import DistributionSummary, Floats, Histogram
+from bcapscope.analysis.statistics.distribution import Floats, Histogram
+from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.protocol.tables.hresult import is_failure
 
 MAX_SLICES = 10_000

@@ -10,7 +10,8 @@ import numpy as np
 from bcapscope.analysis.slave.buffer_model import slack_ms
 from bcapscope.analysis.slave.notable_set_points import MAX_LISTED, SetPointFact, set_point_fact
 from bcapscope.analysis.slave.set_point_table import SetPointTable
-from bcapscope.analysis.statistics.distribution import DistributionSummary, Floats, Histogram
+from bcapscope.analysis.statistics.distribution import Floats, Histogram
+from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Quantity
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS, ModeKind, SlaveMode

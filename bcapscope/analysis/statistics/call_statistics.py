@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bcapscope.analysis.statistics.distribution import DistributionSummary, Histogram
+from bcapscope.analysis.statistics.distribution import Histogram
+from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from bcapscope.analysis.statistics.distribution_summary import Bin, DistributionSummary
 
 Floats: TypeAlias = "NDArray[np.float64]"
 Bools: TypeAlias = "NDArray[np.bool_]"
@@ -23,47 +24,6 @@ _LOWEST, _HIGHEST = -24, 40
 """Range of the bins, as powers of two: wide enough for 0.1 µm in mm, and for decades in ms."""
 
 _BINS = (_HIGHEST - _LOWEST) * _PER_OCTAVE
-
-
-@dataclass(frozen=True, slots=True)
-class Bin:
-    """A bin of a histogram: the number of values from `low` (included) to `high` (excluded)."""
-
-    low: float
-    high: float
-    count: int
-
-
-@dataclass(frozen=True, slots=True)
-class DistributionSummary:
-    """Summary of a distribution.
-
-    A percentile is the smallest value that at least the given share of all values do not exceed.
-
-    Attributes:
-        mean: Mean value, exact.
-        least: Smallest value, exact.
-        most: Largest value, exact.
-        p50: Median, like all percentiles exact for up to 8192 values and within 0.4% for more values.
-        bins: The bins that are not empty, in ascending order; () unless requested.
-    """
-
-    count: int
-    mean: float
-    least: float
-    most: float
-    p50: float
-    p90: float
-    p99: float
-    p999: float
-    bins: tuple[Bin, ...] = ()
-
-    def scaled(self, factor: float) -> DistributionSummary:
-        """Return the summary in another unit: all values are multiplied by `factor`, and the bins are left
-        out."""
-        points = (self.mean, self.least, self.most, self.p50, self.p90, self.p99, self.p999)
-        mean, least, most, p50, p90, p99, p999 = (point * factor for point in points)
-        return DistributionSummary(self.count, mean, least, most, p50, p90, p99, p999)
 
 
 class Histogram:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from bcapscope.analysis.slave.fitness import fitness
-from bcapscope.analysis.statistics.distribution import DistributionSummary, Histogram
+from bcapscope.analysis.statistics.distribution import Histogram
+from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 
 
 def _spread(*values: float) -> DistributionSummary | None:

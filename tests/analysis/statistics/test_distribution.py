@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bcapscope.analysis.statistics.distribution import EXACT_UP_TO, DistributionSummary, Histogram
+from bcapscope.analysis.statistics.distribution import EXACT_UP_TO, Histogram
+from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 
 SHARES = {"p50": 0.5, "p90": 0.9, "p99": 0.99, "p999": 0.999}
 NEAR = 0.004
