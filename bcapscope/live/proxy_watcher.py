@@ -103,7 +103,8 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
     Return False if a requested recording is incomplete.
     """
     _give_relay_priority()
-    screen, words = TerminalWriter(), MessageFormatter(options.view.language)
+    words = MessageFormatter(options.view.language)
+    screen = TerminalWriter(words)
 
     def warn(message: Message) -> None:
         screen.write_message(printable(words.text(message)))
