@@ -21,7 +21,6 @@ from bcapscope.player.player_messages import (
 from bcapscope.protocol.slave_mode.modes import describe_mode
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.protocol.text_format import display_width
-from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
 
 _COUNTS = ("retries", "late", "unanswered", "repeated", "shifted", "held")
@@ -55,33 +54,18 @@ def trouble_lines(trouble: PlayerProblem, words: MessageFormatter = ENGLISH_WORD
         yield f"  {words('play.shown-error', name=hresult_name(code), text=printable(text))}"
 
 
-def progress_text(
-    progress: PlayProgress, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS
-) -> str:
-    """Return the state of the player, the set point, and the elapsed and remaining time."""
-    number, reset = palette.number, palette.reset
-    index = f"{number}{progress.index}"
-    point = (
-        words("run.point.of", index=index, total=f"{progress.of}{reset}")
-        if progress.of
-        else words("run.point", index=f"{index}{reset}")
-    )
-    places: dict[str, PlaceValue] = {
-        "state": f"{palette.name}{words.text(progress.state.message)}{reset}",
-        "point": point,
-        "elapsed": f"{number}{progress.elapsed:.1f} s{reset}",
-    }
-    if progress.left is None:
-        return words("run.progress", **places)
-    return words("run.progress.left", **places, left=f"{number}{progress.left:.1f} s{reset}")
-
-
 def progress_line(progress: PlayProgress, width: int, words: MessageFormatter = ENGLISH_WORDS) -> str:
     """Return the progress of the player as one line of at most `width` columns."""
-    parts, late = [progress_text(progress, words=words)], progress.lateness
+    index = f"{progress.index}/{progress.of}" if progress.of else str(progress.index)
+    places: dict[str, PlaceValue] = {"state": progress.state.message, "index": index}
+    places["elapsed"] = f"{progress.elapsed:.1f} s"
+    if progress.left is None:
+        parts = [words("run.short", **places)]
+    else:
+        parts = [words("run.short.left", **places, left=f"{progress.left:.1f} s")]
+    late = progress.lateness
     if late.count:
-        places = {"p999": f"{late.p999 / 1e6:.3f}", "most": f"{late.most / 1e6:.3f}"}
-        parts.append(words("run.late.short", **places))
+        parts.append(words("run.late.short", p999=f"{late.p999 / 1e6:.3f}", most=f"{late.most / 1e6:.3f}"))
     parts.append(words("run.retries", n=progress.counts.retries))
     if progress.returned:
         parts.append(" ".join(f"{value:.2f}" for value in progress.returned))

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from bcapscope.analysis.statistics.distribution_summary import Bin
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
-from bcapscope.player.player_messages import PlayProgress
+from bcapscope.messages.message import PlaceValue
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.render.braille_chart import ChartCurve, braille_chart
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.histogram import histogram
-from bcapscope.render.play_text import progress_text
+
+if TYPE_CHECKING:  # importing this module loads sockets
+    from bcapscope.player.player_messages import PlayProgress
 
 _MAX_CHART_ROWS = 16
 """Maximum number of lines of one chart; a taller chart would show no more detail."""
@@ -93,7 +96,7 @@ def run_figure_lines(
     def number(text: str) -> str:
         return f"{palette.number}{text}{palette.reset}"
 
-    yield progress_text(progress, palette, words)
+    yield _progress_line(progress, palette, words)
     late, counts = progress.lateness, progress.counts
     if late.count:
         figures = {"p50": late.p50, "p99": late.p99, "p999": late.p999, "most": late.most}
@@ -116,6 +119,24 @@ def run_figure_lines(
             rest=f"{shown}{max(0.0, rest):.1f}{palette.reset}",
             whole=f"{whole:.0f} ms",
         )
+
+
+def _progress_line(progress: PlayProgress, palette: Palette, words: MessageFormatter) -> str:
+    number, reset = palette.number, palette.reset
+    index = f"{number}{progress.index}"
+    point = (
+        words("run.point.of", index=index, total=f"{progress.of}{reset}")
+        if progress.of
+        else words("run.point", index=f"{index}{reset}")
+    )
+    places: dict[str, PlaceValue] = {
+        "state": f"{palette.name}{words.text(progress.state.message)}{reset}",
+        "point": point,
+        "elapsed": f"{number}{progress.elapsed:.1f} s{reset}",
+    }
+    if progress.left is None:
+        return words("run.progress", **places)
+    return words("run.progress.left", **places, left=f"{number}{progress.left:.1f} s{reset}")
 
 
 def progress_bar(progress: PlayProgress, width: int, palette: Palette = PLAIN) -> str:
