@@ -13,7 +13,7 @@ from bcapscope.render.escape import printable
 
 
 class Recorder:
-    """A recording that never stops its program: after a disk failure, it warns once and drops packets.
+    """A recording for a program that must continue: after a disk failure, it warns once and drops packets.
 
     Attributes:
         files: Files of the recording; says how many packets wait for `flush`.

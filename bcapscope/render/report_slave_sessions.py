@@ -42,7 +42,7 @@ _MARGIN = {"l": 64, "r": 18, "t": 56, "b": 48}
 def session_pictures(session: SlaveSession, start: int, words: MessageFormatter) -> list[Picture]:
     """Return the pictures of a slave-mode session; `start` is the time of the first frame, ns since 1970.
 
-    Without set points or motion, the list lacks the pictures that would be empty.
+    Pictures that would be empty are left out.
     """
     drawing = _SessionDrawing(session, start, words)
     pictures = drawing.pace(), drawing.spread(), drawing.motion()

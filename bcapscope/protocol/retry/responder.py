@@ -143,7 +143,7 @@ class Responder:
     In both cases, the responder assumes a retry, so that no call runs twice. If neither the serial nor the
     named serial belongs to the known call, the responder assumes a retry only while the convention is `CHAIN`
     or unknown. A new call that is mistaken for a retry is not executed, and its client gets the earlier
-    reply. Such a reply may hold an old value, or report a motion as done that ran only once.
+    reply. Such a reply may hold an old value, or report a motion as done although the robot never made it.
 
     The responder forgets the calls of an earlier program when the new program reuses one of their serials for
     a different call, and at the latest after `remembered` further calls.

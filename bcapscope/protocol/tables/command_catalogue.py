@@ -61,7 +61,7 @@ def find_command(function_id: int, name: str) -> CommandSpec | None:
 
 @lru_cache(256)
 def similar_command(function_id: int, name: str) -> str | None:
-    """Return the known command of a function whose name resembles `name` most; None if none resembles it."""
+    """Return the known command of a function that is most similar to `name`; None if none is similar."""
     known = {each.name.casefold(): each.name for each in commands_of(function_id)}
     close = get_close_matches(name[:_LONGEST_COMPARED].casefold(), known, n=1, cutoff=_LEAST_SIMILARITY)
     return known[close[0]] if close else None
