@@ -116,8 +116,8 @@ class FrameContent:
 def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
     """Return whether the header at `pos` has the marks of a compressed version 1 frame.
 
-    The marks are a reserved field of 1 and a zlib header where the compressed body begins. A plain frame could
-    have both marks only with 376 arguments or more.
+    The marks are a reserved field of 1 and a zlib header where the compressed body begins. A plain frame has
+    both marks only if it has 376 arguments or more.
     """
     return data[pos + 7 : pos + 9] == b"\x01\x00" and has_zlib_header(data, pos)
 
