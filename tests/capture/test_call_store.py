@@ -49,8 +49,8 @@ def told(call: PairingResult, subject: TrackedObject | None) -> list[object]:
 def written(
     stack: ExitStack, folder: Path, path: Path
 ) -> tuple[CallStore, list[tuple[PairingResult, TrackedObject | None]]]:
-    journal, book = ObservationStoreWriter(folder), CallStoreWriter(folder)
-    tracker, handles, questions = Tracker(), HandleTracker(), RecentRequests()
+    store, book = ObservationStoreWriter(folder), CallStoreWriter(folder)
+    tracker, handles, call_kinds = Tracker(), HandleTracker(), RecentRequests()
     rows: list[tuple[PairingResult, TrackedObject | None]] = []
 
     def settle(settled: PairingResult) -> None:
@@ -60,18 +60,18 @@ def written(
 
     with open_capture(path) as capture:
         for seen in PacketDecoder().decode(capture):
-            journal.add(seen, questions.kind_of(seen))
+            store.add(seen, call_kinds.kind_of(seen))
             for settled in tracker.observe(seen):
                 settle(settled)
             if not seen.number % 50:
-                journal.flush()
+                store.flush()
                 book.flush()
     for settled in tracker.close():
         settle(settled)
-    journal.flush()
+    store.flush()
     book.flush()
     assert book.count == len(rows)
-    journal.close()
+    store.close()
     book.close()
     reader = ObservationStore(folder)
     reader.refresh()

@@ -12,7 +12,7 @@ from bcapscope.render.report_calls import (
     retry_chain_picture,
     timeline_picture,
 )
-from tests.render.reports import CAPTURES, account_of, page_of
+from tests.render.reports import CAPTURES, page_of, report_data_of
 
 
 def test_the_timeline_has_bars_and_marks() -> None:
@@ -45,17 +45,19 @@ def test_two_clients_have_two_lanes() -> None:
 
 
 def test_clients_without_a_lane_are_counted() -> None:
-    account = account_of(CAPTURES / "retry-story.pcapng")
-    many = replace(account, timelines=account.timelines * (MAX_TIMELINE_ROWS + 3), timelines_left_off=4)
+    report_data = report_data_of(CAPTURES / "retry-story.pcapng")
+    many = replace(
+        report_data, timelines=report_data.timelines * (MAX_TIMELINE_ROWS + 3), timelines_left_off=4
+    )
     assert "7 more clients made fewer calls." in timeline_picture(many, ENGLISH_WORDS).caption
 
 
 def test_chains_beyond_those_drawn_are_counted() -> None:
-    account = account_of(CAPTURES / "retry-story.pcapng")
-    drawn = retry_chain_picture(replace(account, retried_calls=5), ENGLISH_WORDS)
+    report_data = report_data_of(CAPTURES / "retry-story.pcapng")
+    drawn = retry_chain_picture(replace(report_data, retried_calls=5), ENGLISH_WORDS)
     assert drawn is not None
     assert drawn.caption.endswith("These are the 1 calls with the most retries; 4 more calls have retries.")
-    assert retry_chain_picture(replace(account, retry_chains=(), retried_calls=0), ENGLISH_WORDS) is None
+    assert retry_chain_picture(replace(report_data, retry_chains=(), retried_calls=0), ENGLISH_WORDS) is None
 
 
 def test_latencies_by_command() -> None:

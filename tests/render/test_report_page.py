@@ -19,7 +19,7 @@ from bcapscope.messages import ENGLISH_WORDS
 from bcapscope.render.escape import printable
 from bcapscope.render.report_page import report_page, template_environment
 from bcapscope.traffic.observation import Conversation, Endpoint, Transport
-from tests.render.reports import CAPTURES, Page, account_of, page_of
+from tests.render.reports import CAPTURES, Page, page_of, report_data_of
 from tests.samples.findings import make_finding
 
 ALL = sorted(path.name for path in CAPTURES.iterdir() if path.suffix in (".pcap", ".pcapng"))
@@ -91,13 +91,13 @@ def test_hostile_strings_of_a_capture_are_only_shown() -> None:
 
 
 def test_hostile_strings_from_anywhere_are_only_shown() -> None:
-    account = account_of(CAPTURES / "slave-mode-lost.pcapng")
+    report_data = report_data_of(CAPTURES / "slave-mode-lost.pcapng")
     finding = make_finding("rule", Severity.ERROR, HOSTILE, (1,), None, HOSTILE, HOSTILE)
     hostile = Conversation(Endpoint(HOSTILE, 1), Endpoint(HOSTILE, 2), Transport.UDP, HOSTILE)
-    lanes = tuple(replace(lane, conversation=hostile) for lane in account.timelines)
-    stays = tuple(replace(stay, conversation=hostile) for stay in account.slave_sessions)
-    poisoned = replace(account, findings=(finding,), timelines=lanes, slave_sessions=stays)
-    page = Page(report_page(poisoned, [HOSTILE], HOSTILE, [HOSTILE]))
+    lanes = tuple(replace(timeline, conversation=hostile) for timeline in report_data.timelines)
+    sessions = tuple(replace(session, conversation=hostile) for session in report_data.slave_sessions)
+    hostile_data = replace(report_data, findings=(finding,), timelines=lanes, slave_sessions=sessions)
+    page = Page(report_page(hostile_data, [HOSTILE], HOSTILE, [HOSTILE]))
     clean = page_of("slave-mode-lost.pcapng")
     assert "alert(1)" not in page.source.replace("&lt;script&gt;alert(1)", "").replace(
         "\\u0026lt;script\\u0026gt;alert(1)", ""
@@ -117,8 +117,8 @@ def test_a_page_without_trouble_or_slave_mode_has_no_empty_sections() -> None:
 
 
 def test_remarks_and_names_are_on_the_page() -> None:
-    account = account_of(CAPTURES / "retry-story.pcapng")
-    page = Page(report_page(account, ["a.pcap", "b.pcap"], "9.8", ["One is damaged."]))
+    report_data = report_data_of(CAPTURES / "retry-story.pcapng")
+    page = Page(report_page(report_data, ["a.pcap", "b.pcap"], "9.8", ["One is damaged."]))
     assert "One is damaged." in page.text
     assert "b-CAP report: a.pcap, b.pcap" in page.text
     assert "Made by bcapscope 9.8." in page.text
