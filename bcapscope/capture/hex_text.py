@@ -146,13 +146,13 @@ class _BlockReader:
         return complete
 
     def _add_words(self, number: int, words: str) -> None:
-        said = caption_direction(words)
+        stated = caption_direction(words)
         follows = self._has_new_caption and number - self._caption_line <= 1 and self._direction is not None
         self._open = None
         self._has_new_caption = True
-        if follows and (said is None or words.casefold() in self._caption.casefold()):
+        if follows and (stated is None or words.casefold() in self._caption.casefold()):
             return
-        self._caption, self._direction, self._caption_line = words, said, number
+        self._caption, self._direction, self._caption_line = words, stated, number
 
     def _add_hex(self, number: int, piece: HexDigits) -> None:
         if piece.offset:
@@ -308,10 +308,10 @@ def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
     cuts = _frame_starts(data, [place for place, _ in lines])
     for start, stop in zip(cuts, [*cuts[1:], len(data)], strict=True):
         part = data[start:stop]
-        direction, guessed, doubts = _direction_of(part, block, by_port)
+        direction, guessed, contradictions = _direction_of(part, block, by_port)
         line = lines[bisect_right(lines, start, key=lambda entry: entry[0]) - 1][1]
         caption = shorten_caption(block.caption)
-        yield HexPacket(part, direction, guessed, caption, line, (*notes, *doubts))
+        yield HexPacket(part, direction, guessed, caption, line, (*notes, *contradictions))
         notes = []
 
 
@@ -416,9 +416,9 @@ def caption_direction(caption: str) -> Direction | None:
 def _direction_in(words: str) -> Direction | None:
     words = words.casefold()
     for forms in (_ARROWS, _NAMES):
-        said = [direction for direction, form in forms if form.search(words)]
-        if said:
-            return said[0] if len(said) == 1 else None
+        stated = [direction for direction, form in forms if form.search(words)]
+        if stated:
+            return stated[0] if len(stated) == 1 else None
     return None
 
 

@@ -77,18 +77,18 @@ class CsvTableRenderer:
         flow, item = observation.flow, observation.item
         head = (observation.number, epoch_text(observation.time), *_endpoint_cells(flow))
         if isinstance(item, Malformed):
-            nothing = ("",) * 8
+            blank_cells = ("",) * 8
             return self._row(
-                (*head, "malformed", len(item.raw), *nothing, *_problem_cells(item.problems, item.raw))
+                (*head, "malformed", len(item.raw), *blank_cells, *_problem_cells(item.problems, item.raw))
             )
-        about = _call_kind_cells(call_kind)
+        call_cells = _call_kind_cells(call_kind)
         result = (item.code, hresult_name(item.code)) if flow.direction is Direction.RESPONSE else ("", "")
         frame = (flow.direction.value, item.length, item.serial, item.reserved)
         return self._row(
             (
                 *head,
                 *frame,
-                *about,
+                *call_cells,
                 *result,
                 self._args(observation, call_kind),
                 *_problem_cells(item.problems, item.raw),

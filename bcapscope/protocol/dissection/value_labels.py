@@ -105,7 +105,7 @@ def _poses_label(poses: tuple[Pose, ...]) -> ValueLabel:
     case = "field.pose.guessed" if any(pose.guessed for pose in poses) else "field.pose"
     text = Message(case, types=types) if types.items else ""
     return ValueLabel(
-        "pose", text=text, elements=tuple(part for pose in poses for part in _axis_labels(pose))
+        "pose", text=text, elements=tuple(label for pose in poses for label in _axis_labels(pose))
     )
 
 
@@ -201,14 +201,14 @@ def _pose_label(variant: Variant) -> ValueLabel:
     items = _first_elements(variant)
     if not items or not items[0].vt & ARRAY:
         return NO_LABEL
-    type_, passing = _integer_at(items, 1), _integer_at(items, 2)
+    type_, pass_motion = _integer_at(items, 1), _integer_at(items, 2)
     letter = "" if type_ is None else POSE_TYPES.get(type_, "")
     axes = _AXES.get(letter or _text_at(items, 1), ())
     return ValueLabel(
         elements=(
             ValueLabel("numbers", elements=tuple(ValueLabel(axis.name, axis.unit) for axis in axes)),
             ValueLabel("pose type", text=letter),
-            ValueLabel("pass", text="" if passing is None else pass_motion_text(passing)),
+            ValueLabel("pass", text="" if pass_motion is None else pass_motion_text(pass_motion)),
             ValueLabel("extra axes"),
         )
     )

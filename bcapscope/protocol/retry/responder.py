@@ -189,13 +189,18 @@ class Responder:
 
     def receive_request(self, frame: Frame) -> RequestDecision:
         """Classify a request. A call classified as `NEW` runs until `answer_call` or `abandon_call`."""
-        heard, self._has_received = self._has_received, True
+        had_received, self._has_received = self._has_received, True
         content = frame.raw[9:]
         call = self._find_call(frame, content) if self._retries else None
         if call is None:
             if self._running is not None:
                 return RequestDecision(RequestKind.BUSY)
-            if not heard and self._retries and frame.serial == 0 and Defect.SERIAL_ZERO in self._defects:
+            if (
+                not had_received
+                and self._retries
+                and frame.serial == 0
+                and Defect.SERIAL_ZERO in self._defects
+            ):
                 return RequestDecision(RequestKind.REPEAT, self.reply_unremembered(frame, S_OK))
             self._running = call = _Call(frame, content)
             if self._retries:
@@ -258,14 +263,14 @@ class Responder:
 
     def _remember_keys(self, call: _Call) -> None:
         """Remember a call's serials and contents; if the set is too large, drop those of forgotten calls."""
-        traces = self._known_keys
-        if len(traces) > self._known_keys_limit:
-            traces.clear()
+        keys = self._known_keys
+        if len(keys) > self._known_keys_limit:
+            keys.clear()
             for each in self._known_calls():
-                traces |= each.serials
-                traces.add(each.content)
-        traces |= call.serials
-        traces.add(call.content)
+                keys |= each.serials
+                keys.add(each.content)
+        keys |= call.serials
+        keys.add(call.content)
 
     def _find_call(self, frame: Frame, content: bytes) -> _Call | None:
         if self._forgets_first:
