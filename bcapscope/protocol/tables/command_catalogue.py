@@ -59,11 +59,15 @@ def find_command(function_id: int, name: str) -> CommandSpec | None:
     return _BY_KEY.get((function_id, name.casefold()))
 
 
-@lru_cache(256)
 def similar_command(function_id: int, name: str) -> str | None:
     """Return the known command of a function that is most similar to `name`; None if none is similar."""
+    return _similar_command(function_id, name[:_LONGEST_COMPARED].casefold())
+
+
+@lru_cache(256)
+def _similar_command(function_id: int, folded_name: str) -> str | None:
     known = {each.name.casefold(): each.name for each in commands_of(function_id)}
-    close = get_close_matches(name[:_LONGEST_COMPARED].casefold(), known, n=1, cutoff=_LEAST_SIMILARITY)
+    close = get_close_matches(folded_name, known, n=1, cutoff=_LEAST_SIMILARITY)
     return known[close[0]] if close else None
 
 
