@@ -77,18 +77,18 @@ class CsvTableRenderer:
         flow, item = observation.flow, observation.item
         head = (observation.number, epoch_text(observation.time), *_endpoint_cells(flow))
         if isinstance(item, Malformed):
-            blank_cells = ("",) * 8
+            nothing = ("",) * 8
             return self._row(
-                (*head, "malformed", len(item.raw), *blank_cells, *_problem_cells(item.problems, item.raw))
+                (*head, "malformed", len(item.raw), *nothing, *_problem_cells(item.problems, item.raw))
             )
-        call_cells = _call_kind_cells(call_kind)
+        about = _call_kind_cells(call_kind)
         result = (item.code, hresult_name(item.code)) if flow.direction is Direction.RESPONSE else ("", "")
         frame = (flow.direction.value, item.length, item.serial, item.reserved)
         return self._row(
             (
                 *head,
                 *frame,
-                *call_cells,
+                *about,
                 *result,
                 self._args(observation, call_kind),
                 *_problem_cells(item.problems, item.raw),
