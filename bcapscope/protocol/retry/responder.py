@@ -154,7 +154,6 @@ class Responder:
         *,
         expects_retries: bool = True,
         reply_reserved: ReplyReserved = ReplyReserved.ZERO,
-        convention: ReservedConvention = ReservedConvention.UNKNOWN,
         remembered: int = REMEMBERED_ANSWERS,
         largest_answer: int = LARGEST_FRAME,
         defects: Defect = Defect.NONE,
@@ -164,21 +163,19 @@ class Responder:
         Args:
             expects_retries: True for UDP; False for TCP, where every request is a new call.
             reply_reserved: Convention for the reserved field of replies; `UNKNOWN` acts as `ZERO`.
-            convention: Convention of the client; `UNKNOWN` if the responder must detect the convention.
             remembered: Maximum number of replies to store.
             largest_answer: Size in bytes of the largest reply that may be sent.
             defects: Defects of DENSO's C server to imitate.
         """
-        self.convention = self._given_convention = convention
+        self.convention = ReservedConvention.UNKNOWN
         self._retries = expects_retries
         self._echoes_reserved = reply_reserved is ReplyReserved.ECHOED
         self._largest = largest_answer
         self._defects = defects
         self._forgets_first = Defect.FORGETS_FIRST in defects
         self._calls: deque[_Call] = deque(maxlen=1 if self._forgets_first else remembered)
-        self._known_keys: set[int | bytes] = (
-            set()
-        )  # serials and contents of all known calls and of some forgotten calls
+        # Serials and contents of all known calls and of some forgotten calls.
+        self._known_keys: set[int | bytes] = set()
         self._known_keys_limit = 8 * remembered
         self._running: _Call | None = None
         self._has_received = False
@@ -247,9 +244,9 @@ class Responder:
         assert call is not None, "no call is being executed"
         return encode_frame(call.newest, call.reserved if self._echoes_reserved else 0, S_EXECUTING)
 
-    def reply_unremembered(self, frame: Frame, code: int, arguments: Sequence[Variant] = ()) -> bytes:
+    def reply_unremembered(self, frame: Frame, code: int) -> bytes:
         """Return a reply that the responder does not store, such as a refusal while another call runs."""
-        return encode_frame(frame.serial, frame.reserved if self._echoes_reserved else 0, code, arguments)
+        return encode_frame(frame.serial, frame.reserved if self._echoes_reserved else 0, code)
 
     def reset(self) -> None:
         """Forget the client, so that the next request is treated as the first of a new client.
@@ -277,9 +274,8 @@ class Responder:
             named = frame.reserved or frame.serial
             return next((call for call in self._known_calls() if call.first == named), None)
         if frame.code == _SERVICE_START:
-            self.convention = (
-                self._given_convention
-            )  # The client program starts here; another program may have used this port before.
+            # The client program starts here; another program may have used this port before.
+            self.convention = ReservedConvention.UNKNOWN
         if frame.reserved and self.convention is ReservedConvention.UNKNOWN:
             self._detect_convention(frame)
         # Two look-ups in a set decide for most requests; a scan of all calls would be slow.
