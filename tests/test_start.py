@@ -70,6 +70,14 @@ def test_reading_a_capture_does_not_import_numpy(command: str) -> None:
     assert not imported & {"numpy", "rich", "scapy", "textual"}
 
 
+def test_calls_does_not_import_what_takes_frames_apart() -> None:
+    program = (
+        "import bcapscope.cli.calls, sys; print(*(name for name in sys.modules if 'dissection' in name))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "\n"
+
+
 @pytest.mark.lifecycle
 def test_ctrl_c_while_it_is_loaded_ends_it_without_a_word() -> None:
     argv = [sys.executable, "-c", _CTRL_C_WHILE_LOADED]

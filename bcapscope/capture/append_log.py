@@ -15,7 +15,7 @@ _OFFSET = struct.Struct("<Q")
 
 
 class AppendLogWriter:
-    """Appends records to a file, and the offset of each record to an index file.
+    """Appends records to a file, and the offset of the end of each record to an index file.
 
     Readers see no record before `flush`.
 
@@ -36,9 +36,9 @@ class AppendLogWriter:
         self.count = 0
 
     def add(self, record: bytes) -> None:
-        self._offsets += _OFFSET.pack(self._end)
         self._pending += record
         self._end += len(record)
+        self._offsets += _OFFSET.pack(self._end)
         self.count += 1
 
     def flush(self) -> None:
@@ -113,20 +113,18 @@ class AppendLogReader:
         self._count = self._index.size // _OFFSET.size
         return self._count
 
-    def offset_of(self, number: int) -> int:
-        """Return the byte offset of a record in the record file.
+    def read_record(self, number: int) -> bytes:
+        """Return a record by its number.
 
         Raises: IndexError: The log has no record with this number.
         """
-        data = self._index.read(number * _OFFSET.size, _OFFSET.size) if number >= 0 else b""
-        if len(data) < _OFFSET.size:
+        first, count = max(number - 1, 0), 2 if number else 1
+        ends = self._index.read(first * _OFFSET.size, count * _OFFSET.size) if number >= 0 else b""
+        if len(ends) < count * _OFFSET.size:
             raise IndexError(number)
-        (offset,) = _OFFSET.unpack(data)
-        return int(offset)
-
-    def read(self, start: int, size: int) -> bytes:
-        """Return `size` bytes of the record file from offset `start`."""
-        return self._records.read(start, size)
+        stop = int.from_bytes(ends[-_OFFSET.size :], "little")
+        start = int.from_bytes(ends[: _OFFSET.size], "little") if number else 0
+        return self._records.read(start, stop - start)
 
     def close(self) -> None:
         self._records.close()

@@ -29,7 +29,7 @@ from bcapscope.traffic.observation import Conversation, Flow
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
 
 _CALLS, _ROW_BY_FRAME = "calls", "links"
-_ROW_NUMBER = _SIZE = struct.Struct("<I")
+_ROW_NUMBER = struct.Struct("<I")
 _ROLES = tuple(FrameRole)
 _CONVENTIONS = tuple(ReservedConvention)
 _RESERVED = tuple(ReplyReserved)
@@ -110,8 +110,7 @@ class CallStoreWriter:
             record = _record_of(settled, subject)
             frames = [record.request, record.reply, *(number for _, number in record.other_frames)]
             frames += [number for _, near, far, *_ in record.joined for number in (near, far)]
-        data = _encode(record)
-        self._calls.add(_SIZE.pack(len(data)) + data)
+        self._calls.add(_encode(record))
         self._new_rows.update((number, self._calls.count) for number in frames if number)
 
     def flush(self) -> None:
@@ -189,7 +188,7 @@ class CallStore:
 
         Raises: IndexError: No row has this index.
         """
-        record = _decoder.decode(self._read_record(index))
+        record = _decoder.decode(self._records.read_record(index))
         annotated = self._observations.read_frame(record.request)
         request = cast(FrameObservation, annotated.observation)
         if not record.number:
@@ -242,11 +241,6 @@ class CallStore:
         if number in known:
             return known[number]
         return cast(FrameObservation, self._observations.read_frame(number).observation)
-
-    def _read_record(self, index: int) -> bytes:
-        start = self._records.offset_of(index)
-        (size,) = _SIZE.unpack(self._records.read(start, _SIZE.size))
-        return self._records.read(start + _SIZE.size, size)
 
     def close(self) -> None:
         self._records.close()

@@ -60,21 +60,19 @@ class HexBlock:
         self.blank_line_follows = False
         self.asterisk_bytes = 0
         self.notes: list[str] = []
-        self._parts: list[str] = []
-        self._data: bytes | None = None
-        self._digit_count = 0
+        self._digits = bytearray()
         self._skipped = 0
         self._rows: list[tuple[int, int]] = []
         self._bases: tuple[int, ...] = _BASES.get(len(first.offset), (16,))
 
     @property
     def digits(self) -> str:
-        return "".join(self._parts)
+        return self._digits.decode("ascii")
 
     @property
     def size(self) -> int:
         """Number of whole bytes in the block, without half a byte at the end."""
-        return self._digit_count // 2
+        return len(self._digits) // 2
 
     @property
     def is_full(self) -> bool:
@@ -84,17 +82,15 @@ class HexBlock:
     @property
     def data(self) -> bytes:
         """The bytes of the block, without half a byte at the end."""
-        if self._data is None:
-            self._data = bytes.fromhex(self.digits[: 2 * self.size])
-        return self._data
+        return bytes.fromhex(self.digits[: 2 * self.size])
 
     def line_numbers(self) -> list[tuple[int, int]]:
         """Return the byte offset in the block and the line number of each row."""
         return [(place // 2, line) for place, line in self._rows]
 
     def add(self, line: int, row: HexDigits) -> None:
-        self._rows.append((self._digit_count, line))
-        self._append(row.digits)
+        self._rows.append((len(self._digits), line))
+        self._digits += row.digits.encode("ascii")
         self.is_hex_only = self.is_hex_only and row.is_hex_only
         self.has_hex_notation = self.has_hex_notation or row.has_hex_notation
         self.blank_line_follows = False
@@ -111,23 +107,19 @@ class HexBlock:
             first = len(self._rows) - 1
             offset = self._rows[first][0] // 2
             note = f"belongs to the bytes before line {self._rows[first][1]}, of which there are too many"
-        digits, rows = self.digits, self._rows[first:]
+        rows = self._rows[first:]
         rest = copy(self)
         rest._rows = [(max(count - 2 * offset, 0), line) for count, line in rows]
-        rest._parts, rest._digit_count = [], 0
-        last = 2 * offset + rest._rows[-1][0]
-        rest._append(digits[2 * offset : last])
-        rest._append(digits[last:])
+        rest._digits = self._digits[2 * offset :]
         rest._skipped += offset
         rest.notes = [note] if note else []
         self._rows = self._rows[: first + (rows[0][0] < 2 * offset)]
-        self._parts, self._digit_count = [], 0
-        self._append(digits[: 2 * offset])
+        del self._digits[2 * offset :]
         return rest
 
     def extend(self, other: HexBlock) -> None:
-        self._rows += [(self._digit_count + place, line) for place, line in other._rows]
-        self._append(other.digits)
+        self._rows += [(len(self._digits) + place, line) for place, line in other._rows]
+        self._digits += other._digits
         self.notes += other.notes
 
     def fit_to_offset(self, offset: str, line: int) -> bool:
@@ -148,9 +140,7 @@ class HexBlock:
             if place is None or place <= last:
                 continue
             if place < size:
-                row = self._parts.pop()
-                self._digit_count -= len(row)
-                self._append(row[: 2 * (place - last)])
+                del self._digits[2 * place :]
                 return True
             if self._fill_gap(place - size, line):
                 return True
@@ -163,16 +153,11 @@ class HexBlock:
         except ValueError:
             return None
 
-    def _append(self, digits: str) -> None:
-        self._parts.append(digits)
-        self._digit_count += len(digits)
-        self._data = None
-
     def _fill_gap(self, count: int, line: int) -> bool:
         """Fill a gap with copies of the last row, or note the gap; return False if the gap is too large."""
         if count <= self.asterisk_bytes:
-            row = self._parts[-1]
-            self._append((row * (2 * count // len(row) + 1))[: 2 * count])
+            row = self._digits[self._rows[-1][0] :]
+            self._digits += (row * (2 * count // len(row) + 1))[: 2 * count]
             self.asterisk_bytes = 0
             return True
         if count > _LARGEST_HOLE:

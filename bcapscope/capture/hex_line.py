@@ -1,7 +1,7 @@
 """Split one line of pasted text into hex and prose.
 
-Accepted are the output of hexdump, xxd, od, tcpdump, Wireshark's "Copy" menu and the b-CAP Tester's window,
-and byte literals of programming languages. The hex digits form bytes, groups, one long row, or an escaped
+The line may come from hexdump, xxd, od, tcpdump, Wireshark's "Copy" menu, the b-CAP Tester's window, or a
+byte literal of a programming language. The hex digits form bytes, groups, one long row, or an escaped
 string. Lines may have offsets on the left, characters on the right, prefixes and commas.
 """
 

@@ -6,28 +6,60 @@ each packet's direction and caption from the text. Prose, tables and words that 
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from bcapscope.capture.captions import caption_direction, shorten_caption
 from bcapscope.capture.hex_block import LARGEST_REPEAT, HexBlock
 from bcapscope.capture.hex_line import MIN_HEX_BYTES, EndOffset, HexDigits, LinePiece, ProseText, parse_line
 from bcapscope.capture.link_layer import ETHERNET, NOT_IP, find_ip, read_ip
 from bcapscope.capture.role_detection import BCAP_PORTS, direction_evidence
-from bcapscope.protocol.codec.frame import parse_single_frame
-from bcapscope.protocol.codec.frame_content import EOT, HEADER_SIZE, SOH
-from bcapscope.protocol.dissection.frame_repair import LONGEST_REPAIRED, find_repair
-from bcapscope.protocol.dissection.plausibility import (
-    LARGEST_LIKELY,
-    plausible_length_field,
-    plausible_prefix_length,
-)
+from bcapscope.protocol.codec.frame import Malformed, parse_single_frame
+from bcapscope.protocol.codec.frame_content import EOT, HEADER_SIZE, SMALLEST_FRAME, SOH
+from bcapscope.protocol.tables.function_table import FUNCTIONS
+from bcapscope.protocol.tables.hresult import S_FALSE, describe_hresult
 from bcapscope.traffic.observation import Direction
 
 MAX_REPEATED = 1024 * 1024
 """Maximum number of bytes that all asterisk lines of a text may stand for together. Without a limit, a short
 text could fill the memory."""
+
+LARGEST_LIKELY = 64 * 1024
+"""Largest plausible value of the length field, in bytes. A larger value is treated as damage, since frames of
+real sessions are below 10 KiB."""
+
+_LONGEST_COMPLETED = 1024
+"""Largest block, in bytes, that a few bytes beside words may complete. UDP frames have at most 503 bytes
+(orin_bcap dn_udp.h)."""
+
+LONGEST_CAPTION = 120
+"""Maximum number of characters to keep of a caption."""
+
+LONGEST_PARAGRAPH = 500
+"""Number of characters at the end of a paragraph in which to look for a direction."""
+
+_SENTENCE_END = re.compile(r"(?<=[.!?。])\s+")
+
+_CLIENT = r"(?:client|pc|host|tester)"
+_SERVER = r"(?:server|controller|robot|rc[789]\w?)"
+_ARROW = r"\s*(?:[-=]*>|[\u2190-\u21ff\u27f5-\u27ff]|to(?:\s+the)?\b)\s*"
+_ARROWS = (
+    (Direction.REQUEST, re.compile(_CLIENT + _ARROW + _SERVER)),
+    (Direction.RESPONSE, re.compile(_SERVER + _ARROW + _CLIENT)),
+)
+_NAMES = (
+    (
+        Direction.REQUEST,
+        re.compile(r"\b(?:tx\d*|sent|send|sending|send_?data|requests?|query|transmit(?:ted)?)\b|送信|要求"),
+    ),
+    (
+        Direction.RESPONSE,
+        re.compile(
+            r"\b(?:rx\d*|recv|receiv(?:e|ed|ing)|receive_?data|responses?|reply|replies|answer)\b|受信|応答"
+        ),
+    ),
+)
 
 _UDP, _TCP = 17, 6
 _SERIAL = slice(5, 7)
@@ -114,13 +146,13 @@ class _BlockReader:
         return complete
 
     def _add_words(self, number: int, words: str) -> None:
-        said = caption_direction(words)
+        stated = caption_direction(words)
         follows = self._has_new_caption and number - self._caption_line <= 1 and self._direction is not None
         self._open = None
         self._has_new_caption = True
-        if follows and (said is None or words.casefold() in self._caption.casefold()):
+        if follows and (stated is None or words.casefold() in self._caption.casefold()):
             return
-        self._caption, self._direction, self._caption_line = words, said, number
+        self._caption, self._direction, self._caption_line = words, stated, number
 
     def _add_hex(self, number: int, piece: HexDigits) -> None:
         if piece.offset:
@@ -154,7 +186,7 @@ class _BlockReader:
     def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
         """Handle a few bytes beside words, which may end a frame or begin the bytes of the next line."""
         block = self._open
-        is_short = block is not None and block.size <= LONGEST_REPAIRED
+        is_short = block is not None and block.size <= _LONGEST_COMPLETED
         if piece.starts_line and block and is_short and len(piece.digits) <= 2 * _missing_bytes(block.data):
             block.add(number, piece)
         elif piece.ends_line:
@@ -203,15 +235,20 @@ def _last_frame_start(block: HexBlock) -> int:
     return start if block.size - start <= LARGEST_LIKELY else 0
 
 
+def _frame_length(data: bytes) -> int | None:
+    """Return the length field of a frame at the start of `data`; None without SOH or plausible length."""
+    length = int.from_bytes(data[1:5], "little") if len(data) >= 5 and data[0] == SOH else 0
+    return length if SMALLEST_FRAME <= length <= LARGEST_LIKELY else None
+
+
 def _begins_as_frame(data: bytes) -> bool:
-    return data[:1] == bytes((SOH,)) and plausible_length_field(data) is not None
+    return _frame_length(data) is not None
 
 
 def _missing_bytes(data: bytes) -> int:
     """Return how many bytes the last frame in `data` lacks; 0 for a whole frame and without a frame."""
     last = data[_frame_starts(data, [])[-1] :]
-    length = plausible_length_field(last) if _begins_as_frame(last) else None
-    return max(length - len(last), 0) if length else 0
+    return max((_frame_length(last) or 0) - len(last), 0)
 
 
 def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
@@ -271,10 +308,10 @@ def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
     cuts = _frame_starts(data, [place for place, _ in lines])
     for start, stop in zip(cuts, [*cuts[1:], len(data)], strict=True):
         part = data[start:stop]
-        direction, guessed, doubts = _direction_of(part, block, by_port)
+        direction, guessed, contradictions = _direction_of(part, block, by_port)
         line = lines[bisect_right(lines, start, key=lambda entry: entry[0]) - 1][1]
         caption = shorten_caption(block.caption)
-        yield HexPacket(part, direction, guessed, caption, line, (*notes, *doubts))
+        yield HexPacket(part, direction, guessed, caption, line, (*notes, *contradictions))
         notes = []
 
 
@@ -287,7 +324,7 @@ def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
     while True:
         start = cuts[-1]
         head = data[start : start + 5]
-        stop = start + ((plausible_length_field(head) if _begins_as_frame(head) else None) or len(data))
+        stop = start + (_frame_length(head) or len(data))
         if stop < len(data) and data[stop - 1] == EOT and data[stop] == SOH:
             cuts.append(stop)
             continue
@@ -315,23 +352,19 @@ def _direction_of(
 
 
 def _direction_by_content(part: bytes) -> Direction | None:
-    """Return the direction that the content shows, perhaps after a repair; None if unknown."""
-    if not _begins_as_frame(part) or len(part) < HEADER_SIZE:
+    """Return the direction that the content shows; None if unknown.
+
+    The function id or result code shows the direction even if the rest of the frame is damaged.
+    """
+    item = parse_single_frame(part)
+    if isinstance(item, Malformed) or not _begins_as_frame(part):
         return None
-    shown = direction_evidence(parse_single_frame(part))
+    shown = direction_evidence(item)
     if shown is not None:
         return shown[0]
-    repaired = find_repair(part)
-    if repaired is not None:
-        part = repaired.raw
-    size = len(part) + (repaired.missing_at_end if repaired else 0)
-    as_request, as_reply = (
-        plausible_prefix_length(part, size, True),
-        plausible_prefix_length(part, size, False),
-    )
-    if as_request == as_reply:
-        return None
-    return Direction.REQUEST if as_request > as_reply else Direction.RESPONSE
+    if item.code in FUNCTIONS and not (item.code == S_FALSE and item.argc == 0):
+        return None if item.code == S_FALSE else Direction.REQUEST
+    return Direction.RESPONSE if describe_hresult(item.code).is_listed else None
 
 
 def _without_headers(data: bytes) -> tuple[bytes, Direction | None, int]:
@@ -369,3 +402,27 @@ def _note_serial_mismatches(packets: Iterable[HexPacket]) -> Iterator[HexPacket]
                 note = f"serial {serial}, the request above has {last}: they do not belong together"
                 noted = packet._replace(notes=(*packet.notes, note))
         yield noted
+
+
+def caption_direction(caption: str) -> Direction | None:
+    """Return the direction that a caption states, such as "TX", "RX(Server->Client) #1", "SendData", "受信".
+
+    The last sentence of a paragraph takes precedence. Returns None if the caption states no direction.
+    """
+    last = _SENTENCE_END.split(caption[-LONGEST_PARAGRAPH:])[-1]
+    return _direction_in(last) or _direction_in(caption[-LONGEST_PARAGRAPH:])
+
+
+def _direction_in(words: str) -> Direction | None:
+    words = words.casefold()
+    for forms in (_ARROWS, _NAMES):
+        stated = [direction for direction, form in forms if form.search(words)]
+        if stated:
+            return stated[0] if len(stated) == 1 else None
+    return None
+
+
+def shorten_caption(words: str) -> str:
+    """Return a caption without decoration; for a long paragraph, only the end of its last sentence."""
+    words = words.strip(" \t-*#•:=")
+    return words if len(words) <= LONGEST_CAPTION else _SENTENCE_END.split(words)[-1][-LONGEST_CAPTION:]

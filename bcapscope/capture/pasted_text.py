@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from bcapscope.capture.hex_text import HexPacket, read_hex_text
-from bcapscope.protocol.codec.frame import Frame, Malformed, parse_single_frame
-from bcapscope.protocol.dissection.repair_text import damage_problem
+from bcapscope.messages import Message
+from bcapscope.protocol.codec.arguments import Problem
+from bcapscope.protocol.codec.frame import EOT, SMALLEST_FRAME, SOH, Frame, Malformed, parse_single_frame
+from bcapscope.protocol.codec.variant import vt_name
+from bcapscope.protocol.tables.command_catalogue import command_name, find_command, similar_command
 from bcapscope.traffic.observation import (
     Conversation,
     Direction,
@@ -20,7 +23,8 @@ from bcapscope.traffic.observation import (
 class PastedText:
     """Observations of the packets in a text, in the order of the text. Their times are unknown and set to 0.
 
-    The problems of a damaged frame include the probable cause of the damage, worded as a guess.
+    The problems of a packet also say if its command is unknown but resembles a known one, and if its bytes
+    are one argument of a frame.
 
     Attributes:
         count: Number of packets read so far.
@@ -52,15 +56,27 @@ class PastedText:
 
 def _decode_packet(packet: HexPacket) -> Frame | Malformed:
     item = parse_single_frame(packet.data)
-    if not item.problems and packet.direction is None:
-        return item
-    asks = None if packet.direction is None else packet.direction is Direction.REQUEST
-    cause = damage_problem(packet.data, asks)
-    if cause is None:
-        return item
     if isinstance(item, Malformed):
-        return Malformed(item.raw, (*item.problems, cause))
-    return Frame(item.raw, cause)
+        return Malformed(item.raw, (*item.problems, *_lone_argument_problems(packet.data)))
+    return Frame(item.raw, None if packet.direction is Direction.RESPONSE else _command_problem(item))
+
+
+def _lone_argument_problems(data: bytes) -> Iterator[Problem]:
+    """Yield a problem if the bytes are one argument of a frame, such as one copied from a table of fields."""
+    size = (SMALLEST_FRAME + len(data)).to_bytes(4, "little")
+    frame = Frame(bytes((SOH,)) + size + bytes(8) + b"\1\0" + data + bytes((EOT,)))
+    if not frame.problems:
+        vt = frame.arguments[0].variant.vt
+        yield Problem(0, "argument", Message("problem.lone-argument", type=vt_name(vt)))
+
+
+def _command_problem(request: Frame) -> Problem | None:
+    """Return the problem that the command of a request is unknown but resembles a known command."""
+    name = command_name(request.code, [argument.variant for argument in request.arguments])
+    near = similar_command(request.code, name) if find_command(request.code, name) is None else None
+    if near is None:
+        return None
+    return Problem(request.arguments[1].start, "name", Message("problem.command", command=near))
 
 
 def _packet_comments(packet: HexPacket) -> tuple[str, ...]:

@@ -9,13 +9,21 @@ from collections.abc import Collection
 
 from bcapscope.protocol.codec.frame import EOT, LARGEST_FRAME, SMALLEST_FRAME, SOH, Frame, Malformed
 from bcapscope.protocol.codec.stream_splitter import MAX_RESYNC_ARGUMENTS
-from bcapscope.protocol.dissection.plausibility import SENT_TYPES
+from bcapscope.protocol.codec.variant import VT
 from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
 from bcapscope.protocol.tables.hresult import S_EXECUTING, S_FALSE, S_OK
 from bcapscope.traffic.observation import Direction
 
 BCAP_PORTS = frozenset({5007})
 """Ports on which controllers listen, UDP and TCP (orin_bcap C/include/bcap_common.h)."""
+
+_SENT_TYPES: dict[str, tuple[int, ...]] = {
+    "VT_I4": (VT.I4, VT.UI4, VT.I2),
+    "VT_R4": (VT.R4, VT.R8),
+    "VT_BSTR": (VT.BSTR,),
+}
+"""VARIANT types that clients send for each argument type of the function table. An argument declared as
+VARIANT may have any type."""
 
 
 def server_index_by_port(ports: Collection[int], first: int, second: int) -> int | None:
@@ -47,7 +55,7 @@ def _arguments_fit(frame: Frame) -> bool:
     if len(arguments) != len(params) or (frame.code == S_FALSE and not arguments):
         return False
     return all(
-        param.type == "VARIANT" or argument.variant.vt in SENT_TYPES[param.type]
+        param.type == "VARIANT" or argument.variant.vt in _SENT_TYPES[param.type]
         for param, argument in zip(params, arguments, strict=True)
     )
 

@@ -84,8 +84,8 @@ class SocketRecording:
         interface: Interface = _UNNAMED_INTERFACE,
         comment: str = "",
     ) -> None:
-        heads = self._datagram_headers.get((source, target))
-        head = heads.get(len(data)) if heads is not None else None
+        headers = self._datagram_headers.get((source, target))
+        head = headers.get(len(data)) if headers is not None else None
         packet = (head or self._datagram_header(source, target, len(data))) + data
         self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
 
@@ -162,29 +162,29 @@ class SocketRecording:
 
     def _make_segment(self, source: Address, target: Address, flags: int, data: bytes) -> bytes:
         sent = self._sequence.get((source, target), 1)
-        heard = self._sequence.get((target, source), 1) if flags & _ACK else 0
+        acknowledged = self._sequence.get((target, source), 1) if flags & _ACK else 0
         self._sequence[source, target] = (sent + len(data)) & 0xFFFFFFFF
-        head = _SEGMENT.pack(source[1], target[1], sent, heard, 5 << 12 | flags, 65535, 0, 0)
+        head = _SEGMENT.pack(source[1], target[1], sent, acknowledged, 5 << 12 | flags, 65535, 0, 0)
         return b"".join((self._ip_header(source, target, _TCP, 20 + len(data)), head, data))
 
     def _datagram_header(self, source: Address, target: Address, size: int) -> bytes:
         """Return the IP and UDP header of a datagram with `size` bytes, and cache it for later datagrams."""
         if len(self._datagram_headers) >= _MAX_HOST_PAIRS:
             self._datagram_headers.clear()
-        heads = self._datagram_headers.setdefault((source, target), {})
-        if len(heads) >= _MAX_SIZES:
-            heads.clear()
+        headers = self._datagram_headers.setdefault((source, target), {})
+        if len(headers) >= _MAX_SIZES:
+            headers.clear()
         udp = _DATAGRAM.pack(source[1], target[1], 8 + size & 0xFFFF, 0)
-        head = heads[size] = self._ip_header(source, target, _UDP, 8 + size) + udp
+        head = headers[size] = self._ip_header(source, target, _UDP, 8 + size) + udp
         return head
 
     def _ip_header(self, source: Address, target: Address, protocol: int, size: int) -> bytes:
-        way = self._ip_headers.get((source[0], target[0]))
-        if way is None:
+        template = self._ip_headers.get((source[0], target[0]))
+        if template is None:
             if len(self._ip_headers) >= _MAX_HOST_PAIRS:
                 self._ip_headers.clear()
-            way = self._ip_headers[source[0], target[0]] = _IpHeaderTemplate(source[0], target[0])
-        return way.header(protocol, size)
+            template = self._ip_headers[source[0], target[0]] = _IpHeaderTemplate(source[0], target[0])
+        return template.header(protocol, size)
 
 
 class _IpHeaderTemplate:

@@ -58,10 +58,10 @@ class TcpConversations:
 
     @property
     def contradictions(self) -> int:
-        open_calls = (
-            call.connection.contradictions for call, sender in self._connections.values() if sender == 0
+        of_open = (
+            tracked.connection.contradictions for tracked, sender in self._connections.values() if sender == 0
         )
-        return self._contradictions + sum(open_calls)
+        return self._contradictions + sum(of_open)
 
     def receive(
         self, key: bytes, segment: TcpSegment, time: int, packet: int
@@ -96,89 +96,88 @@ class TcpConversations:
         return found
 
     def _receive_in_order(
-        self, call: _TrackedConnection, sender: int, segment: TcpSegment, time: int, packet: int
+        self, tracked: _TrackedConnection, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]] | None:
         """Accept the next segment of a known conversation fast; None if the segment needs `_receive_any`."""
-        flows = (
-            None if call.conversation is None or call.conversation.is_tentative else call.conversation.flows
-        )
+        conversation = tracked.conversation
+        flows = None if conversation is None or conversation.is_tentative else conversation.flows
         if flows is None:
             return None
-        said = call.connection.receive_in_order(sender, segment, time, packet)
-        if said is None:
+        items = tracked.connection.receive_in_order(sender, segment, time, packet)
+        if items is None:
             return None
-        self._touch(call)
-        return [(flows[sender], sighting) for sighting in said]
+        self._touch(tracked)
+        return [(flows[sender], item) for item in items]
 
-    def _touch(self, call: _TrackedConnection) -> None:
-        if call is not self._most_recent:
-            self._most_recent = call
-            for each in call.keys:
+    def _touch(self, tracked: _TrackedConnection) -> None:
+        if tracked is not self._most_recent:
+            self._most_recent = tracked
+            for each in tracked.keys:
                 self._connections.move_to_end(each)
 
     def _open_connection(self, key: bytes) -> tuple[_TrackedConnection, int]:
-        call = _TrackedConnection(key, TcpConnection(self._budget, self._templates))
-        source, destination = call.ends
+        tracked = _TrackedConnection(key, TcpConnection(self._budget, self._templates))
+        source, destination = tracked.ends
         server = server_index_by_port(self._ports, source.port, destination.port)
         if server is not None:
-            call.conversation = UndecidedConversation(call.ends, Transport.TCP)
-            call.conversation.set_server(server, f"port {call.ends[server].port}")
+            tracked.conversation = UndecidedConversation(tracked.ends, Transport.TCP)
+            tracked.conversation.set_server(server, f"port {tracked.ends[server].port}")
         elif source.port in self._ports:
-            call.conversation = UndecidedConversation(call.ends, Transport.TCP)
-        for sender, each in enumerate(call.keys):
-            self._connections[each] = call, sender
-        return call, 0
+            tracked.conversation = UndecidedConversation(tracked.ends, Transport.TCP)
+        for sender, each in enumerate(tracked.keys):
+            self._connections[each] = tracked, sender
+        return tracked, 0
 
     def _receive_any(
-        self, call: _TrackedConnection, sender: int, segment: TcpSegment, time: int, packet: int
+        self, tracked: _TrackedConnection, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        if call.conversation is None and segment.data:
-            call.conversation = _recognise_bcap(call, sender, segment)
-            if call.conversation is None:
-                call.connection.close(time, packet)
-                call.connection = TcpConnection(self._budget, self._templates)
+        if tracked.conversation is None and segment.data:
+            tracked.conversation = _recognise_bcap(tracked, sender, segment)
+            if tracked.conversation is None:
+                tracked.connection.close(time, packet)
+                tracked.connection = TcpConnection(self._budget, self._templates)
                 self._counts.not_bcap += 1
                 return []
-        said = call.connection.receive(sender, segment, time, packet)
-        if call.conversation is None:
+        items = tracked.connection.receive(sender, segment, time, packet)
+        if tracked.conversation is None:
             return []
-        call.unconfirmed_segments += call.conversation.is_tentative and bool(segment.data)
+        tracked.unconfirmed_segments += tracked.conversation.is_tentative and bool(segment.data)
         if segment.flags & (FIN | RST):
-            call.conversation.record_close(sender, bool(segment.flags & RST), time)
-        if call.conversation.flows is None and call.connection.server is not None:
-            call.conversation.set_server(
-                call.connection.server, "the TCP handshake: this end accepted the connection"
+            tracked.conversation.record_close(sender, bool(segment.flags & RST), time)
+        if tracked.conversation.flows is None and tracked.connection.server is not None:
+            tracked.conversation.set_server(
+                tracked.connection.server, "the TCP handshake: this end accepted the connection"
             )
-        if not all(call.conversation.add_item(each, sighting) for each, sighting in said):
-            self._reset_as_not_bcap(call)
+        if not all(tracked.conversation.add_item(each, item) for each, item in items):
+            self._reset_as_not_bcap(tracked)
             return []
-        return call.conversation.release_items()
+        return tracked.conversation.release_items()
 
-    def _reset_as_not_bcap(self, call: _TrackedConnection) -> None:
+    def _reset_as_not_bcap(self, tracked: _TrackedConnection) -> None:
         """Count the connection's segments as not b-CAP, and detect the connection's protocol anew."""
-        self._counts.not_bcap += call.unconfirmed_segments
-        call.connection.close(0, 0)
-        call.conversation, call.unconfirmed_segments = None, 0
-        call.connection = TcpConnection(self._budget, self._templates)
+        self._counts.not_bcap += tracked.unconfirmed_segments
+        tracked.connection.close(0, 0)
+        tracked.conversation, tracked.unconfirmed_segments = None, 0
+        tracked.connection = TcpConnection(self._budget, self._templates)
 
     def _end_connection(
-        self, call: _TrackedConnection, time: int, packet: int
+        self, tracked: _TrackedConnection, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        for key in set(call.keys):  # equal keys in a forged packet from an end to itself
+        for key in set(tracked.keys):  # equal keys in a forged packet from an end to itself
             del self._connections[key]
-        self._contradictions += call.connection.contradictions
-        if call.conversation is None:
+        self._contradictions += tracked.connection.contradictions
+        if tracked.conversation is None:
             return []
-        said = call.connection.close(time, packet)
-        if not all(call.conversation.add_item(sender, sighting) for sender, sighting in said):
-            self._reset_as_not_bcap(call)
+        items = tracked.connection.close(time, packet)
+        if not all(tracked.conversation.add_item(sender, item) for sender, item in items):
+            self._reset_as_not_bcap(tracked)
             return []
-        call.conversation.guess_server()
-        return call.conversation.release_items()
+        tracked.conversation.guess_server()
+        return tracked.conversation.release_items()
 
 
 def _recognise_bcap(
-    call: _TrackedConnection, sender: int, segment: TcpSegment
+    tracked: _TrackedConnection, sender: int, segment: TcpSegment
 ) -> UndecidedConversation | None:
     """Return a conversation if a segment between unknown ports looks like b-CAP; else None.
 
@@ -187,8 +186,8 @@ def _recognise_bcap(
     """
     if not may_begin_frame(segment.data):
         return None
-    if call.connection.streams[sender].starts_at(segment.seq):
-        return UndecidedConversation(call.ends, Transport.TCP, is_tentative=True)
+    if tracked.connection.streams[sender].starts_at(segment.seq):
+        return UndecidedConversation(tracked.ends, Transport.TCP, is_tentative=True)
     length = int.from_bytes(segment.data[1:5], "little")
     whole = SMALLEST_FRAME <= length <= len(segment.data) and not FrameContent(segment.data[:length]).problems
-    return UndecidedConversation(call.ends, Transport.TCP) if whole else None
+    return UndecidedConversation(tracked.ends, Transport.TCP) if whole else None

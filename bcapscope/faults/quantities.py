@@ -13,8 +13,7 @@ from typing import Self
 
 from bcapscope.errors import InputError
 from bcapscope.messages import Message
-from bcapscope.protocol.tables.hresult import hresult_name
-from bcapscope.protocol.tables.hresult_table import NAMED_CODES
+from bcapscope.protocol.tables.hresult import CODE_BY_NAME, hresult_name
 from bcapscope.traffic.filter.compiler import Filter, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.operands import UNITS
@@ -38,8 +37,7 @@ _CODE = re.compile(r"0[xX][0-9A-Fa-f]{1,8}|-?[0-9]{1,10}")
 _PATH = re.compile(r"arg((?:\[[0-9]{1,5}\])+)")
 _SPAN = re.compile(r"([-+0-9.eE]*?)\.\.([-+0-9.eE]*)")
 _MULTIPLES = {"": 1, "k": 1000, "M": 1_000_000}
-_CODES = {entry.name: entry.code for entry in NAMED_CODES if entry.name}
-_FOLDED_CODES = {name.casefold(): code for name, code in _CODES.items()}
+_FOLDED_CODES = {name.casefold(): code for name, code in CODE_BY_NAME.items()}
 
 
 class DurationQuantity(int):
@@ -140,7 +138,7 @@ class HresultQuantity(int):
                 return cls(known)
             if not _CODE.fullmatch(written.strip()):
                 unknown = _invalid("code.unknown", written)
-                raise InputError(with_nearest(unknown.message, written, _CODES))
+                raise InputError(with_nearest(unknown.message, written, CODE_BY_NAME))
             written = int(written, 16) if "x" in written.lower() else int(written)
         if not isinstance(written, int) or isinstance(written, bool) or not -(2**31) <= written < 2**32:
             raise _invalid("code", written)
@@ -150,7 +148,7 @@ class HresultQuantity(int):
     def text(self) -> str:
         """Name of the result code, or its hexadecimal digits."""
         name = hresult_name(self)
-        return name if _CODES.get(name) == self else f"0x{self:08X}"
+        return name if CODE_BY_NAME.get(name) == self else f"0x{self:08X}"
 
 
 class FrameCondition:

@@ -159,7 +159,7 @@ class BackgroundRecorder:
         if not self._thread.is_alive():
             self._recorder.close()
         elif self._recorder.is_complete:
-            self._lost += self._recorder.packets_pending
+            self._lost += self._recorder.files.packets_pending
         self._lost += len(self._steps) + self._skipped
         if self._lost:
             lost = Count(self._lost, "packet")
@@ -169,7 +169,7 @@ class BackgroundRecorder:
     def _has_room(self, size: int) -> bool:
         if not self._recorder.is_complete:
             return False
-        waiting = self._queued_size + self._recorder.bytes_pending
+        waiting = self._queued_size + self._recorder.files.bytes_pending
         # After a loss, recording resumes once half of the room is free: one long gap is better than many
         # short ones.
         if waiting + size + _STEP_OVERHEAD <= (

@@ -1,4 +1,4 @@
-"""Ctrl-C while an endless input is read: ends only the wait for more input."""
+"""Handles Ctrl-C while an endless input is read: the first Ctrl-C only ends the wait for more input."""
 
 from __future__ import annotations
 

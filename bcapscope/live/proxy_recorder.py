@@ -107,9 +107,7 @@ class ProxyRecorder:
         self._write_steps(bisect_right(steps, came, key=_step_time))
 
     def _write_plain_run(self, records: Sequence[RingRecord]) -> int:
-        """Write the leading records whose datagrams were forwarded unchanged, one after another.
-
-        Most records are such.
+        """Write the leading records whose datagrams were forwarded unchanged, as most are.
 
         Waiting packets are written first, provided that all of `records` are later than those packets. Return
         the number of records written, without the last record, since an earlier packet may follow.

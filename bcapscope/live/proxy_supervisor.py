@@ -190,14 +190,14 @@ class ProxySupervisor:
         """
         self._raise_if_ended()
         self.relay.watch(self._end_signals.fileno(), self._on_signal)
-        # Without real-time priority, one round trip in ten waited 4 ms beside busy programs. With it, Linux
-        # wakes the relay on the processor where the relay ran last, not on its waker's processor. The relay's
-        # processor should not sleep.
+        # Without real-time priority, one round trip in ten waited 4 ms beside busy programs. With real-time
+        # priority, Linux wakes the relay on the processor where the relay ran last. That processor should
+        # not sleep.
         with realtime_priority() as grade:
             if not grade.realtime:
                 self._send_to_watcher(encode_message(grade.text))
-            # The switch is made only now, because making it starts a thread for a test. The stack of an
-            # earlier thread would remain, and be locked in memory as well.
+            # The switch is made only now, because making it starts a thread for a test. If the thread started
+            # earlier, its stack would also be locked in memory.
             if self._is_watched:
                 assert self._watcher is not None
                 assert self._watcher.pid is not None
@@ -321,8 +321,8 @@ class ProxySupervisor:
     def _receive_from_watcher(self) -> None:
         """Read a message from the watcher, if one has arrived: the requests that close sessions, or its end.
 
-        The periodic work may have read the message already. Blocking until the next message would last for
-        ever, because the watcher waits for the relay.
+        The periodic work may have read the message already. Another blocking read would never return, because
+        the watcher waits for the relay.
         """
         try:
             if not self._watcher_pipe.poll():

@@ -103,7 +103,8 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
     Return False if a requested recording is incomplete.
     """
     _give_relay_priority()
-    screen, words = TerminalWriter(), MessageFormatter(options.view.language)
+    words = MessageFormatter(options.view.language)
+    screen = TerminalWriter(words)
 
     def warn(message: Message) -> None:
         screen.write_message(printable(words.text(message)))
@@ -166,7 +167,7 @@ class RecorderTask:
     def record_available(self) -> None:
         """Record everything written so far.
 
-        The first call may only determine how many bytes have been written.
+        The first call may record nothing, and only read how many bytes have been written.
         """
         until = self.reader.bytes_written
         while self.reader.position < until:
@@ -257,7 +258,7 @@ class ProxyWatcher:
         )
 
     def _may_rest(self) -> bool:
-        """Return whether undecoded records may wait: traffic arrives, and ring, age and urgency permit it."""
+        """Return whether undecoded records may wait: traffic arrives, and neither ring nor delay is large."""
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written
         if (

@@ -13,9 +13,10 @@ from bcapscope.render.escape import printable
 
 
 class Recorder:
-    """A recording that never stops its program: after a disk failure, it warns once and drops packets.
+    """A recording for a program that must continue: after a disk failure, it warns once and drops packets.
 
     Attributes:
+        files: Files of the recording; says how many packets wait for `flush`.
         packets: Recording to write packets to. Writing raises nothing; `flush` makes packets visible in the
             file.
         is_complete: Whether every file could be written so far.
@@ -30,25 +31,15 @@ class Recorder:
             FileWriteError: The file exists already, or cannot be written.
         """
         try:
-            self._files = RotatingRecording(path, ring)
+            self.files = RotatingRecording(path, ring)
         except OSError as error:
             raise FileWriteError(path, os_reason(error)) from None
-        self.packets = self._files.recording
+        self.packets = self.files.recording
         self.is_ring = ring is not None
         self.is_complete = True
         self.name = printable(str(path))
         self.warn = warn
         self._has_warned_full = False
-
-    @property
-    def bytes_pending(self) -> int:
-        """Memory in bytes of packets that are not yet flushed."""
-        return self._files.bytes_pending
-
-    @property
-    def packets_pending(self) -> int:
-        """Number of packets that are not yet flushed, if each packet was written separately."""
-        return self._files.packets_pending
 
     def begin_packet(self) -> bool:
         """Call this method before each packet of a ring of files.
@@ -56,7 +47,7 @@ class Recorder:
         Return whether a new file began, because the previous file is full.
         """
         try:
-            return self.is_complete and self._files.rotate_if_full()
+            return self.is_complete and self.files.rotate_if_full()
         except OSError as error:
             self._give_up(error)
             return False
@@ -65,19 +56,19 @@ class Recorder:
         if not self.is_complete:
             return
         try:
-            self._files.flush()
+            self.files.flush()
         except OSError as error:
             self._give_up(error)
             return
-        if self._files.files_freed and not self._has_warned_full:
+        if self.files.files_freed and not self._has_warned_full:
             self._has_warned_full = True
             self.warn(Message("recording.disk-full", name=self.name))
 
     def close(self) -> None:
         self.flush()
-        self._files.close()
+        self.files.close()
 
     def _give_up(self, error: OSError) -> None:
         self.is_complete = False
-        self._files.close()
+        self.files.close()
         self.warn(Message("recording.stopped", name=self.name, reason=os_reason(error)))

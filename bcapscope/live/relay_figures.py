@@ -35,9 +35,9 @@ class DelayStatistics:
     def add_records(self, records: Iterable[RingRecord]) -> None:
         """Add the delays of data, except of data that a rule acted on: rules may delay data on purpose."""
         found: dict[bool, list[int]] = {True: [], False: []}
-        for kind, up, _, came, left, _, note in records:
-            if kind is RingRecordKind.DATA and came and left and not note:
-                found[up].append(left - came)
+        for kind, up, _, received, sent, _, note in records:
+            if kind is RingRecordKind.DATA and received and sent and not note:
+                found[up].append(sent - received)
         for up, delays in found.items():
             if delays:
                 values = np.array(delays, np.float64)

@@ -42,7 +42,7 @@ class ServerRunner:
 
     def __init__(self, *, quiet: bool, record: Path | None, words: MessageFormatter = ENGLISH_WORDS) -> None:
         """Set up the output. `quiet` omits the log line of each call; `record` is the file of the capture."""
-        self._terminal = TerminalWriter()
+        self._terminal = TerminalWriter(words)
         self.print_message = self._terminal.write_message
         self.log = ServerCallLog(not quiet, self._terminal, words)
         self._words = words

@@ -13,6 +13,7 @@ from contextlib import AbstractContextManager, nullcontext, suppress
 from typing import TextIO
 
 from bcapscope.live.standard_streams import discard_stdout
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 
 MAX_WAITING = 20_000
 """Maximum number of lines, and of messages, that may wait to be written.
@@ -42,7 +43,9 @@ class TerminalWriter:
     of the program.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
+        """Start the threads. `words` formats the writer's own messages."""
+        self._words = words
         self._lines: deque[bytes] = deque()
         self._messages: deque[str] = deque()
         self._status = ""
@@ -98,7 +101,7 @@ class TerminalWriter:
         self._line_thread.join(_LINES_WITHIN)
         left = len(self._lines) + self._unwritten + self._dropped
         if self._line_thread.is_alive() and left:
-            self.write_message(f"{left:,} lines are not shown: standard output accepts no data")
+            self.write_message(self._words("terminal.lines.stuck", lines=f"{left:,}"))
         with self._changed:
             self._is_closing = True
             self._status = ""
@@ -120,7 +123,7 @@ class TerminalWriter:
             with self._changed:
                 dropped, self._dropped = self._dropped, 0
             if dropped:
-                self.write_message(f"{dropped:,} lines are not shown: there was no time to write them")
+                self.write_message(self._words("terminal.lines.no-time", lines=f"{dropped:,}"))
 
     def _put_lines(self, data: bytes) -> None:
         try:
@@ -134,10 +137,7 @@ class TerminalWriter:
             self._unwritten = 0
             discard_stdout()
             is_full = isinstance(error, OSError) and error.errno == errno.ENOSPC
-            why = "has no room" if is_full else "is closed"
-            self.write_message(
-                f"standard output {why}: further lines are not shown; everything else continues"
-            )
+            self.write_message(self._words("terminal.stdout.full" if is_full else "terminal.stdout.closed"))
 
     # messages and the status line
 

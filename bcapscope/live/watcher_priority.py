@@ -1,11 +1,11 @@
-"""Controls when the watcher gives way to programs whose bytes the relay forwards, and when it must not.
+"""Controls when the watcher gives way to the clients and controllers of the relay, and when not.
 
 On two processors, beside a client and a server, the 99.9th percentile of round trips was 2.6 ms with the
 watcher at nice 10, and 0.5 ms at idle priority. A process that wakes up replaces a running process of idle
 priority at once. A process that wakes up replaces a process of another priority only at the end of that
 process's slice of about 3 ms.
 
-Neither is certain. Linux updates the run time of a process, and decides which process runs, only at a tick
+Linux guarantees neither. It updates the run time of a process, and decides which process runs, only at a tick
 every 1 to 10 ms (sched(7), EEVDF). So the watcher also yields the processor after each 0.1 or 0.2 ms of work,
 which makes Linux decide.
 
@@ -69,10 +69,10 @@ class WatcherPriority:
 
         `now` is in seconds of a monotonic clock.
         """
-        haste = self._needed_urgency(now)
-        if haste:
+        needed = self._needed_urgency(now)
+        if needed:
             self._last_late_at = max(now, self._last_late_at)
-            self._set_urgency(max(haste, self._urgency))
+            self._set_urgency(max(needed, self._urgency))
         elif now - self._last_late_at >= IDLE_AGAIN_AFTER:
             self._set_urgency(WatcherUrgency.NONE)
 
@@ -81,12 +81,12 @@ class WatcherPriority:
         self._last_late_at = math.inf
         self._set_urgency(WatcherUrgency.ALL)
 
-    def _set_urgency(self, haste: WatcherUrgency) -> None:
-        before, self._urgency = self._urgency, haste
-        if haste is not before:
-            self._ring.urgency = haste
-        if bool(haste) is not bool(before):
-            self._set_idle(not haste)
+    def _set_urgency(self, urgency: WatcherUrgency) -> None:
+        before, self._urgency = self._urgency, urgency
+        if urgency is not before:
+            self._ring.urgency = urgency
+        if bool(urgency) is not bool(before):
+            self._set_idle(not urgency)
 
     def _needed_urgency(self, now: float) -> WatcherUrgency:
         ring = self._ring
@@ -103,11 +103,11 @@ def yield_function(ring: RingReader) -> Callable[[], None]:
     if not hasattr(os, "sched_yield"):
         return lambda: None
 
-    def give() -> None:
+    def yield_cpu() -> None:
         if ring.urgency < WatcherUrgency.ALL:
             os.sched_yield()
 
-    return give
+    return yield_cpu
 
 
 def lower_priority(niceness: int) -> None:
@@ -128,7 +128,7 @@ def idle_priority_switch(process: int) -> Callable[[bool], None]:
     possible = _can_leave_idle_priority()
     ours = os.getpriority(os.PRIO_PROCESS, 0) if possible else 0
 
-    def give(idle: bool) -> None:
+    def set_idle(idle: bool) -> None:
         if not possible:
             return
         policy = os.SCHED_IDLE if idle else os.SCHED_OTHER
@@ -138,22 +138,22 @@ def idle_priority_switch(process: int) -> Callable[[bool], None]:
                 with suppress(PermissionError):  # leaving idle priority needs fewer rights than this
                     os.setpriority(os.PRIO_PROCESS, int(thread.name), ours)
 
-    return give
+    return set_idle
 
 
 def _can_leave_idle_priority() -> bool:
     """Return whether this user may move a process out of idle priority (sched(7)), by a test in a thread."""
     if not hasattr(os, "SCHED_IDLE"):
         return False
-    tried: list[bool] = []
+    succeeded: list[bool] = []
 
-    def attempt() -> None:
+    def enter_and_leave() -> None:
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-            tried.append(True)
+            succeeded.append(True)
 
-    trial = threading.Thread(target=attempt, name="trial")
-    trial.start()
-    trial.join()
-    return bool(tried)
+    test = threading.Thread(target=enter_and_leave, name="priority test")
+    test.start()
+    test.join()
+    return bool(succeeded)

@@ -9,8 +9,7 @@ from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import Frame, Framing, Malformed
 from bcapscope.protocol.codec.frame_template import FrameTemplate, numbers_of_arguments
-from bcapscope.protocol.tables.argument_names import request_param, result_param
-from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.protocol.tables.function_table import function_name, request_param, result_param
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
 from bcapscope.render.line_template import LONGEST_STRING, LineTemplate, LineTemplateBuilder
@@ -68,14 +67,14 @@ class FrameLineRenderer:
         if found is None:
             head = number, self._write_time(time), item.serial, item.reserved
             return self._odd_template(flow, item, call_kind).fill(head, numbers_of_arguments(item.arguments))
-        layout, numbers = found
-        key = flow, layout, call_kind
-        phrase = self._templates.get(key) or self._make_template(key, item)
-        text, places = phrase.text, phrase.places
+        frame_template, numbers = found
+        key = flow, frame_template, call_kind
+        template = self._templates.get(key) or self._make_template(key, item)
+        text, places = template.text, template.places
         if len(places) == 1:  # true for nearly all frames of a large capture; saves a function call
             where, write = places[0]
             return text % (number, self._write_time(time), item.serial, item.reserved, write(numbers[where]))
-        return phrase.fill((number, self._write_time(time), item.serial, item.reserved), numbers)
+        return template.fill((number, self._write_time(time), item.serial, item.reserved), numbers)
 
     def remarks(self, observation: Observation, comments: tuple[str, ...]) -> Iterator[str]:
         """Yield the comments and problems that a brief line omits, one line each."""
@@ -91,8 +90,8 @@ class FrameLineRenderer:
     def _make_template(self, key: tuple[Flow, FrameTemplate, CallKind | None], frame: Frame) -> LineTemplate:
         if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
-        self._templates[key] = phrase = self._template_builder(key[0], frame, key[2]).build()
-        return phrase
+        self._templates[key] = template = self._template_builder(key[0], frame, key[2]).build()
+        return template
 
     def _template_builder(self, flow: Flow, frame: Frame, call_kind: CallKind | None) -> LineTemplateBuilder:
         builder = LineTemplateBuilder(f"%6d %s {self._endpoints_text(flow)} %5d %5d ")

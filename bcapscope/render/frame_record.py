@@ -23,8 +23,7 @@ from bcapscope.protocol.codec.frame_template import (
     numbers_of_arguments,
 )
 from bcapscope.protocol.codec.variant import ARRAY, NUMBER_FORMATS, VT, Variant, vt_name
-from bcapscope.protocol.tables.argument_names import request_param, result_param
-from bcapscope.protocol.tables.function_table import Param, function_name
+from bcapscope.protocol.tables.function_table import Param, function_name, request_param, result_param
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.render.json_values import json_number, json_text
 from bcapscope.render.number import currency_text, date_text

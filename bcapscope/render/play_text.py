@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import orjson
 
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
+from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Enumeration
 from bcapscope.player.lateness import Spread
 from bcapscope.player.player_messages import (
@@ -19,6 +20,7 @@ from bcapscope.player.player_messages import (
 )
 from bcapscope.protocol.slave_mode.modes import describe_mode
 from bcapscope.protocol.tables.hresult import hresult_name
+from bcapscope.protocol.text_format import display_width
 from bcapscope.render.escape import printable
 
 _COUNTS = ("retries", "late", "unanswered", "repeated", "shifted", "held")
@@ -52,18 +54,25 @@ def trouble_lines(trouble: PlayerProblem, words: MessageFormatter = ENGLISH_WORD
         yield f"  {words('play.shown-error', name=hresult_name(code), text=printable(text))}"
 
 
-def progress_line(progress: PlayProgress, width: int) -> str:
-    """Return the progress of the player as one line of at most `width` characters."""
-    of = f"/{progress.of}" if progress.of else ""
-    left = "" if progress.left is None else f", {progress.left:.1f} s left"
-    counts, late = progress.counts, progress.lateness
-    parts = [f"{progress.state} {progress.index}{of}, {progress.elapsed:.1f} s{left}"]
+def progress_line(progress: PlayProgress, width: int, words: MessageFormatter = ENGLISH_WORDS) -> str:
+    """Return the progress of the player as one line of at most `width` columns."""
+    index = f"{progress.index}/{progress.of}" if progress.of else str(progress.index)
+    places: dict[str, PlaceValue] = {"state": progress.state.message, "index": index}
+    places["elapsed"] = f"{progress.elapsed:.1f} s"
+    if progress.left is None:
+        parts = [words("run.short", **places)]
+    else:
+        parts = [words("run.short.left", **places, left=f"{progress.left:.1f} s")]
+    late = progress.lateness
     if late.count:
-        parts.append(f"late ms p99.9 {late.p999 / 1e6:.3f} max {late.most / 1e6:.3f}")
-    parts.append(f"retries {counts.retries}")
+        parts.append(words("run.late.short", p999=f"{late.p999 / 1e6:.3f}", most=f"{late.most / 1e6:.3f}"))
+    parts.append(words("run.retries", n=progress.counts.retries))
     if progress.returned:
         parts.append(" ".join(f"{value:.2f}" for value in progress.returned))
-    return "  ".join(parts)[:width]
+    line = "  ".join(parts)
+    while display_width(line) > width:
+        line = line[:-1]
+    return line
 
 
 def play_summary_lines(ended: PlayEnded, words: MessageFormatter = ENGLISH_WORDS) -> Iterator[str]:

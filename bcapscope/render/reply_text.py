@@ -9,7 +9,7 @@ from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.frame_template import numbers_of_arguments
-from bcapscope.protocol.tables.argument_names import result_param
+from bcapscope.protocol.tables.function_table import result_param
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
 from bcapscope.render.frame_record import FrameRecordRenderer

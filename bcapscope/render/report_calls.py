@@ -10,7 +10,10 @@ import plotly.graph_objects as go
 from bcapscope.analysis.report_data import ClientTimeline, ReportData
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS, StatisticsRow
+from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.analysis.timeline_events import TimelineEvent, TimelineEventKind
+from bcapscope.messages import MessageFormatter
+from bcapscope.messages.places import Count, HexNumber, Quantity
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.render.report_figure import (
     AMBER,
@@ -22,10 +25,12 @@ from bcapscope.render.report_figure import (
     Picture,
     axis_layout,
     make_picture,
+    marker_trace,
     plotly_label,
 )
+from bcapscope.render.slave_session_text import exit_message
 from bcapscope.render.statistics_text import call_kind_text
-from bcapscope.traffic.call import Call, CallFrame, FrameRole
+from bcapscope.traffic.call import Call, FrameRole
 from bcapscope.traffic.observation import Conversation
 
 MAX_TIMELINE_ROWS = 16
@@ -59,93 +64,92 @@ _FRAME_STYLES: dict[FrameRole, tuple[str, str]] = {
     FrameRole.DUPLICATE: ("square-open", GRAY),
     FrameRole.CAPTURED_AGAIN: ("square-open", GRAY),
 }
-_FRAME_NAMES = {FrameRole.NOTICE: "S_EXECUTING", FrameRole.LATE: "late reply, discarded"}
 
 
-def timeline_picture(report_data: ReportData) -> Picture:
+def timeline_picture(report_data: ReportData, words: MessageFormatter) -> Picture:
     """Return the timeline, with a row of calls, slave-mode sessions and events for each client."""
     timelines = report_data.timelines[:MAX_TIMELINE_ROWS]
     rows = {timeline.conversation: -index for index, timeline in enumerate(timelines)}
     drawn = [session for session in report_data.slave_sessions if session.conversation in rows]
     traces = [
-        _activity_bars(report_data, timelines),
-        *_slave_session_bars(report_data, drawn, rows),
-        *_event_markers(report_data, timelines),
+        _activity_bars(report_data, timelines, words),
+        *_slave_session_bars(report_data, drawn, rows, words),
+        *_event_markers(report_data, timelines, words),
     ]
     lasted = _seconds(report_data, report_data.end) or 1.0
     left_off = len(report_data.timelines) + report_data.timelines_left_off - len(timelines)
+    more = f" {words('report.timeline.more', n=left_off)}" if left_off else ""
+    labels = [endpoints_label(timeline.conversation) for timeline in timelines]
     return make_picture(
         "timeline",
-        "Who did what, and when",
-        "Each row is a client. Thin bars show its calls, thick bars its slave-mode sessions. "
-        "Marks above the bars show events. In a long capture, one mark can stand for several events; the "
-        "text of the mark gives their number."
-        + (f" {left_off} more clients made fewer calls." if left_off else ""),
+        words("report.timeline.title"),
+        words("report.timeline.caption") + more,
         130 + 76 * len(timelines),
         traces,
         barmode="overlay",
         uniformtext={"minsize": 11, "mode": "hide"},
         hovermode="closest",
-        xaxis=axis_layout("time since the first frame, s", range=[-0.01 * lasted, 1.01 * lasted]),
-        yaxis=_row_axis(
-            [endpoints_label(timeline.conversation) for timeline in timelines],
-            0.62 - len(timelines),
-            0.62,
-            -1,
-        ),
+        xaxis=axis_layout(words("report.axis.time"), range=[-0.01 * lasted, 1.01 * lasted]),
+        yaxis=_row_axis(labels, 0.62 - len(timelines), 0.62, -1),
     )
 
 
-def latency_picture(rows: Sequence[StatisticsRow]) -> Picture | None:
+def latency_picture(rows: Sequence[StatisticsRow], words: MessageFormatter) -> Picture | None:
     """Return the picture of latencies by command, or None if no call was answered."""
-    kinds = [
-        (plotly_label(call_kind_text(row.call_kind or OTHER_KINDS)), row.figures.calls, row.figures.latency)
-        for row in rows
-        if row.figures.latency is not None
-    ]
-    if not kinds:
+    answered = [(row, row.figures.latency) for row in rows if row.figures.latency is not None]
+    if not answered:
         return None
-    shown = kinds[:MAX_KINDS][::-1]
-    found = [(name, calls, latency) for name, calls, latency in shown if latency is not None]
-    points = [
-        (
-            index,
-            [max(value, _SHORTEST_MS) for value in (each.least, each.p50, each.p99, each.p999, each.most)],
-        )
-        for index, (_, _, each) in enumerate(found)
-    ]
-    some = [(at, v) for at, v in points if found[at][2].count > 1]
-    many = [(at, v) for at, v in points if found[at][2].count >= _LEAST_FOR_P999]
+    found = answered[:MAX_KINDS][::-1]
+    names = [plotly_label(call_kind_text(row.call_kind or OTHER_KINDS, words)) for row, _ in found]
     texts = [
-        f"{name}<br>{each.count} of {calls} answered<br>median {each.p50:.3f} ms, 99% {each.p99:.3f} ms, "
-        f"99.9% {each.p999:.3f} ms<br>from {each.least:.3f} to {each.most:.3f} ms"
-        for name, calls, each in found
+        f"{name}<br>{_latency_text(row, latency, words)}"
+        for name, (row, latency) in zip(names, found, strict=True)
     ]
+    points = [
+        [max(value, _SHORTEST_MS) for value in (each.least, each.p50, each.p99, each.p999, each.most)]
+        for _, each in found
+    ]
+    counts = [latency.count for _, latency in found]
+
+    def dots(id: str, column: int, look: tuple[str, str], least: int = 1) -> Any:
+        at = [index for index, count in enumerate(counts) if count >= least]
+        values = [points[index][column] for index in at]
+        return marker_trace(words(f"report.trace.{id}"), values, at, look, [texts[index] for index in at])
+
+    def bars(id: str, first: int, last: int, color: str, width: float) -> Any:
+        lines = [(index, each[first], each[last]) for index, each in enumerate(points)]
+        return _segments(words(f"report.trace.{id}"), lines, color, width)
+
     traces = [
-        _segments("shortest to longest", [(at, v[0], v[4]) for at, v in points], GRAY, 2),
-        _segments("median to 99%", [(at, v[1], v[2]) for at, v in points], BLUE, 9),
-        _dots("median", [(at, v[1]) for at, v in points], "circle", BLUE, texts),
-        _dots("99.9%", [(at, v[3]) for at, v in many], "diamond", PURPLE, [texts[at] for at, _ in many]),
-        _dots(
-            "longest", [(at, v[4]) for at, v in some], "line-ns-open", ORANGE, [texts[at] for at, _ in some]
-        ),
+        bars("extremes", 0, 4, GRAY, 2),
+        bars("median-to-99", 1, 2, BLUE, 9),
+        dots("median", 1, ("circle", BLUE)),
+        dots("p999", 3, ("diamond", PURPLE), _LEAST_FOR_P999),
+        dots("longest", 4, ("line-ns-open", ORANGE), 2),
     ]
-    more = len(kinds) - len(shown)
+    left_off = len(answered) - len(found)
+    more = f" {words('report.latencies.more', n=left_off)}" if left_off else ""
     return make_picture(
         "latencies",
-        "Time to the reply, by command",
-        "Time from the first request to the accepted reply, including retries. Commands that took the most "
-        "time are at the top. The axis is logarithmic: each step to the right is ten times as long."
-        + (f" {more} more commands took less time." if more else ""),
+        words("report.latencies.title"),
+        words("report.latencies.caption") + more,
         130 + 30 * len(found),
         traces,
         hovermode="closest",
-        xaxis=axis_layout("time to the reply, ms", type="log", dtick=1),
-        yaxis=_row_axis([name for name, _, _ in found], -0.7, len(found) - 0.3),
+        xaxis=axis_layout(words("report.axis.reply-time"), type="log", dtick=1),
+        yaxis=_row_axis(names, -0.7, len(found) - 0.3),
     )
 
 
-def retry_chain_picture(report_data: ReportData) -> Picture | None:
+def _latency_text(row: StatisticsRow, latency: DistributionSummary, words: MessageFormatter) -> str:
+    answered = words("report.hover.answered", answered=latency.count, calls=row.figures.calls)
+    places = {"p50": latency.p50, "p99": latency.p99, "p999": latency.p999}
+    percentiles = words("report.hover.percentiles", **{id: f"{each:.3f}" for id, each in places.items()})
+    extremes = words("report.hover.range", low=f"{latency.least:.3f}", high=f"{latency.most:.3f}")
+    return f"{answered}<br>{percentiles}<br>{extremes}"
+
+
+def retry_chain_picture(report_data: ReportData, words: MessageFormatter) -> Picture | None:
     """Return the picture of the calls with the most retries and of their frames, or None without retries."""
     if not report_data.retry_chains:
         return None
@@ -157,26 +161,26 @@ def retry_chain_picture(report_data: ReportData) -> Picture | None:
         (index, 0.0, (call.last_activity - call.request.time) / 1e6) for index, call in enumerate(found)
     ]
     longest = max((end for _, _, end in lasting), default=0.0) or 1.0
-    traces = [_segments("", lasting, GRAY, 1), *(_role_trace(found, role) for role in roles)]
-    more = report_data.retried_calls - len(found)
+    traces = [_segments("", lasting, GRAY, 1), *(_role_trace(found, role, words) for role in roles)]
+    left_off = report_data.retried_calls - len(found)
+    which = (
+        words("report.chains.some", shown=len(found), n=left_off) if left_off else words("report.chains.all")
+    )
+    labels = [
+        words(
+            "report.chains.call", number=call.number, kind=plotly_label(call_kind_text(call.kind, words), 32)
+        )
+        for call in found
+    ]
     return make_picture(
         "chains",
-        "Retry chains",
-        "Each line is one call, from its first request, with all its captured frames. "
-        + (
-            f"These are the {len(found)} calls with the most retries; {more} more calls have retries."
-            if more
-            else "These are all calls with retries."
-        ),
+        words("report.chains.title"),
+        f"{words('report.chains.caption')} {which}",
         130 + 34 * len(found),
         traces,
         hovermode="closest",
-        xaxis=axis_layout("time since the first request, ms", range=[-0.02 * longest, 1.04 * longest]),
-        yaxis=_row_axis(
-            [f"call {call.number}, {plotly_label(call_kind_text(call.kind), 32)}" for call in found],
-            -0.7,
-            len(found) - 0.3,
-        ),
+        xaxis=axis_layout(words("report.axis.request-time"), range=[-0.02 * longest, 1.04 * longest]),
+        yaxis=_row_axis(labels, -0.7, len(found) - 0.3),
     )
 
 
@@ -205,85 +209,129 @@ def _seconds(report_data: ReportData, time: int) -> float:
     return round((time - report_data.start) / 1e9, 6)
 
 
-def _least_width(report_data: ReportData) -> float:
-    return max((report_data.end - report_data.start) / 1e9 * _NARROWEST, 1e-6)
-
-
-def _activity_bars(report_data: ReportData, timelines: Sequence[ClientTimeline]) -> Any:
+def _activity_bars(
+    report_data: ReportData, timelines: Sequence[ClientTimeline], words: MessageFormatter
+) -> Any:
     periods = [(-index, period) for index, timeline in enumerate(timelines) for period in timeline.activity]
-    least = _least_width(report_data)
+    return _time_bars(
+        report_data,
+        words("report.trace.calls"),
+        [(row, period.begin, period.end) for row, period in periods],
+        [
+            words("report.hover.calls", calls=Count(each.occurrences, "call"), **_span(report_data, each))
+            for _, each in periods
+        ],
+        (GRAY, 0.12),
+    )
+
+
+def _span(report_data: ReportData, period: TimelineEvent) -> dict[str, Quantity]:
+    return {
+        "duration": Quantity((period.end - period.begin) / 1e9, "s", 3),
+        "start": Quantity(_seconds(report_data, period.begin), "s", 3),
+    }
+
+
+def _time_bars(
+    report_data: ReportData,
+    name: str,
+    periods: Sequence[tuple[int, int, int]],
+    texts: Sequence[str],
+    look: tuple[str, float],
+    **more: Any,
+) -> Any:
+    """Return a plotly trace of bars over time. Each period has a row, a start and an end in ns since 1970."""
+    least = max((report_data.end - report_data.start) / 1e9 * _NARROWEST, 1e-6)
+    color, width = look
     return go.Bar(
-        name="calls",
+        name=name,
         orientation="h",
-        y=[row for row, _ in periods],
-        base=[_seconds(report_data, period.begin) for _, period in periods],
-        x=[max(round((period.end - period.begin) / 1e9, 6), least) for _, period in periods],
-        width=0.12,
-        marker={"color": GRAY, "line": {"width": 0}},
-        customdata=[[period.occurrences, (period.end - period.begin) / 1e9] for _, period in periods],
-        hovertemplate="%{customdata[0]} calls in %{customdata[1]:.3f} s, from %{base:.3f} s<extra></extra>",
+        y=[row for row, _, _ in periods],
+        base=[_seconds(report_data, begin) for _, begin, _ in periods],
+        x=[max(round((end - begin) / 1e9, 6), least) for _, begin, end in periods],
+        width=width,
+        marker={"color": color, "line": {"width": 0}},
+        customdata=[[text] for text in texts],
+        hovertemplate="%{customdata[0]}<extra></extra>",
+        **more,
     )
 
 
 def _slave_session_bars(
-    report_data: ReportData, slave_sessions: Sequence[SlaveSession], rows: dict[Conversation, int]
+    report_data: ReportData,
+    sessions: Sequence[SlaveSession],
+    rows: dict[Conversation, int],
+    words: MessageFormatter,
 ) -> Iterator[Any]:
-    if not slave_sessions:
+    if not sessions:
         return
-    least = _least_width(report_data)
-    values = [
-        "slave mode" if session.mode.value is None else f"mode 0x{session.mode.value:03X}"
-        for session in slave_sessions
+    name = words("report.trace.slave-mode")
+    modes = [
+        name
+        if session.mode.value is None
+        else words("report.trace.mode", mode=HexNumber(session.mode.value, 3))
+        for session in sessions
     ]
-    yield go.Bar(
-        name="slave mode",
-        orientation="h",
-        y=[rows[session.conversation] for session in slave_sessions],
-        base=[_seconds(report_data, session.entered_at) for session in slave_sessions],
-        x=[max(round(session.duration_ms / 1e3, 6), least) for session in slave_sessions],
-        width=0.34,
-        marker={"color": _BAR, "line": {"width": 0}},
-        text=[f"{session.number}: {value}" for session, value in zip(slave_sessions, values, strict=True)],
+    yield _time_bars(
+        report_data,
+        name,
+        [
+            (rows[each.conversation], each.entered_at, each.entered_at + round(each.duration_ms * 1e6))
+            for each in sessions
+        ],
+        [
+            f"{words('report.label.session')} {session.number}: {mode}<br>"
+            + words(
+                "report.hover.session",
+                points=Count(session.counts.sent, "set-point"),
+                duration=Quantity(session.duration_ms / 1e3, "s", 3),
+                start=Quantity(_seconds(report_data, session.entered_at), "s", 3),
+            )
+            + f"<br>{words.text(exit_message(session.exit.reason))}"
+            for session, mode in zip(sessions, modes, strict=True)
+        ],
+        (_BAR, 0.34),
+        text=[f"{session.number}: {mode}" for session, mode in zip(sessions, modes, strict=True)],
         textposition="inside",
         insidetextanchor="middle",
         insidetextfont={"color": "#FFFFFF"},
         textangle=0,
-        customdata=[
-            [session.number, value, session.counts.sent, session.duration_ms / 1e3, session.exit.reason.value]
-            for session, value in zip(slave_sessions, values, strict=True)
-        ],
-        hovertemplate="session %{customdata[0]}, %{customdata[1]}<br>%{customdata[2]} set points in "
-        "%{customdata[3]:.3f} s from %{base:.3f} s<br>ended: %{customdata[4]}<extra></extra>",
     )
 
 
-def _event_markers(report_data: ReportData, timelines: Sequence[ClientTimeline]) -> Iterator[Any]:
+def _event_markers(
+    report_data: ReportData, timelines: Sequence[ClientTimeline], words: MessageFormatter
+) -> Iterator[Any]:
     for kind, (symbol, color, above) in _MARKER_STYLES.items():
         found = [
-            (-index, mark)
+            (above - index, event)
             for index, timeline in enumerate(timelines)
-            for mark in timeline.events.get(kind, ())
+            for event in timeline.events.get(kind, ())
         ]
         if found:
-            yield go.Scatter(
-                name=str(kind.message),
-                mode="markers",
-                x=[_seconds(report_data, mark.begin) for _, mark in found],
-                y=[row + above for row, _ in found],
-                marker={"symbol": symbol, "color": color, "size": 9, "line": {"width": 1.6, "color": color}},
-                customdata=[[_event_marker_text(kind, mark)] for _, mark in found],
-                hovertemplate="%{customdata[0]}<br>at %{x:.3f} s<extra></extra>",
+            yield marker_trace(
+                words.text(kind.message),
+                [_seconds(report_data, event.begin) for _, event in found],
+                [row for row, _ in found],
+                (symbol, color),
+                [_event_text(report_data, kind, event, words) for _, event in found],
             )
 
 
-def _event_marker_text(kind: TimelineEventKind, mark: TimelineEvent) -> str:
-    text = str(kind.message) if mark.occurrences == 1 else f"{mark.occurrences} times {kind.message}"
-    if mark.call_kind is not None:
-        text = f"{plotly_label(call_kind_text(mark.call_kind))}: {text}"
-    if mark.hresult is not None and kind is TimelineEventKind.REFUSED:
-        meaning = plotly_label(describe_hresult(mark.hresult).text, 80)
-        text += f"<br>{plotly_label(hresult_name(mark.hresult))}, {meaning}"
-    return f"{text}<br>{'frame' if mark.occurrences == 1 else 'first in frame'} {mark.frame}"
+def _event_text(
+    report_data: ReportData, kind: TimelineEventKind, event: TimelineEvent, words: MessageFormatter
+) -> str:
+    text = words.text(kind.message)
+    if event.occurrences > 1:
+        text = words("report.hover.events", n=event.occurrences, kind=kind.message)
+    if event.call_kind is not None:
+        text = f"{plotly_label(call_kind_text(event.call_kind, words))}: {text}"
+    if event.hresult is not None and kind is TimelineEventKind.REFUSED:
+        meaning = plotly_label(words.text(describe_hresult(event.hresult).meaning), 80)
+        text += f"<br>{plotly_label(hresult_name(event.hresult))}, {meaning}"
+    id = "report.hover.first-frame" if event.occurrences > 1 else "report.hover.frame"
+    at = Quantity(_seconds(report_data, event.begin), "s", 3)
+    return f"{text}<br>{words(id, frame=event.frame, time=at)}"
 
 
 def _segments(name: str, lines: Sequence[tuple[int, float, float]], color: str, width: float) -> Any:
@@ -299,43 +347,22 @@ def _segments(name: str, lines: Sequence[tuple[int, float, float]], color: str, 
     )
 
 
-def _dots(name: str, dots: Sequence[tuple[int, float]], symbol: str, color: str, texts: Sequence[str]) -> Any:
-    return go.Scatter(
-        name=name,
-        mode="markers",
-        x=[value for _, value in dots],
-        y=[at for at, _ in dots],
-        marker={"symbol": symbol, "color": color, "size": 10, "line": {"width": 2.4, "color": color}},
-        customdata=[[text] for text in texts],
-        hovertemplate="%{customdata[0]}<extra></extra>",
-    )
-
-
-def _role_trace(calls: Sequence[Call], role: FrameRole) -> Any:
+def _role_trace(calls: Sequence[Call], role: FrameRole, words: MessageFormatter) -> Any:
     """Return a plotly trace of all frames that have this role in their calls."""
-    symbol, color = _FRAME_STYLES[role]
+    name = words(f"frame.role.{role.replace(' ', '-')}")
     found = [
-        (index, call, event)
+        (index, call, event.observation)
         for index, call in enumerate(calls)
         for event in call.frames
         if event.role is role
     ]
-    dots = [(index, (event.observation.time - call.request.time) / 1e6) for index, call, event in found]
-    texts = [_event_text(call, event) for _, call, event in found]
-    return _dots(_FRAME_NAMES.get(role, role.value), dots, symbol, color, texts)
-
-
-def _event_text(call: Call, event: CallFrame) -> str:
-    seen = event.observation
-    elapsed = (seen.time - call.request.time) / 1e6
-    name = _FRAME_NAMES.get(event.role, event.role.value)
-    result = (
-        ""
-        if event.role in (FrameRole.REQUEST, FrameRole.RETRY)
-        else f", {plotly_label(hresult_name(seen.item.code))}"
-    )
-    return (
-        f"{plotly_label(call_kind_text(call.kind))}: {name}{result}"
-        f"<br>{elapsed:.3f} ms after the first request"
-        f"<br>frame {seen.number}, serial {seen.item.serial}, reserved {seen.item.reserved}"
-    )
+    delays = [(seen.time - call.request.time) / 1e6 for _, call, seen in found]
+    texts = []
+    for delay, (_, call, seen) in zip(delays, found, strict=True):
+        text = f"{plotly_label(call_kind_text(call.kind, words))}: {name}"
+        if role not in (FrameRole.REQUEST, FrameRole.RETRY):
+            text += f", {plotly_label(hresult_name(seen.item.code))}"
+        after = words("report.hover.after-request", delay=Quantity(delay, "ms", 3))
+        numbers = {"frame": seen.number, "serial": seen.item.serial, "reserved": seen.item.reserved}
+        texts.append(f"{text}<br>{after}<br>{words('report.hover.frame-fields', **numbers)}")
+    return marker_trace(name, delays, [index for index, _, _ in found], _FRAME_STYLES[role], texts)

@@ -88,6 +88,28 @@ def script_safe(json_text: str) -> str:
     return json_text
 
 
+def marker_trace(
+    name: str,
+    x: Sequence[float],
+    y: Sequence[float],
+    look: tuple[str, str],
+    texts: Sequence[str],
+    **more: Any,
+) -> Any:
+    """Return a plotly trace of marks: `look` is their symbol and colour, `texts` appear at the pointer."""
+    symbol, color = look
+    return go.Scatter(
+        name=name,
+        mode="markers",
+        x=x,
+        y=y,
+        marker={"symbol": symbol, "color": color, "size": 10, "line": {"width": 2, "color": color}},
+        customdata=[[text] for text in texts],
+        hovertemplate="%{customdata[0]}<extra></extra>",
+        **more,
+    )
+
+
 def axis_layout(title: str, **more: Any) -> dict[str, Any]:
     """Return the plotly layout of an axis; `title` includes the unit."""
     spike = {"spikethickness": 1, "spikecolor": GRAY, "spikedash": "solid"}

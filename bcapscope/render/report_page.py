@@ -8,25 +8,58 @@ from __future__ import annotations
 
 import base64
 import hashlib
+from collections import Counter
 from collections.abc import Sequence
 from functools import cache
 from importlib import resources
+from typing import NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from bcapscope.analysis.report_data import ReportData
+from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.report_data import DamagedFrame, ReportData
+from bcapscope.analysis.slave.slave_session import SlaveSession
+from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
-from bcapscope.messages.places import Count
-from bcapscope.render import report_calls, report_sections
+from bcapscope.messages.places import Count, Duration, frames_text
+from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
+from bcapscope.render.diagnosis_summary import severity_counts_text
 from bcapscope.render.escape import printable
-
-_LABELS = (
-    *("title", "skip", "theme", "auto", "light", "dark", "contents", "pictures", "findings", "follows-from"),
-    *("advice", "frame", "frames", "source", "no-finding", "session", "output", "no-script"),
+from bcapscope.render.finding_text import finding_depths, finding_sentence, words_for
+from bcapscope.render.report_calls import latency_picture, retry_chain_picture, timeline_picture
+from bcapscope.render.report_slave_sessions import session_pictures
+from bcapscope.render.slave_session_text import (
+    GOOD_EXITS,
+    exit_message,
+    exit_result_message,
+    slave_session_lines,
 )
-"""Ids of the labels in the template, without the prefix ``report.label.``."""
+from bcapscope.render.statistics_text import call_kind_text
+from bcapscope.render.timestamp import utc_text
+
+MAX_DRAWN = 6
+"""Maximum number of slave-mode sessions with pictures: those with the most problems, then the longest."""
+
+MAX_ROWS = 40
+"""Maximum number of rows of a table."""
+
+MAX_SLOW = 10
+"""Maximum number of rows in the table of set points with the slowest replies."""
+
+_SIGNS = {Severity.ERROR: "✖", Severity.WARNING: "▲", Severity.NOTE: "●"}
+
+
+class OverallVerdict(NamedTuple):
+    """The overall verdict at the top of the page.
+
+    `kind` is ``error``, ``warning`` or ``good``. `sentence` describes the first root cause.
+    """
+
+    kind: str
+    counts: str
+    sentence: str = ""
 
 
 def report_page(
@@ -36,42 +69,58 @@ def report_page(
     remarks: Sequence[str] = (),
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> str:
-    """Return the HTML page. `remarks` are sentences about reading the captures. Captions of pictures are in
-    English.
-    """
-    statistics, strays = report_data.statistics, report_data.stray_replies
-    timeline = report_calls.timeline_picture(report_data) if report_data.timelines else None
-    sessions = report_sections.session_views(report_data, words)
-    latencies = None if statistics is None else report_calls.latency_picture(statistics.kinds)
-    retry_chains = report_calls.retry_chain_picture(report_data)
-    of_sessions = [picture for session in sessions for picture in session.pictures]
+    """Return the HTML page. `remarks` are sentences about reading the captures."""
+    statistics, strays, start = report_data.statistics, report_data.stray_replies, report_data.start
+    kinds = () if statistics is None else statistics.kinds
+    timeline = timeline_picture(report_data, words) if report_data.timelines else None
+    latencies, retry_chains = latency_picture(kinds, words), retry_chain_picture(report_data, words)
+    sessions = [
+        (session, list(slave_session_lines(session, words=words)), session_pictures(session, start, words))
+        for session in drawn_slave_sessions(report_data.slave_sessions)
+    ]
+    of_sessions = [picture for _, _, pictures in sessions for picture in pictures]
     plotly = _script_text(get_plotlyjs())
     script = resources.files("bcapscope.render").joinpath("templates/report.js").read_text("utf-8")
-    template = template_environment().get_template("report.html")
-    return template.render(
-        captures=", ".join(captures),
-        footer=words("report.footer", version=version),
-        remarks=remarks,
-        language=words.language.value,
-        label={name: words(f"report.label.{name}") for name in _LABELS},
-        titles=_titles(report_data, words),
-        verdict=report_sections.overall_verdict(report_data, words),
-        period=report_sections.period_text(report_data, words),
-        tiles=report_sections.summary_tiles(report_data, words),
-        findings=report_sections.finding_views(report_data, words),
-        slave_sessions=report_sections.slave_session_table(report_data),
-        call_tables=list(report_sections.call_tables(report_data, words)),
-        verdicts=report_sections.verdict_table(report_data, words),
-        stray_replies=words("report.strays", replies=Count(strays, "reply")) if strays else "",
-        damage=report_sections.damage_table(report_data, words),
-        timeline=timeline,
-        drawn_sessions=sessions,
-        latencies=latencies,
-        retry_chains=retry_chains,
-        pictures=[picture for picture in (timeline, *of_sessions, latencies, retry_chains) if picture],
-        plotly=Markup(plotly),
-        script=Markup(script),
-        policy=_policy(plotly, script),
+    return (
+        template_environment()
+        .get_template("report.html")
+        .render(
+            report=report_data,
+            words=words,
+            captures=", ".join(captures),
+            footer=words("report.footer", version=version),
+            remarks=remarks,
+            titles=_titles(report_data, words),
+            verdict=_overall_verdict(report_data, words),
+            period=words("report.period", start=_moment(start), end=_moment(report_data.end)),
+            tiles=_summary_tiles(report_data, words),
+            findings=list(zip(report_data.findings, finding_depths(report_data.findings), strict=True)),
+            finding_words=words_for(words, report_data.totals),
+            finding_sentence=finding_sentence,
+            signs=_SIGNS,
+            timeline=timeline,
+            drawn_sessions=sessions,
+            latencies=latencies,
+            refusals=[(row.call_kind, *pair) for row in kinds for pair in row.figures.refusal_codes],
+            retry_chains=retry_chains,
+            stray_replies=words("report.strays", replies=Count(strays, "reply")) if strays else "",
+            pictures=[picture for picture in (timeline, *of_sessions, latencies, retry_chains) if picture],
+            max_rows=MAX_ROWS,
+            max_slow=MAX_SLOW,
+            max_drawn=MAX_DRAWN,
+            frames_text=lambda frames: frames_text(frames, words, " "),
+            seconds=lambda time: f"{(time - start) / 1e9:.3f}",
+            first_rows=lambda caption, total: _first_rows_text(caption, total, words),
+            mode_text=lambda session: _mode_text(session, words),
+            exit_text=lambda session: _exit_text(session, words),
+            kind_text=lambda kind: call_kind_text(kind or OTHER_KINDS, words),
+            damage_text=lambda damaged: _damage_text(damaged, words),
+            hresult_name=hresult_name,
+            describe_hresult=describe_hresult,
+            plotly=Markup(plotly),
+            script=Markup(script),
+            policy=_policy(plotly, script),
+        )
     )
 
 
@@ -99,6 +148,82 @@ def _titles(report_data: ReportData, words: MessageFormatter) -> dict[str, str]:
         "damage": report_data.damaged_frames,
     }
     return {name: words(f"report.title.{name}") for name, present in titles.items() if present}
+
+
+def _summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tuple[str, str]]:
+    """Return the names and values of the main figures in the summary."""
+    seen, statistics = report_data.totals, report_data.statistics
+    tiles = {"frames": seen.frames, "calls": seen.calls, "clients": seen.clients}
+    shown = [(name, f"{value:,}") for name, value in tiles.items()]
+    shown.append(("lasting", Duration(report_data.end - report_data.start).text(words)))
+    tiles = {}
+    if statistics is not None:
+        total = statistics.total.figures
+        tiles = {"retried": total.retried_calls, "refused": total.refused, "unanswered": total.unanswered}
+    tiles["sessions"] = len(report_data.slave_sessions) + report_data.slave_sessions_left_off
+    tiles["damaged"] = report_data.damaged_count
+    shown += [(name, f"{value:,}") for name, value in tiles.items()]
+    return [(words(f"report.tile.{name}"), value) for name, value in shown]
+
+
+def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> OverallVerdict:
+    """Return the overall verdict: the number of findings of each severity, and the first finding."""
+    counts = Counter(finding.severity for finding in report_data.findings)
+    listed = severity_counts_text(counts, words)
+    if counts[Severity.ERROR] or counts[Severity.WARNING]:
+        kind = "error" if counts[Severity.ERROR] else "warning"
+        sentence = finding_sentence(report_data.findings[0], words_for(words, report_data.totals))
+        return OverallVerdict(kind, words("report.counts", counts=listed), sentence)
+    if not listed:
+        return OverallVerdict("good", words("report.no-problem"))
+    return OverallVerdict("good", words("report.no-problem.notes", counts=listed))
+
+
+def drawn_slave_sessions(slave_sessions: Sequence[SlaveSession]) -> list[SlaveSession]:
+    """Return the slave-mode sessions that get pictures, in the order in which they began."""
+    worst = sorted(slave_sessions, key=lambda session: (-_trouble_rank(session), -session.counts.sent))
+    return sorted(worst[:MAX_DRAWN], key=lambda session: session.number)
+
+
+def _trouble_rank(slave_session: SlaveSession) -> int:
+    if not slave_session.counts.sent:
+        return -1
+    bad = slave_session.exit.reason not in GOOD_EXITS
+    return 2 * bad + bool(
+        slave_session.timing.gaps or slave_session.counts.refused or slave_session.counts.unanswered
+    )
+
+
+def _first_rows_text(caption: str, total: int, words: MessageFormatter) -> str:
+    """Return the caption of a table, which says so if the table shows only its first rows."""
+    if total <= MAX_ROWS:
+        return caption
+    return words("report.first-rows", caption=caption, shown=MAX_ROWS, total=total)
+
+
+def _mode_text(slave_session: SlaveSession, words: MessageFormatter) -> str:
+    mode = slave_session.mode
+    if mode.value is None:
+        return words("slave.mode.unknown")
+    return f"0x{mode.value:03X}" if mode.pose_type is None else f"0x{mode.value:03X}, {mode.pose_type}"
+
+
+def _exit_text(slave_session: SlaveSession, words: MessageFormatter) -> str:
+    code = slave_session.exit.hresult
+    reason = words.text(exit_message(slave_session.exit.reason))
+    return f"{reason}: {words.text(exit_result_message(code, slave_session))}" if code else reason
+
+
+def _damage_text(damaged: DamagedFrame, words: MessageFormatter) -> str:
+    reasons = [words.text(problem.reason) for problem in damaged.problems]
+    if damaged.missing_bytes:
+        reasons.insert(0, words("report.missing", bytes=Count(damaged.missing_bytes, "byte")))
+    return words("list.semicolon").join(reasons)
+
+
+def _moment(time: int) -> str:
+    """Return a time as text with milliseconds; readers do not need the other digits."""
+    return utc_text(time)[:-7].replace("T", " ") + " UTC" if utc_text(time).endswith("Z") else utc_text(time)
 
 
 def _script_text(code: str) -> str:

@@ -55,27 +55,7 @@ def _session(session: SlaveSession) -> _Object:
         "client": text_fragment(str(conversation.client)),
         "server": text_fragment(str(conversation.server)),
         "transport": conversation.transport,
-        "robot": session.robot,
-        "entered": time_fragment(session.entered_at),
-        "began_before_capture": session.began_before_capture,
-        "duration_ms": session.duration_ms,
-        "entry": session.entry_call,
-        "mode": session.mode,
-        "send_format": session.send_format,
-        "receive_format": session.receive_format,
-        "first": session.first_set_point,
-        "last": session.last_set_point,
-        "exit": session.exit,
-        "set_points": session.counts,
-        "timing": session.timing,
-        "buffer": session.buffer,
-        "clock": session.clock,
-        "motion": session.motion,
-        "refused_list": session.refused_set_points,
-        "forbidden_retry_frames": session.forbidden_retry_frames,
-        "other_calls": session.other_calls,
-        "slices": session.slices,
-        "slices_left_off": session.slices_left_off,
+        **_members(session),
     }
 
 
@@ -98,18 +78,6 @@ def _call(call: CallFact) -> _Object:
         "time": time_fragment(call.time),
         "reply_frame": call.reply_frame,
         **result_object(call.hresult),
-    }
-
-
-def _set_point(fact: SetPointFact) -> _Object:
-    return {
-        "call": fact.call,
-        "request_frame": fact.request_frame,
-        "time": time_fragment(fact.time),
-        "reply_frame": fact.reply_frame,
-        **result_object(fact.hresult),
-        "latency_ms": fact.latency_ms,
-        "cycle_ms": fact.cycle_ms,
     }
 
 
@@ -147,73 +115,12 @@ def _counts(counts: SetPointCounts) -> _Object:
     return {**asdict(counts), "refused": refused}
 
 
-def _timing(timing: TimingFacts) -> _Object:
-    return {
-        "cycle_ms": timing.cycle,
-        "rate_hz": timing.rate_hz,
-        "grid_ms": timing.grid_ms,
-        "grid_known_by": timing.grid_known_by or "",
-        "jitter_ms": timing.jitter,
-        "on_grid": timing.on_grid,
-        "skipped": timing.skipped,
-        "backwards": timing.backwards,
-        "latency_ms": timing.latency,
-        "rtt_ms": timing.rtt,
-        "deadlines": timing.deadlines,
-        "slowest": timing.slowest,
-        "slack_ms": timing.slack_ms,
-        "gaps": timing.gaps,
-        "gap_list": timing.gap_list,
-    }
-
-
-def _buffer(buffer: BufferFacts) -> _Object:
-    return {
-        "slots": buffer.slots,
-        "period_ms": buffer.period_ms,
-        "overwrites": buffer.overwrites,
-        "paces": buffer.replies_pace,
-        "assumptions": buffer.assumptions,
-        "predicted_empty": buffer.underflows,
-        "predicted_empty_in_motion": buffer.underflows_in_motion,
-        "predicted_empty_list": buffer.underflow_list,
-        "perhaps_empty": buffer.possible_underflows,
-        "predicted_overflows": buffer.overflows,
-        "predicted_overflow_frames": buffer.overflow_frames,
-        "predicted_overwritten": buffer.overwritten,
-        "predicted_smallest_level": buffer.smallest_level,
-        "predicted_smallest_slack_ms": buffer.smallest_slack_ms,
-        "predicted_smallest_slack_frame": buffer.smallest_slack_frame,
-        "predicted_levels": buffer.levels,
-        "reported_underflow_frames": buffer.reported_underflows,
-        "reported_overflow_frames": buffer.reported_overflows,
-        "reported_full_frames": buffer.reported_full,
-    }
-
-
-def _underflow(each: PredictedUnderflow) -> _Object:
-    return {
-        "time": time_fragment(each.time),
-        "after_frame": each.last_frame,
-        "before_frame": each.late_frame,
-        "missing": each.missed_ticks,
-        "late_ms": each.late_ms,
-        "moving": each.moving,
-    }
-
-
 def _clock(clock: ClockFacts) -> _Object:
     return {
         "stamps": clock.stamps,
         "unit": "us" if clock.microseconds else "ms",
         "unit_known_by": clock.unit_known_by,
-        "drift_ppm": json_ready(clock.drift_ppm),
-        "jitter_ms": clock.jitter,
-        "step_ms": clock.step,
-        "missing": clock.missing,
-        "repeated": clock.repeated,
-        "backwards": clock.backwards,
-        "wraps": clock.wraps,
+        **_members(clock),
     }
 
 
@@ -225,62 +132,77 @@ def _motion(motion: MotionFacts) -> _Object:
     }
 
 
-def _jump(jump: Jump) -> _Object:
-    time, step = time_fragment(jump.time), json_ready(jump.step)
-    return {"frame": jump.frame, "time": time, "axis": jump.axis, "step": step}
+_MEMBERS: dict[type, str] = {
+    AxisMotion: (
+        "axis=name unit min=least max=most step velocity_per_s=velocity acceleration_per_s2=acceleration "
+        "largest_step largest_velocity_per_s=largest_velocity "
+        "largest_acceleration_per_s2=largest_acceleration difference largest_difference lag_cycles"
+    ),
+    BufferFacts: (
+        "slots period_ms overwrites paces=replies_pace assumptions predicted_empty=underflows "
+        "predicted_empty_in_motion=underflows_in_motion predicted_empty_list=underflow_list "
+        "perhaps_empty=possible_underflows predicted_overflows=overflows "
+        "predicted_overflow_frames=overflow_frames predicted_overwritten=overwritten "
+        "predicted_smallest_level=smallest_level predicted_smallest_slack_ms=smallest_slack_ms "
+        "predicted_smallest_slack_frame=smallest_slack_frame predicted_levels=levels "
+        "reported_underflow_frames=reported_underflows reported_overflow_frames=reported_overflows "
+        "reported_full_frames=reported_full"
+    ),
+    ClockFacts: "drift_ppm jitter_ms=jitter step_ms=step missing repeated backwards wraps",
+    FrameTime: "frame @time",
+    Jump: "frame @time axis step",
+    Peak: "value frame",
+    PredictedUnderflow: (
+        "@time after_frame=last_frame before_frame=late_frame missing=missed_ticks late_ms moving"
+    ),
+    SessionSlice: (
+        "@begin sent retries refused unanswered cycle_ms=cycle latency_ms=latency "
+        "predicted_smallest_slack_ms=smallest_slack_ms"
+    ),
+    SetPointFact: "call request_frame @time reply_frame !hresult latency_ms cycle_ms",
+    SlaveSession: (
+        "robot @entered=entered_at began_before_capture duration_ms entry=entry_call mode send_format "
+        "receive_format first=first_set_point last=last_set_point exit set_points=counts timing buffer clock "
+        "motion refused_list=refused_set_points forbidden_retry_frames other_calls slices slices_left_off"
+    ),
+    TimingFacts: (
+        "cycle_ms=cycle rate_hz grid_ms grid_known_by jitter_ms=jitter on_grid skipped backwards "
+        "latency_ms=latency rtt_ms=rtt deadlines slowest slack_ms gaps gap_list"
+    ),
+}
+"""JSON members of each class, in order: ``name=attribute``, or only the name if both are equal.
+
+``@`` marks a time, ``!`` a result code, whose name becomes the next member.
+"""
 
 
-def _axis(axis: AxisMotion) -> _Object:
-    return {
-        "axis": axis.name,
-        "unit": axis.unit,
-        "min": json_ready(axis.least),
-        "max": json_ready(axis.most),
-        "step": axis.step,
-        "velocity_per_s": axis.velocity,
-        "acceleration_per_s2": axis.acceleration,
-        "largest_step": axis.largest_step,
-        "largest_velocity_per_s": axis.largest_velocity,
-        "largest_acceleration_per_s2": axis.largest_acceleration,
-        "difference": axis.difference,
-        "largest_difference": axis.largest_difference,
-        "lag_cycles": json_ready(axis.lag_cycles),
-    }
-
-
-def _slice(each: SessionSlice) -> _Object:
-    return {
-        "begin": time_fragment(each.begin),
-        "sent": each.sent,
-        "retries": each.retries,
-        "refused": each.refused,
-        "unanswered": each.unanswered,
-        "cycle_ms": each.cycle,
-        "latency_ms": each.latency,
-        "predicted_smallest_slack_ms": each.smallest_slack_ms,
-    }
+def _members(value: object) -> _Object:
+    """Return the JSON members in `_MEMBERS` of an object."""
+    found: _Object = {}
+    for word in _MEMBERS[type(value)].split():
+        name, _, attribute = word.lstrip("@!").partition("=")
+        item = getattr(value, attribute or name)
+        if word.startswith("!"):
+            found |= result_object(item)
+        elif word.startswith("@"):
+            found[name] = time_fragment(item)
+        else:
+            found[name] = json_ready(item) if isinstance(item, float) else item
+    return found
 
 
 _CONVERTERS: dict[type, Callable[[Any], object]] = {
+    **dict.fromkeys(_MEMBERS, _members),
     AcceptedFormat: AcceptedFormat._asdict,
-    AxisMotion: _axis,
-    BufferFacts: _buffer,
     CallFact: _call,
     ClockFacts: _clock,
     Deadline: Deadline._asdict,
     DistributionSummary: _distribution,
-    FrameTime: lambda spot: {"frame": spot.frame, "time": time_fragment(spot.time)},
-    Jump: _jump,
     KnownMode: _mode,
     Message: str,
     MotionFacts: _motion,
-    Peak: lambda peak: {"value": json_ready(peak.value), "frame": peak.frame},
-    PredictedUnderflow: _underflow,
     SessionExit: _exit,
-    SessionSlice: _slice,
     SetPointCounts: _counts,
-    SetPointFact: _set_point,
     SlaveSession: _session,
-    TimingFacts: _timing,
 }
 """Functions that convert each class to JSON types. orjson calls them for classes that it cannot encode."""

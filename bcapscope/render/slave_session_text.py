@@ -20,12 +20,18 @@ from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.render.captioned import CaptionWriter, frames_message
 from bcapscope.render.color_palette import PLAIN, Palette
-from bcapscope.render.slave_controller import buffer_lines, clock_lines
-from bcapscope.render.slave_motion import motion_lines
-from bcapscope.render.slave_timing import deadline_lines, slice_lines, timing_lines
+from bcapscope.render.slave_figures import (
+    buffer_lines,
+    clock_lines,
+    deadline_lines,
+    motion_lines,
+    slice_lines,
+    timing_lines,
+)
 from bcapscope.render.timestamp import utc_text
 
-_GOOD_EXITS = (ExitReason.LEFT, ExitReason.CHANGED, ExitReason.CAPTURE_ENDED)
+GOOD_EXITS = (ExitReason.LEFT, ExitReason.CHANGED, ExitReason.CAPTURE_ENDED)
+"""Reasons for the end of a slave-mode session that are no problem."""
 
 
 def slave_session_lines(
@@ -154,9 +160,9 @@ def _part(name: str, **places: PlaceValue) -> Message:
 
 def _exit(slave_session: SlaveSession, writer: CaptionWriter) -> Iterator[str]:
     exit_, palette = slave_session.exit, writer.palette
-    color = palette.good if exit_.reason in _GOOD_EXITS else palette.bad
+    color = palette.good if exit_.reason in GOOD_EXITS else palette.bad
     where = f"  {writer.text(frames_message(exit_.frames))}" if exit_.frames else ""
-    reason = writer.label(f"slave.exit.{exit_.reason.replace(' ', '-')}")
+    reason = writer.text(exit_message(exit_.reason))
     time = _since_entry(slave_session, exit_.time)
     yield writer.captioned("ended", f"{time}{where}  {color}{reason}{palette.reset}")
     if exit_.by is not None and exit_.reason is not ExitReason.ERROR:
@@ -164,10 +170,16 @@ def _exit(slave_session: SlaveSession, writer: CaptionWriter) -> Iterator[str]:
             Message("slave.ended-by", call=_call_place(exit_.by), client=str(exit_.by.client))
         )
     if exit_.hresult:
-        yield from writer.wrapped(_result(exit_.hresult, slave_session), palette.bad)
+        yield from writer.wrapped(exit_result_message(exit_.hresult, slave_session), palette.bad)
 
 
-def _result(code: int, slave_session: SlaveSession) -> Message:
+def exit_message(reason: ExitReason) -> Message:
+    """Return why a slave-mode session ended, as a clause."""
+    return Message(f"slave.exit.{reason.replace(' ', '-')}")
+
+
+def exit_result_message(code: int, slave_session: SlaveSession) -> Message:
+    """Return a result code with its meaning on the controller of a slave-mode session."""
     info = describe_hresult(code, rc7=slave_session.mode.generation is Generation.RC7)
     case = ".guess" if info.is_guess else ""
     return Message(f"slave.result{case}", code=hresult_name(code), meaning=info.meaning)
@@ -192,7 +204,7 @@ def _set_points(slave_session: SlaveSession, writer: CaptionWriter) -> Iterator[
         text = Message(
             "slave.points.refused-with",
             n=count,
-            result=_result(code, slave_session),
+            result=exit_result_message(code, slave_session),
             frames=frames_message(frames, count),
         )
         yield from writer.wrapped(text, writer.palette.bad)

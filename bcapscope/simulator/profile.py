@@ -15,8 +15,7 @@ from bcapscope.protocol.codec.variant import VT
 from bcapscope.protocol.retry.reserved_convention import ReplyReserved
 from bcapscope.protocol.retry.responder import Defect
 from bcapscope.protocol.slave_mode.modes import Generation
-from bcapscope.protocol.tables.command_catalogue import commands_of
-from bcapscope.protocol.tables.command_row import COBOTTA, COBOTTA_PRO
+from bcapscope.protocol.tables.command_catalogue import COBOTTA, COBOTTA_PRO, commands_of
 
 _CONTROLLER_EXECUTE, _ROBOT_EXECUTE = 17, 64
 

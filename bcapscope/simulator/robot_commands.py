@@ -2,7 +2,7 @@
 
 Sources for names, parameters and results: ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2,
 nkawa/Denso_CobottaPro900_MQTT_Control (with DENSO's descriptions of Dev, DevH, OutRange, GetToolDef and
-SetToolDef). Results that no source shows are inferred as in `command_table`. The simulator stores and returns
+SetToolDef). Results that no source shows are inferred as in `commands.tsv`. The simulator stores and returns
 definitions of tools and works. These definitions do not change the position that the simulated arm reports.
 """
 

@@ -54,8 +54,8 @@ def told(call: PairingResult, subject: TrackedObject | None) -> list[object]:
 def written(
     stack: ExitStack, folder: Path, path: Path
 ) -> tuple[CallStore, list[tuple[PairingResult, TrackedObject | None]]]:
-    journal, book = ObservationStoreWriter(folder), CallStoreWriter(folder)
-    tracker, handles, questions = Tracker(), HandleTracker(), RecentRequests()
+    store, book = ObservationStoreWriter(folder), CallStoreWriter(folder)
+    tracker, handles, call_kinds = Tracker(), HandleTracker(), RecentRequests()
     rows: list[tuple[PairingResult, TrackedObject | None]] = []
 
     def settle(settled: PairingResult) -> None:
@@ -70,22 +70,22 @@ def written(
         decoder = PacketDecoder()
         joiner = Joiner(decoder.comments)
         for seen in decoder.decode(capture):
-            journal.add(seen, questions.kind_of(seen))
+            store.add(seen, call_kinds.kind_of(seen))
             for each in joiner.add(seen):
                 for settled in observe(each):
                     settle(settled)
             if not seen.number % 50:
-                journal.flush()
+                store.flush()
                 book.flush()
     for seen in joiner.close():
         for settled in observe(seen):
             settle(settled)
     for settled in tracker.close():
         settle(settled)
-    journal.flush()
+    store.flush()
     book.flush()
     assert book.count == len(rows)
-    journal.close()
+    store.close()
     book.close()
     reader = ObservationStore(folder)
     reader.refresh()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bcapscope.capture.captions import LONGEST_CAPTION, caption_direction, shorten_caption
+from bcapscope.capture.hex_text import LONGEST_CAPTION, caption_direction, shorten_caption
 from bcapscope.traffic.observation import Direction
 
 REQUEST, RESPONSE = Direction.REQUEST, Direction.RESPONSE

@@ -131,7 +131,7 @@ def test_of_a_paragraph_the_last_sentence() -> None:
 def test_without_a_caption_the_bytes_tell_and_that_is_a_guess(frame: bytes, direction: Direction) -> None:
     packet = only(window(frame))
     assert (packet.direction, packet.is_direction_guessed, packet.caption) == (direction, True, "")
-    damaged = only(window(without(frame, 12)))
+    damaged = only(window(without(frame, 17)))
     assert (damaged.direction, damaged.is_direction_guessed) == (direction, True)
 
 

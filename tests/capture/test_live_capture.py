@@ -23,7 +23,7 @@ linux = pytest.mark.skipif(sys.platform != "linux", reason="packet sockets are L
 
 
 @pytest.fixture
-def talk() -> Iterator[tuple[int, Callable[[bytes], int]]]:
+def conversation() -> Iterator[tuple[int, Callable[[bytes], int]]]:
     """A port on loopback, and how to send a datagram to it."""
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server,
@@ -44,9 +44,9 @@ def started(begin: Callable[[str], LiveCapture], name: str) -> LiveCapture:
 @linux
 @pytest.mark.parametrize("name", ["lo", "any"])
 def test_sees_each_packet_once_with_the_kernels_time(
-    name: str, talk: tuple[int, Callable[[bytes], int]]
+    name: str, conversation: tuple[int, Callable[[bytes], int]]
 ) -> None:
-    port, send = talk
+    port, send = conversation
     with started(open_live_capture, name) as capture:
         before = time.time_ns()
         for serial in (1, 2, 3):
@@ -73,8 +73,8 @@ def test_names_the_interface_it_came_from() -> None:
 
 
 @linux
-def test_scapys_socket_sees_them_too(talk: tuple[int, Callable[[bytes], int]]) -> None:
-    port, send = talk
+def test_scapys_socket_sees_them_too(conversation: tuple[int, Callable[[bytes], int]]) -> None:
+    port, send = conversation
     with started(live_capture._SnifferProcess, "lo") as capture:
         send(request(1))
         seen = PacketDecoder({port}).decode(capture)  # others, too, may send to a port that had another owner

@@ -50,41 +50,40 @@ def written(stack: ExitStack, folder: Path, told: list[AnnotatedFrame]) -> Obser
     writer.flush()
     assert writer.count == len(told)
     writer.close()
-    journal = ObservationStore(folder)
-    stack.callback(journal.close)
-    assert journal.refresh() == len(journal) == len(told)
-    return journal
+    store = ObservationStore(folder)
+    stack.callback(store.close)
+    assert store.refresh() == len(store) == len(told)
+    return store
 
 
 @pytest.mark.parametrize("path", sorted(CAPTURES.glob("*.pcap*")), ids=lambda path: path.name)
 def test_every_sample_comes_back(stack: ExitStack, tmp_path: Path, path: Path) -> None:
-    observer, questions = PacketDecoder(), RecentRequests()
+    observer, call_kinds = PacketDecoder(), RecentRequests()
     with open_capture(path) as capture:
         told = [
-            AnnotatedFrame(seen, questions.kind_of(seen), observer.comments.get(seen.packet, ()))
+            AnnotatedFrame(seen, call_kinds.kind_of(seen), observer.comments.get(seen.packet, ()))
             for seen in observer.decode(capture)
         ]
-    journal = written(stack, tmp_path, told)
+    store = written(stack, tmp_path, told)
     for number in reversed(range(1, len(told) + 1)):
-        assert texts(journal.read_frame(number)) == texts(told[number - 1])
-        assert journal.time_of(number) == told[number - 1].observation.time
+        assert texts(store.read_frame(number)) == texts(told[number - 1])
+        assert store.time_of(number) == told[number - 1].observation.time
 
 
 def test_hostile_strings_come_back(stack: ExitStack, tmp_path: Path) -> None:
     told = [AnnotatedFrame(seen, question, ("\ud800\x1b[2J",)) for seen, question in scenes()]
-    journal = written(stack, tmp_path, told)
+    store = written(stack, tmp_path, told)
     for number, each in enumerate(told, 1):
-        assert texts(journal.read_frame(number)) == texts(each)
+        assert texts(store.read_frame(number)) == texts(each)
 
 
 def test_frames_of_a_flow_share_it(stack: ExitStack, tmp_path: Path) -> None:
     with open_capture(CAPTURES / "slave-session.pcapng") as capture:
         told = [AnnotatedFrame(seen, None) for seen in PacketDecoder().decode(capture)]
-    journal = written(stack, tmp_path, told)
-    assert journal.read_frame(1).observation.flow is journal.read_frame(3).observation.flow
+    store = written(stack, tmp_path, told)
+    assert store.read_frame(1).observation.flow is store.read_frame(3).observation.flow
     assert (
-        journal.read_frame(1).observation.flow.conversation
-        is journal.read_frame(2).observation.flow.conversation
+        store.read_frame(1).observation.flow.conversation is store.read_frame(2).observation.flow.conversation
     )
 
 
@@ -98,24 +97,24 @@ def test_more_conversations_than_are_kept(
         client = Endpoint("10.0.0.2", 40_000 + number % 10)
         flow = Flow(Conversation(client, Endpoint("fd00::1%é", 5007), Transport.TCP, "x"), Direction.REQUEST)
         told.append(AnnotatedFrame(Observation(number, number, number, flow, item, number), None))
-    journal = written(stack, tmp_path, told)
-    assert [texts(journal.read_frame(number)) for number in range(1, 41)] == [texts(each) for each in told]
+    store = written(stack, tmp_path, told)
+    assert [texts(store.read_frame(number)) for number in range(1, 41)] == [texts(each) for each in told]
 
 
 @pytest.mark.parametrize("number", [-1, 0, 2])
 def test_numbers_that_are_not_there(stack: ExitStack, tmp_path: Path, number: int) -> None:
     seen, question = next(iter(scenes()))
-    journal = written(stack, tmp_path, [AnnotatedFrame(seen, question)])
+    store = written(stack, tmp_path, [AnnotatedFrame(seen, question)])
     with pytest.raises(IndexError):
-        journal.read_frame(number)
+        store.read_frame(number)
 
 
 def test_note_of_the_capture_stays_with_the_frame(stack: ExitStack, tmp_path: Path) -> None:
     seen, question = next(iter(scenes()))
     note = problem_of(3, "cut", "the capture kept 3")
     noted = seen._replace(item=Frame(seen.item.raw, note))
-    journal = written(stack, tmp_path, [AnnotatedFrame(noted, question)])
-    assert journal.read_frame(1).observation.item.problems[-1] == note
+    store = written(stack, tmp_path, [AnnotatedFrame(noted, question)])
+    assert store.read_frame(1).observation.item.problems[-1] == note
 
 
 @given(st.text(st.characters()))

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.capture.pasted_text import PastedText
-from bcapscope.protocol.codec.frame import Frame, Malformed, encode_frame
+from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.traffic.observation import Direction, Transport
 from tests.dumps import lines_of
@@ -32,20 +33,38 @@ def test_a_direction_that_had_to_be_guessed_is_said() -> None:
     assert "taken for a request by its bytes" in pasted.comments[1]
 
 
-def test_damage_is_explained_as_a_guess() -> None:
+def test_a_damaged_frame_is_shown_as_it_is_with_its_problems() -> None:
     damaged = REQUEST[:12] + REQUEST[13:]
     (seen,) = read(f"TX\n{damaged.hex(' ')}")
-    assert isinstance(seen.item, Frame)
-    assert seen.item.raw == damaged
-    guess = seen.item.problems[-1]
-    assert guess.code == "guess"
-    assert "probably 1 zero byte lost: at offset 12 in the function id" in str(guess.reason)
+    assert seen.item == Frame(damaged)
+    assert seen.item.problems
 
 
-def test_hex_without_a_frame_is_malformed() -> None:
-    (seen,) = read("TX\n08 00 00 00 02 00 01 00 00 00 02 00")
-    assert isinstance(seen.item, Malformed)
-    assert len(seen.item.problems) == 2
+def problems_of(text: str) -> dict[str, str]:
+    (seen,) = read(text)
+    return {problem.code: str(problem.reason) for problem in seen.item.problems}
+
+
+def test_an_argument_without_its_frame_is_named() -> None:
+    problems = problems_of("TX\n08 00 00 00 02 00 01 00 00 00 02 00")
+    assert problems["argument"] == "these bytes are one argument of a frame, of type VT_I2"
+    assert list(problems_of("TX\n08 00 00 00 02 00 01 00 00 00 02 00 00")) == ["soh"]
+
+
+def request_for(command: str) -> bytes:
+    return encode_frame(5, 0, 64, (Variant(VT.I4, 1), Variant(VT.BSTR, command), Variant(VT.I4, 2)))
+
+
+@pytest.mark.parametrize("name", ["slvCha\x8eg\x85Mode", "slvChnageMode"])
+def test_a_misread_or_misspelt_command_is_reported(name: str) -> None:
+    problems = {"name": "unknown command; perhaps slvChangeMode was meant"}
+    assert problems_of(f"TX\n{request_for(name).hex(' ')}") == problems
+    assert problems_of(request_for(name).hex(" ")) == problems
+
+
+@pytest.mark.parametrize("name", ["slvMove", "SLVMOVE", "", "MyOwnThing", "日本", "slvMov" * 1000])
+def test_known_commands_and_names_like_no_other_are_no_problem(name: str) -> None:
+    assert problems_of(f"TX\n{request_for(name).hex(' ')}") == {}
 
 
 def test_no_hex_is_nothing() -> None:

@@ -32,9 +32,9 @@ def test_the_connection_that_was_silent_longest_is_ended_beyond_the_limit(
     for port in (1, 2, 3):
         assert receive(calls, frame[:9], port) == []
     assert len(receive(calls, frame[9:], 1, seq=10)) == 1
-    ((flow, sighting),) = receive(calls, frame, 4)[:1]
+    ((flow, timed_item),) = receive(calls, frame, 4)[:1]
     assert flow.src.port == 2
-    assert sighting.item.raw == frame[:9]
+    assert timed_item.item.raw == frame[:9]
     assert [flow.src.port for flow, _ in calls.close(0, 0)] == [3]
 
 
@@ -51,7 +51,7 @@ def test_an_end_that_talks_to_itself_breaks_nothing() -> None:
     key = CLIENT + CLIENT + bytes((19, 143)) * 2
     assert calls.receive(key, TcpSegment(ACK, 1, 1, DOUBTFUL, 0), 1, 1) == []
     found = calls.receive(key, TcpSegment(ACK, 17, 17, reply(1), 0), 2, 2)
-    assert [sighting.item.raw for _, sighting in found] == [DOUBTFUL, reply(1)]
+    assert [timed_item.item.raw for _, timed_item in found] == [DOUBTFUL, reply(1)]
     assert calls.close(3, 3) == []
 
 
@@ -107,8 +107,8 @@ def test_what_was_no_bcap_may_become_it() -> None:
     calls = TcpConversations({5007}, counts)
     assert receive(calls, b"HELLO", 1, 2) == []
     assert receive(calls, b"\x01\x40", 1, 2, seq=6) == []
-    ((flow, sighting),) = receive(calls, request(1), 1, 2, seq=8)
-    assert (flow.conversation.server.port, sighting.item.raw) == (2, request(1))
+    ((flow, timed_item),) = receive(calls, request(1), 1, 2, seq=8)
+    assert (flow.conversation.server.port, timed_item.item.raw) == (2, request(1))
     assert counts.not_bcap == 2
 
 

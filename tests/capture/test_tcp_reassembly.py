@@ -47,12 +47,12 @@ def stream(origin: int = 0, from_start: bool = True) -> TcpStream:
 
 
 def raws(sightings: list[TimedItem]) -> list[bytes]:
-    return [sighting.item.raw for sighting in sightings]
+    return [timed_item.item.raw for timed_item in sightings]
 
 
-def hole(sighting: TimedItem) -> int:
-    assert isinstance(sighting.item, Malformed)
-    return sighting.item.missing
+def hole(timed_item: TimedItem) -> int:
+    assert isinstance(timed_item.item, Malformed)
+    return timed_item.item.missing
 
 
 def test_reads_the_header() -> None:
@@ -99,9 +99,9 @@ def test_any_cutting_reordering_repetition_and_overlap_gives_the_same_frames(
         for place in range(start, stop):
             arrival.setdefault(place, number)
     begin = 0
-    for sighting in found:
-        own = [arrival[place] for place in range(begin, begin + len(sighting.item.raw))]
-        assert (sighting.began, sighting.time, sighting.packet) == (own[0], max(own), max(own))
+    for timed_item in found:
+        own = [arrival[place] for place in range(begin, begin + len(timed_item.item.raw))]
+        assert (timed_item.began, timed_item.time, timed_item.packet) == (own[0], max(own), max(own))
         begin += len(own)
 
 
@@ -282,7 +282,7 @@ def both(*sent: tuple[int, TcpSegment]) -> tuple[TcpConnection, list[tuple[int, 
     found = []
     for number, (sender, each) in enumerate(sent):
         found += connection.receive(sender, each, number, number)
-    return connection, [(sender, sighting.item.raw) for sender, sighting in found]
+    return connection, [(sender, timed_item.item.raw) for sender, timed_item in found]
 
 
 def test_a_handshake_tells_the_server_and_where_streams_begin() -> None:
@@ -365,7 +365,7 @@ def test_the_short_way_gives_what_the_long_way_gives(
         if said is None:
             assert short.receive(sender, made, number, number) == expected
         else:
-            assert [(sender, sighting) for sighting in said] == expected
+            assert [(sender, timed_item) for timed_item in said] == expected
     assert short.close(99, 99) == long.close(99, 99)
     assert short.contradictions == long.contradictions
 

@@ -57,7 +57,7 @@ def test_an_end_that_talks_to_itself_breaks_nothing() -> None:
     datagrams = UdpConversations({5007}, CaptureCounts())
     assert receive(datagrams, DOUBTFUL, 5007, 5007, CLIENT + CLIENT) == []
     found = receive(datagrams, reply(1), 5007, 5007, CLIENT + CLIENT)
-    assert [sighting.item.raw for _, sighting in found] == [DOUBTFUL, reply(1)]
+    assert [timed_item.item.raw for _, timed_item in found] == [DOUBTFUL, reply(1)]
 
 
 def test_strangers_are_counted() -> None:

@@ -17,7 +17,7 @@ ENDS = Endpoint("10.0.0.2", 6000), Endpoint("10.0.0.1", 7000)
 DOUBTFUL = Frame(encode_frame(1, 0, 1))
 
 
-def sighting(item: Frame | Malformed, packet: int = 1) -> TimedItem:
+def timed_item(item: Frame | Malformed, packet: int = 1) -> TimedItem:
     return TimedItem(packet, packet, packet, item)
 
 
@@ -33,7 +33,7 @@ def test_keys_name_the_ends_and_turn_around() -> None:
 def test_a_decided_talk_gives_out_at_once() -> None:
     talk = UndecidedConversation(ENDS, Transport.UDP)
     talk.set_server(1, "port 7000")
-    first, second = sighting(DOUBTFUL), sighting(DOUBTFUL, 2)
+    first, second = timed_item(DOUBTFUL), timed_item(DOUBTFUL, 2)
     assert talk.add_item(0, first)
     assert talk.add_item(1, second)
     (asked, one), (answered, two) = talk.release_items()
@@ -48,9 +48,9 @@ def test_a_decided_talk_gives_out_at_once() -> None:
 def test_doubtful_items_wait_for_proof() -> None:
     for sender, item in ((1, Frame(reply(1))), (0, Frame(request(1)))):
         talk = UndecidedConversation(ENDS, Transport.TCP)
-        talk.add_item(1, sighting(DOUBTFUL))
+        talk.add_item(1, timed_item(DOUBTFUL))
         assert talk.release_items() == []
-        talk.add_item(sender, sighting(item, 2))
+        talk.add_item(sender, timed_item(item, 2))
         released = talk.release_items()
         assert [flow.src for flow, _ in released] == [ENDS[1], ENDS[sender]]
         assert {flow.conversation.server for flow, _ in released} == {ENDS[1]}
@@ -61,7 +61,7 @@ def test_without_proof_the_server_is_guessed_and_called_a_guess() -> None:
     talk = UndecidedConversation(ENDS, Transport.UDP)
     for packet in range(HELD_ITEMS_LIMIT):
         assert talk.release_items() == []
-        talk.add_item(1, sighting(DOUBTFUL, packet))
+        talk.add_item(1, timed_item(DOUBTFUL, packet))
     released = talk.release_items()
     assert len(released) == HELD_ITEMS_LIMIT
     conversation = released[0][0].conversation
@@ -71,20 +71,20 @@ def test_without_proof_the_server_is_guessed_and_called_a_guess() -> None:
 
 def test_the_end_is_a_guess_too_but_never_overrules() -> None:
     talk = UndecidedConversation(ENDS, Transport.UDP)
-    talk.add_item(0, sighting(DOUBTFUL))
+    talk.add_item(0, timed_item(DOUBTFUL))
     talk.guess_server()
     assert talk.release_items()[0][0].conversation.client == ENDS[0]
     talk = UndecidedConversation(ENDS, Transport.UDP)
     talk.set_server(0, "port 6000")
-    talk.add_item(0, sighting(DOUBTFUL))
+    talk.add_item(0, timed_item(DOUBTFUL))
     talk.guess_server()
     assert talk.release_items()[0][0].conversation.server == ENDS[0]
 
 
 def test_a_tentative_talk_has_to_show_a_sound_frame_first() -> None:
     for item in (Malformed(b"x", ()), Frame(request(1)[:-1] + b"\x05")):
-        assert not UndecidedConversation(ENDS, Transport.TCP, is_tentative=True).add_item(0, sighting(item))
+        assert not UndecidedConversation(ENDS, Transport.TCP, is_tentative=True).add_item(0, timed_item(item))
         talk = UndecidedConversation(ENDS, Transport.TCP, is_tentative=True)
-        assert talk.add_item(0, sighting(Frame(request(1))))
-        assert talk.add_item(0, sighting(item))
+        assert talk.add_item(0, timed_item(Frame(request(1))))
+        assert talk.add_item(0, timed_item(item))
         assert len(talk.release_items()) == 2

@@ -278,9 +278,9 @@ def test_pasted_hex_is_read_and_what_is_wrong_with_it_said(golden: Callable[[str
     assert done.err == "17 packets found in the text\n"
     shown = "".join(f"{line}\n" for line in done.lines)
     golden("damaged-dumps.txt", shown.encode())
-    assert shown.count("probably 2 zero bytes lost: at offset 12 in the function id") == 5
-    assert shown.count("47 bytes missing at the end") == 3
-    assert "8E for 6E at offset 55" in shown
+    assert shown.count("length is 100, but there are 98 bytes") == 2
+    assert shown.count("length is 100, but there are 51 bytes") == 3
+    assert "unknown command; perhaps slvChangeMode was meant (at 29)" in shown
     text = (CAPTURES / "damaged-dumps.txt").read_bytes()
     assert run("decode", "--text", "-", stdin=text).out == done.out
     assert run("decode", "--text", "-", stdin=text.decode().encode("utf-16")).out == done.out

@@ -56,7 +56,7 @@ def wait_for(condition: Callable[[], bool]) -> None:
 def catch_up(disk: Disk, recorder: BackgroundRecorder) -> None:
     """Let a disk run, and wait until it has taken all that waits."""
     disk.runs.set()
-    wait_for(lambda: not recorder._recorder.bytes_pending)
+    wait_for(lambda: not recorder._recorder.files.bytes_pending)
 
 
 MakeRecorder = Callable[..., BackgroundRecorder]
@@ -221,7 +221,7 @@ def test_a_full_disk_is_told_once_and_the_rest_goes_on(tmp_path: Path, record_on
         recorder.on_connection_end(CLIENT, SERVER)
         recorder.on_idle()
     assert not recorder._steps
-    assert not recorder._recorder.bytes_pending
+    assert not recorder._recorder.files.bytes_pending
     assert not recorder.close()
     assert told == ["recording to a\\x1b.pcapng stopped: no space left on device"]
 
@@ -250,7 +250,7 @@ def test_what_passed_is_read_as_it_was(tmp_path: Path, transport: Transport) -> 
     for number in range(1, 4):
         for direction in Direction:
             recorder.on_observation(seen(transport, direction, number))
-    wait_for(lambda: not recorder._recorder.bytes_pending)
+    wait_for(lambda: not recorder._recorder.files.bytes_pending)
     lines = run("calls", tmp_path / "a.pcapng").lines
     assert len(lines) == 3
     assert all("Service_Start" in line and "S_OK" in line and str(transport) in line for line in lines)

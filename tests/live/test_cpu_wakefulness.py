@@ -323,8 +323,8 @@ def test_why_processors_cannot_be_kept_awake(device: Path) -> None:
 @LINUX
 def test_a_proxy_asks_while_much_passes_and_no_more_once_it_is_closed(device: Path) -> None:
     here, there = socket.socketpair()
-    wishes = ProxyOptions(None, None, ViewOptions(None), "never")
-    with here, there, closing(ProxySupervisor(wishes, here, low_latency=True)) as proxy:
+    options = ProxyOptions(None, None, ViewOptions(None), "never")
+    with here, there, closing(ProxySupervisor(options, here, low_latency=True)) as proxy:
         assert proxy._wakefulness is not None
         sleep = proxy._wakefulness._sleep
         assert isinstance(sleep, CpuLatencyLimit)

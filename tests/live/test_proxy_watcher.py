@@ -80,16 +80,16 @@ class Chain:
         memory = memoryview(bytearray(RING_OVERHEAD + (1 << 20)))
         self.ring = RingWriter(memory)
         self.screen = Silent()
-        wishes = ProxyOptions(record, None, ViewOptions(shown, form), "never")
-        scribe = self._recorder = None
+        options = ProxyOptions(record, None, ViewOptions(shown, form), "never")
+        recorder_task = self._recorder = None
         if record is not None:
             self._recorder = ProxyRecorder(
                 Recorder(record, lambda message: self.screen.write_message(str(message))),
                 keeps_packet_numbers=subscriber is not None,
             )
-            scribe = RecorderTask(RingReader(memory, ahead=True), self._recorder)
+            recorder_task = RecorderTask(RingReader(memory, ahead=True), self._recorder)
         self._reader = RingReader(memory)
-        self._watcher = ProxyWatcher(self._reader, wishes, self.screen, scribe, subscriber)
+        self._watcher = ProxyWatcher(self._reader, options, self.screen, recorder_task, subscriber)
         self.now = time.time_ns()
 
     def look(self) -> None:

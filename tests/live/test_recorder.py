@@ -44,7 +44,7 @@ def test_a_disk_that_fails_is_reported_once_and_packets_are_dropped(
     recorder.packets.write_datagram(CLIENT, SERVER, b"x", 1)
     assert told == [f"recording to {tmp_path}/a.pcapng stopped: no space left on device"]
     assert not recorder.is_complete
-    assert not recorder.bytes_pending
+    assert not recorder.files.bytes_pending
     (path,) = tmp_path.iterdir()
     with open_capture(str(path)) as capture:
         assert 5 < len(list(capture)) < 20

@@ -123,8 +123,16 @@ def test_each_message_that_is_made_is_in_the_catalogue_with_its_places() -> None
 
 
 def _strings_and_patterns() -> tuple[set[str], list[re.Pattern[str]]]:
-    """Return the string constants of the package, and patterns of its f-strings that could be ids."""
+    """Return the string constants of the package, and patterns of its f-strings that could be ids.
+
+    In templates, ``"start." ~ rest`` is the counterpart of an f-string.
+    """
     constants, patterns = set(), set()
+    for path in PACKAGE.rglob("*.html"):
+        for constant, joined in re.findall(r"""["']([a-z][\w.-]*)["']( ~)?""", path.read_text("utf-8")):
+            constants.add(constant)
+            if joined and constant[-1] in ".-":
+                patterns.add(re.escape(constant) + r"[\w.-]*")
     for path in SOURCES:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):

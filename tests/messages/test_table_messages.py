@@ -7,14 +7,7 @@ from collections.abc import Iterator
 from bcapscope.messages.message import Message
 from bcapscope.protocol.slave_mode.modes import MODES, describe_mode
 from bcapscope.protocol.tables.hresult import describe_hresult
-from bcapscope.protocol.tables.hresult_table import (
-    AXIS_FAMILIES,
-    CODE_RANGES,
-    NAMED_CODES,
-    RC7_CODES,
-    SLAVE_MODE_CODES,
-    STATE_CODES,
-)
+from bcapscope.protocol.tables.table_rows import table_rows
 from tests.messages.test_catalogue import ENGLISH, JAPANESE
 
 ONLY_JAPANESE = set(JAPANESE) - set(ENGLISH)
@@ -32,11 +25,11 @@ def table_ids(message: Message | None) -> Iterator[str]:
 
 
 def test_each_result_code_is_translated() -> None:
-    codes = [entry.code for entry in (*NAMED_CODES, *SLAVE_MODE_CODES, *STATE_CODES, *RC7_CODES)]
-    codes += [family.base + axis for family in AXIS_FAMILIES for axis in range(1, 9)]
-    for span in CODE_RANGES:
-        span_codes = range(span.first, span.last + 1)
-        codes.append(next(code for code in span_codes if not describe_hresult(code).is_listed))
+    codes: list[int] = []
+    for digits in (row["code"] for row in table_rows("hresults")):
+        first, _, last = digits.replace("x", "1").partition("-")
+        span = range(int(first, 16), int(last or first, 16) + 1)
+        codes.append(next(code for code in span if not (last and describe_hresult(code).is_listed)))
     found: set[str] = set()
     for result in map(describe_hresult, codes):
         found.update(table_ids(result.meaning), table_ids(result.advice))

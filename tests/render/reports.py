@@ -68,7 +68,7 @@ class Page(HTMLParser):
         return [attributes for name, attributes in self.tags if name == tag]
 
 
-def account_of(path: Path) -> ReportData:
+def report_data_of(path: Path) -> ReportData:
     """Read a capture."""
     builder = ReportDataBuilder()
     with open_capture(str(path)) as file:
@@ -81,4 +81,4 @@ def account_of(path: Path) -> ReportData:
 @cache
 def page_of(name: str) -> Page:
     """Make a report of one of the samples, and read it."""
-    return Page(report_page(account_of(CAPTURES / name), [name], "1.2.3"))
+    return Page(report_page(report_data_of(CAPTURES / name), [name], "1.2.3"))

@@ -102,11 +102,11 @@ def _items() -> Iterator[tuple[Direction, bytes | Malformed]]:
 
 def scenes() -> Iterator[tuple[Observation, CallKind | None]]:
     """Yield all that was seen, each with what it asks or answers."""
-    question: CallKind | None = None
+    call_kind: CallKind | None = None
     for number, (direction, raw) in enumerate(_items(), 1):
         (item,) = (raw,) if isinstance(raw, Malformed) else parse_datagram(raw)
         if isinstance(item, Malformed):
-            question = None
+            call_kind = None
         elif direction is Direction.REQUEST:
-            question = call_kind_of(item)
-        yield observe(item, direction, number), question
+            call_kind = call_kind_of(item)
+        yield observe(item, direction, number), call_kind

@@ -68,8 +68,8 @@ def test_differences_of_stays() -> None:
     assert "slave-mode session 1   ended by                               left  →  error (0x84201482)" in text
     record = json.loads(comparison_record(compare(first, second), first, second))
     assert (record["good"]["stays"], record["bad"]["stays"]) == (1, 1)
-    stays = {each["figure"]: each for each in record["differences"] if each["stay"] == 1}
-    assert stays["reported_underflows"] == {
+    sessions = {each["figure"]: each for each in record["differences"] if each["stay"] == 1}
+    assert sessions["reported_underflows"] == {
         "function": None,
         "command": None,
         "stay": 1,

@@ -26,17 +26,17 @@ def read(row: str) -> dict[str, str]:
 
 
 def row(
-    raw: bytes, direction: Direction = Direction.REQUEST, question: CallKind | None = None
+    raw: bytes, direction: Direction = Direction.REQUEST, call_kind: CallKind | None = None
 ) -> dict[str, str]:
     (item,) = parse_datagram(raw)
     if isinstance(item, Frame) and direction is Direction.REQUEST:
-        question = call_kind_of(item)
-    return read(CsvTableRenderer().row(observe(item, direction), question))
+        call_kind = call_kind_of(item)
+    return read(CsvTableRenderer().row(observe(item, direction), call_kind))
 
 
 def test_table_is_as_it_was(golden: Callable[[str, bytes], None]) -> None:
     table = CsvTableRenderer()
-    lines = [table.header(), *(table.row(seen, question) for seen, question in scenes())]
+    lines = [table.header(), *(table.row(seen, call_kind) for seen, call_kind in scenes())]
     golden("table.csv", "".join(f"{line}\r\n" for line in lines).encode())
 
 
@@ -112,8 +112,8 @@ def test_harmless_text_is_left_alone() -> None:
 
 
 def test_hostile_strings_stay_on_their_line() -> None:
-    for seen, question in scenes():
-        assert CsvTableRenderer().row(seen, question).isprintable()
+    for seen, call_kind in scenes():
+        assert CsvTableRenderer().row(seen, call_kind).isprintable()
     found = row(encode_frame(5, 0, 64, (ROBOT, Variant(VT.BSTR, HOSTILE))))
     assert json.loads(found["args"])[1]["value"] == HOSTILE
 

@@ -24,13 +24,13 @@ ASK, ANSWER = Direction.REQUEST, Direction.RESPONSE
 EXECUTE = CallKind(64, "slvMove")
 
 
-def text_of(raw: bytes, direction: Direction = ASK, question: CallKind | None = None) -> str:
+def text_of(raw: bytes, direction: Direction = ASK, call_kind: CallKind | None = None) -> str:
     """Return what a line says behind serial and reserved."""
     (item,) = parse_datagram(raw)
     assert isinstance(item, Frame)
-    if question is None and direction is ASK:
-        question = call_kind_of(item)
-    line = FrameLineRenderer().line(observe(item, direction), question)
+    if call_kind is None and direction is ASK:
+        call_kind = call_kind_of(item)
+    line = FrameLineRenderer().line(observe(item, direction), call_kind)
     return line.split(f" {item.serial:>5} {item.reserved:>5}  ", 1)[1]
 
 
@@ -40,13 +40,13 @@ def put(value: Variant) -> bytes:
 
 def test_all_scenes(golden: Callable[[str, bytes], None]) -> None:
     renderer = FrameLineRenderer()
-    lines = [renderer.line(seen, question) for seen, question in scenes()]
+    lines = [renderer.line(seen, call_kind) for seen, call_kind in scenes()]
     golden("lines.txt", "".join(f"{line}\n" for line in lines).encode())
 
 
 def test_all_scenes_in_colour(golden: Callable[[str, bytes], None]) -> None:
     renderer = FrameLineRenderer(palette=ANSI)
-    lines = [renderer.line(seen, question) for seen, question in scenes()]
+    lines = [renderer.line(seen, call_kind) for seen, call_kind in scenes()]
     golden("lines.ansi", "".join(f"{line}\n" for line in lines).encode())
 
 
@@ -96,7 +96,7 @@ def test_what_is_long_is_shortened_and_says_so() -> None:
 
 
 @pytest.mark.parametrize(
-    ("code", "question", "expected"),
+    ("code", "call_kind", "expected"),
     [
         (0, EXECUTE, "S_OK Robot_Execute slvMove"),
         (0, None, "S_OK"),
@@ -104,8 +104,8 @@ def test_what_is_long_is_shortened_and_says_so() -> None:
         (0x80070006, EXECUTE, "E_HANDLE (handle is not valid) Robot_Execute slvMove"),
     ],
 )
-def test_results(code: int, question: CallKind | None, expected: str) -> None:
-    assert text_of(encode_frame(5, 0, code), ANSWER, question) == expected
+def test_results(code: int, call_kind: CallKind | None, expected: str) -> None:
+    assert text_of(encode_frame(5, 0, code), ANSWER, call_kind) == expected
 
 
 def test_a_result_has_the_name_that_its_function_gives_it() -> None:
@@ -159,7 +159,7 @@ def test_any_bytes_are_harmless_lines(raw: bytes, direction: Direction) -> None:
 
 def assert_harmless(raw: bytes, direction: Direction) -> None:
     for item in parse_datagram(raw):
-        question = call_kind_of(item) if isinstance(item, Frame) else None
-        line = FrameLineRenderer().line(observe(item, direction), question)
+        call_kind = call_kind_of(item) if isinstance(item, Frame) else None
+        line = FrameLineRenderer().line(observe(item, direction), call_kind)
         line.encode("utf-8")
         assert not [char for char in line if unicodedata.category(char)[0] == "C"]

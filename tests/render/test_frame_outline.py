@@ -14,8 +14,8 @@ from tests.render.scenes import ROBOT, observe, scenes
 from tests.strategies import mutated_frames
 
 
-def outline(seen: Observation, question: CallKind | None = None, full: bool = False) -> list[FieldRow]:
-    return [row for section in frame_sections(seen, question) for row in field_rows(section, full)]
+def outline(seen: Observation, call_kind: CallKind | None = None, full: bool = False) -> list[FieldRow]:
+    return [row for section in frame_sections(seen, call_kind) for row in field_rows(section, full)]
 
 
 def test_a_row_has_depth_place_name_and_meaning() -> None:
@@ -36,9 +36,9 @@ def test_only_an_hresult_fails_or_not() -> None:
 
 
 def test_a_compressed_frame_has_two_sections() -> None:
-    counts = {len(frame_sections(seen, question)) for seen, question in scenes()}
+    counts = {len(frame_sections(seen, call_kind)) for seen, call_kind in scenes()}
     assert counts == {1, 2}
-    two = next(found for seen, question in scenes() if len(found := frame_sections(seen, question)) == 2)
+    two = next(found for seen, call_kind in scenes() if len(found := frame_sections(seen, call_kind)) == 2)
     assert [bool(section.caption) for section in two] == [False, True]
     assert two[0].body != two[1].body
 

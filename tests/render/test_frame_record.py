@@ -28,11 +28,11 @@ KEYS = [
 ]
 
 
-def record(raw: bytes, direction: Direction = ASK, question: CallKind | None = None) -> dict[str, Any]:
+def record(raw: bytes, direction: Direction = ASK, call_kind: CallKind | None = None) -> dict[str, Any]:
     (item,) = parse_datagram(raw)
-    if question is None and direction is ASK and isinstance(item, Frame):
-        question = call_kind_of(item)
-    text = FrameRecordRenderer().record(observe(item, direction), question)
+    if call_kind is None and direction is ASK and isinstance(item, Frame):
+        call_kind = call_kind_of(item)
+    text = FrameRecordRenderer().record(observe(item, direction), call_kind)
     value: dict[str, Any] = json.loads(text)
     return value
 
@@ -185,8 +185,8 @@ def test_every_value_comes_back(values: list[Variant], direction: Direction, cod
 @given(st.binary(max_size=120), st.sampled_from(Direction))
 def test_any_bytes_are_objects(raw: bytes, direction: Direction) -> None:
     for item in parse_datagram(raw):
-        question = call_kind_of(item) if isinstance(item, Frame) else None
-        text = FrameRecordRenderer().record(observe(item, direction), question)
+        call_kind = call_kind_of(item) if isinstance(item, Frame) else None
+        text = FrameRecordRenderer().record(observe(item, direction), call_kind)
         assert json.loads(text)["length"] >= 0
         assert b"\n" not in text
 

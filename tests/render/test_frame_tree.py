@@ -25,9 +25,9 @@ def tree(raw: bytes, direction: Direction = Direction.REQUEST, *, full: bool = F
 
 
 def everything(renderer: FrameTreeRenderer) -> Iterator[str]:
-    for seen, question in scenes():
+    for seen, call_kind in scenes():
         yield f"frame {seen.number}"
-        yield from renderer.lines(seen, question)
+        yield from renderer.lines(seen, call_kind)
 
 
 def test_trees_are_as_they_were(golden: Callable[[str, bytes], None]) -> None:
@@ -63,8 +63,8 @@ def test_problem_stands_under_the_field_it_belongs_to() -> None:
 
 
 def test_every_problem_is_shown_once() -> None:
-    for seen, question in scenes():
-        lines = list(FrameTreeRenderer().lines(seen, question))
+    for seen, call_kind in scenes():
+        lines = list(FrameTreeRenderer().lines(seen, call_kind))
         shown = sorted(line.split("!! ")[1] for line in lines if "!! " in line)
         assert shown == sorted(str(problem.reason) for problem in seen.item.problems)
 

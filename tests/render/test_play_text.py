@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from bcapscope.messages import Message
+from bcapscope.messages import Language, Message, MessageFormatter
 from bcapscope.player.lateness import Spread
 from bcapscope.player.player_messages import (
     ControllerInfo,
@@ -15,6 +15,7 @@ from bcapscope.player.player_messages import (
     PlayProgress,
     PlayState,
 )
+from bcapscope.protocol.text_format import display_width
 from bcapscope.render.play_text import (
     RETRIES_EXPECTED,
     controller_line,
@@ -57,6 +58,9 @@ def test_progress_fits_into_its_line() -> None:
     assert line == "playing 50/100, 0.4 s, 0.4 s left  late ms p99.9 0.300 max 2.500  retries 7  1.23 -5.00"
     assert progress_line(progress, 20) == line[:20]
     assert progress_line(PlayProgress(PlayState.LEAVING), 99) == "leaving 0, 0.0 s  retries 0"
+    japanese = progress_line(progress, 40, MessageFormatter(Language.JAPANESE))
+    assert "再送 7" in progress_line(progress, 200, MessageFormatter(Language.JAPANESE))
+    assert 38 <= display_width(japanese) <= 40
 
 
 def test_errors_of_the_controller() -> None:

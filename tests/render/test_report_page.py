@@ -15,11 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.analysis.finding import Severity
+from bcapscope.messages import ENGLISH_WORDS
 from bcapscope.render.escape import printable
 from bcapscope.render.report_page import report_page, template_environment
-from bcapscope.render.report_sections import ReportTable
 from bcapscope.traffic.observation import Conversation, Endpoint, Transport
-from tests.render.reports import CAPTURES, Page, account_of, page_of
+from tests.render.reports import CAPTURES, Page, page_of, report_data_of
 from tests.samples.findings import make_finding
 
 ALL = sorted(path.name for path in CAPTURES.iterdir() if path.suffix in (".pcap", ".pcapng"))
@@ -91,13 +91,13 @@ def test_hostile_strings_of_a_capture_are_only_shown() -> None:
 
 
 def test_hostile_strings_from_anywhere_are_only_shown() -> None:
-    account = account_of(CAPTURES / "slave-mode-lost.pcapng")
+    report_data = report_data_of(CAPTURES / "slave-mode-lost.pcapng")
     finding = make_finding("rule", Severity.ERROR, HOSTILE, (1,), None, HOSTILE, HOSTILE)
     hostile = Conversation(Endpoint(HOSTILE, 1), Endpoint(HOSTILE, 2), Transport.UDP, HOSTILE)
-    lanes = tuple(replace(lane, conversation=hostile) for lane in account.timelines)
-    stays = tuple(replace(stay, conversation=hostile) for stay in account.slave_sessions)
-    poisoned = replace(account, findings=(finding,), timelines=lanes, slave_sessions=stays)
-    page = Page(report_page(poisoned, [HOSTILE], HOSTILE, [HOSTILE]))
+    lanes = tuple(replace(timeline, conversation=hostile) for timeline in report_data.timelines)
+    sessions = tuple(replace(session, conversation=hostile) for session in report_data.slave_sessions)
+    hostile_data = replace(report_data, findings=(finding,), timelines=lanes, slave_sessions=sessions)
+    page = Page(report_page(hostile_data, [HOSTILE], HOSTILE, [HOSTILE]))
     clean = page_of("slave-mode-lost.pcapng")
     assert "alert(1)" not in page.source.replace("&lt;script&gt;alert(1)", "").replace(
         "\\u0026lt;script\\u0026gt;alert(1)", ""
@@ -117,8 +117,8 @@ def test_a_page_without_trouble_or_slave_mode_has_no_empty_sections() -> None:
 
 
 def test_remarks_and_names_are_on_the_page() -> None:
-    account = account_of(CAPTURES / "retry-story.pcapng")
-    page = Page(report_page(account, ["a.pcap", "b.pcap"], "9.8", ["One is damaged."]))
+    report_data = report_data_of(CAPTURES / "retry-story.pcapng")
+    page = Page(report_page(report_data, ["a.pcap", "b.pcap"], "9.8", ["One is damaged."]))
     assert "One is damaged." in page.text
     assert "b-CAP report: a.pcap, b.pcap" in page.text
     assert "Made by bcapscope 9.8." in page.text
@@ -156,18 +156,21 @@ def elements() -> Any:
 
 
 def test_a_table_has_its_caption_and_sides() -> None:
-    made = elements().table(ReportTable("All <of> it.", ("name", "n"), "tn", [["a&b", 3]]))
+    source = (
+        "{% from 'elements.html' import number, table, text %}"
+        "{% call table(words, 'All <of> it.', 'client calls>') %}"
+        "{{ text('a&b') }}{{ number(3) }}{% endcall %}"
+    )
+    made = template_environment().from_string(source).render(words=ENGLISH_WORDS)
     assert "<caption>All &lt;of&gt; it.</caption>" in made
-    assert '<th scope="col" class="t">name</th><th scope="col" class="n">n</th>' in made
+    assert '<th scope="col" class="t">client</th><th scope="col" class="n">calls</th>' in made
     assert '<td class="t">a&amp;b</td><td class="n">3</td>' in made
 
 
-def test_cells_are_code_or_the_ends_of_a_conversation() -> None:
+def test_the_ends_of_a_conversation_are_escaped() -> None:
     ends = Conversation(Endpoint("<a>", 1), Endpoint("b", 2), Transport.UDP, "the port")
-    made = elements().table(ReportTable("", ("c", "e"), "ce", [["<x>", ends], ["y", None]]))
-    assert "<code>&lt;x&gt;</code>" in made
-    assert '<span class="ends">&lt;a&gt;:1</span> → <span class="ends">b:2 UDP</span>' in made
-    assert '<td class="t">all</td>' in made
+    made = elements().ends(ends)
+    assert made == '<span class="ends">&lt;a&gt;:1</span> → <span class="ends">b:2 UDP</span>'
 
 
 def test_facts_are_a_list_of_definitions() -> None:

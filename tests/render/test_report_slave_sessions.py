@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from bcapscope.render.report_slave_sessions import motion_picture, pace_picture, spread_picture
-from tests.render.reports import CAPTURES, account_of, page_of
+from bcapscope.messages import ENGLISH_WORDS, Language, MessageFormatter
+from bcapscope.render.report_slave_sessions import session_pictures
+from tests.render.reports import CAPTURES, page_of, report_data_of
 
 
 def test_pictures_of_a_stay() -> None:
@@ -36,30 +37,39 @@ def test_where_slave_mode_ended_is_drawn() -> None:
 
 
 def test_a_long_stay_says_what_a_point_stands_for() -> None:
-    account = account_of(CAPTURES / "slave-session.pcapng")
-    (stay,) = account.slave_sessions
+    report_data = report_data_of(CAPTURES / "slave-session.pcapng")
+    (stay,) = report_data.slave_sessions
     runs = tuple(sample._replace(points=32, cycle_least=1.0) for sample in stay.samples)
     long = replace(stay, samples=runs)
-    drawn = pace_picture(long, account.start)
-    assert drawn is not None
+    drawn = session_pictures(long, report_data.start, ENGLISH_WORDS)[0]
     assert "Each point stands for up to 32 set points" in drawn.caption
     assert '"name":"shortest cycle"' in drawn.json
     assert '"name":"longest cycle"' in drawn.json
 
 
 def test_marks_that_are_not_all_say_so() -> None:
-    account = account_of(CAPTURES / "slave-mode-lost.pcapng")
-    (stay,) = account.slave_sessions
+    report_data = report_data_of(CAPTURES / "slave-mode-lost.pcapng")
+    (stay,) = report_data.slave_sessions
     more = replace(stay, timing=replace(stay.timing, gaps=99), buffer=replace(stay.buffer, underflows=98))
-    drawn = pace_picture(more, account.start)
-    assert drawn is not None
+    drawn = session_pictures(more, report_data.start, ENGLISH_WORDS)[0]
     assert drawn.caption.endswith(
         "The first 1 of 99 gaps are marked. The first 1 of 98 times that the buffer ran empty are marked."
     )
 
 
 def test_a_stay_without_set_points_has_no_pictures() -> None:
-    (stay,) = account_of(CAPTURES / "slave-session.pcapng").slave_sessions
+    (stay,) = report_data_of(CAPTURES / "slave-session.pcapng").slave_sessions
     timing = replace(stay.timing, cycle=None, latency=None)
     empty = replace(stay, samples=(), motion=None, timing=timing)
-    assert (pace_picture(empty, 0), spread_picture(empty), motion_picture(empty, 0)) == (None, None, None)
+    assert session_pictures(empty, 0, ENGLISH_WORDS) == []
+
+
+def test_pictures_are_in_the_readers_language() -> None:
+    report_data = report_data_of(CAPTURES / "slave-mode-lost.pcapng")
+    (session,) = report_data.slave_sessions
+    japanese = MessageFormatter(Language.JAPANESE)
+    pace, spread, motion = session_pictures(session, report_data.start, japanese)
+    assert (pace.title, spread.title) == ("区間 1: 指令値のタイミング", "区間 1: サイクルと応答時間の分布")
+    assert "公称サイクル 8 ms" in pace.caption
+    assert "バッファが空" in pace.json
+    assert "遅れます" in motion.caption

@@ -34,18 +34,18 @@ PACE = [8.0 * n for n in range(1, 31)]
 
 
 def text_of(plan: Plan) -> str:
-    (stay,) = plan.stays()
-    return "\n".join(slave_session_lines(stay))
+    (session,) = plan.stays()
+    return "\n".join(slave_session_lines(session))
 
 
 @settings(deadline=None, max_examples=100)
 @given(steps, st.integers(0, 2))
 def test_any_stay_can_be_written(played: list[Step], release: int) -> None:
-    for stay in play(played, release):
-        lines = list(slave_session_lines(stay))
+    for session in play(played, release):
+        lines = list(slave_session_lines(session))
         assert all(line.isprintable() and len(line) <= 140 for line in lines)
-        record = orjson.loads(slave_session_record(stay))
-        assert record["set_points"]["sent"] == stay.counts.sent
+        record = orjson.loads(slave_session_record(session))
+        assert record["set_points"]["sent"] == session.counts.sent
         assert "NaN" not in json.dumps(record).replace('"NaN"', "")
 
 
@@ -124,8 +124,8 @@ def test_a_session_in_japanese() -> None:
     driver.change(0, ENTER)
     driver.moves(PACE)
     driver.change(300, OFF)
-    (stay,) = plan.stays()
-    text = "\n".join(slave_session_lines(stay, words=MessageFormatter(Language.JAPANESE)))
+    (session,) = plan.stays()
+    text = "\n".join(slave_session_lines(session, words=MessageFormatter(Language.JAPANESE)))
     assert text.startswith("スレーブモード区間 1  10.0.0.2:50001 > ")
     assert "  モード      0x202\n              J 型、モード 2: " in text
     assert "  指令値      送信 30、受理 30\n" in text
@@ -138,8 +138,8 @@ def test_slices_are_a_table() -> None:
     driver = plan.driver()
     driver.change(0, ENTER)
     driver.moves(8.0 * n for n in range(1, 301))
-    (stay,) = plan.stays(window=1_000_000_000)
-    table = list(slave_session_lines(stay))[-4:]
+    (session,) = plan.stays(window=1_000_000_000)
+    table = list(slave_session_lines(session))[-4:]
     assert [line.split()[:2] for line in table[1:]] == [["+0", "125"], ["+1", "125"], ["+2", "50"]]
 
 
@@ -149,11 +149,11 @@ def test_colours_change_no_character() -> None:
     driver.change(0, ENTER)
     driver.moves(PACE)
     driver.change(300, OFF)
-    (stay,) = plan.stays()
-    coloured = "\n".join(slave_session_lines(stay, ANSI))
+    (session,) = plan.stays()
+    coloured = "\n".join(slave_session_lines(session, ANSI))
     for sequence in (ANSI.number, ANSI.name, ANSI.problem, ANSI.good, ANSI.bad, ANSI.dim, ANSI.reset):
         coloured = coloured.replace(sequence, "")
-    assert coloured == "\n".join(slave_session_lines(stay))
+    assert coloured == "\n".join(slave_session_lines(session))
 
 
 @pytest.mark.parametrize(
@@ -170,10 +170,10 @@ def test_json_keeps_what_the_stay_knows() -> None:
     driver.change(0, ENTER)
     driver.moves(PACE)
     driver.change(300, OFF)
-    (stay,) = plan.stays()
-    record = orjson.loads(slave_session_record(stay))
+    (session,) = plan.stays()
+    record = orjson.loads(slave_session_record(session))
     assert record["entry"]["command"] == "slvChangeMode"
-    assert record["entered"] == pytest.approx(stay.entered_at / 1e9)
+    assert record["entered"] == pytest.approx(session.entered_at / 1e9)
     assert record["timing"]["cycle_ms"]["p99.9"] == pytest.approx(8.0)
     assert [axis["axis"] for axis in record["motion"]["axes"]] == [f"J{n}" for n in range(1, 9)]
     assert _leaves(record) > 200

@@ -124,7 +124,7 @@ def test_clients_beyond_all_bounds_are_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("question", "expected"),
+    ("call_kind", "expected"),
     [
         (MOVE, "Robot_Execute slvMove"),
         (STOP, "Service_Stop"),
@@ -133,5 +133,5 @@ def test_clients_beyond_all_bounds_are_named() -> None:
         (CallKind(200, None), "Unknown(200)"),
     ],
 )
-def test_how_a_question_is_told(question: CallKind, expected: str) -> None:
-    assert call_kind_text(question) == expected
+def test_how_a_kind_of_call_is_named(call_kind: CallKind, expected: str) -> None:
+    assert call_kind_text(call_kind) == expected

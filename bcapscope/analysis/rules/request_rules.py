@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from difflib import get_close_matches
-from functools import lru_cache
-
 from bcapscope.analysis.call_arguments import argument
 from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding import Severity
@@ -18,7 +15,7 @@ from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, vt_name
 from bcapscope.protocol.slave_mode.formats import ReceiveFormat, SendFormat, parse_format_parameter
 from bcapscope.protocol.slave_mode.modes import Generation
 from bcapscope.protocol.slave_mode.poses import is_used_axes_mark, pose_numbers
-from bcapscope.protocol.tables.command_catalogue import commands_of, find_command
+from bcapscope.protocol.tables.command_catalogue import find_command, similar_command
 from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.protocol.tables.hresult import E_INVALIDARG, E_NOTIMPL
 from bcapscope.traffic.call import Call
@@ -154,16 +151,10 @@ def _explain_unknown(call: Call, client: ClientState) -> RefusalReason | None:
         return NO_REASON
     if find_command(call.kind.function_id, name) is not None:
         return RefusalReason(Message("reason.command-elsewhere"))
-    return RefusalReason(_similar_command(call.kind.function_id, name))
-
-
-@lru_cache(256)
-def _similar_command(function_id: int, name: str) -> Message:
-    known = {each.name.casefold(): each.name for each in commands_of(function_id)}
-    close = get_close_matches(shortened(name).casefold(), known, n=1, cutoff=0.7)
-    if not close:
-        return Message("reason.command-unknown")
-    return Message("reason.command-similar", command=known[close[0]])
+    similar = similar_command(call.kind.function_id, name)
+    if similar is None:
+        return RefusalReason(Message("reason.command-unknown"))
+    return RefusalReason(Message("reason.command-similar", command=similar))
 
 
 def _explain_argument(call: Call, client: ClientState) -> RefusalReason | None:

@@ -107,7 +107,7 @@ class PlayOutput:
 
     def draw_progress(self, progress: PlayProgress) -> None:
         if self._draws_progress and not self._is_closed:
-            sys.stderr.write(f"\r{progress_line(progress, self._width - 1)}\x1b[K")
+            sys.stderr.write(f"\r{progress_line(progress, self._width - 1, self.words)}\x1b[K")
             sys.stderr.flush()
             self._is_drawn = True
 

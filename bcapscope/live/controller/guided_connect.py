@@ -166,7 +166,7 @@ async def _read_robot_type(session: ControllerSession, robot: ObjectHandle) -> s
 
 
 async def _read_fact(session: ControllerSession, owner: Controller | Robot, name: str) -> str:
-    """Read a system variable once; return "" if the controller has none of that name or does not answer."""
+    """Read a system variable once; return "" if the controller lacks the variable or does not answer."""
     try:
         value = await session.run_calls(read_variable_once(owner, name), Initiator.SCREEN)
     except (CallTimeout, RemoteProtocolError):

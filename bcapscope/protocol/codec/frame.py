@@ -18,13 +18,13 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 from bcapscope.errors import LocalProtocolError, TooLargeError
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.arguments import Argument, Problem
-from bcapscope.protocol.codec.checksum import crc16
 from bcapscope.protocol.codec.frame_content import (
     EOT,
     HEADER_SIZE,
@@ -34,6 +34,7 @@ from bcapscope.protocol.codec.frame_content import (
     SOH,
     Framing,
     compressed_code,
+    crc16,
     is_compressed,
 )
 from bcapscope.protocol.codec.frame_template import FrameNumbers, FrameTemplate, FrameTemplates
@@ -68,6 +69,7 @@ _PLAIN = Framing.PLAIN
 _LONGEST_PACKED_ROW = 64  # in numbers; longer rows vary too much in length for a cache of packers
 
 
+@dataclass(frozen=True, slots=True)
 class Malformed:
     """Bytes that are not a frame, or a hole in a stream.
 
@@ -77,23 +79,9 @@ class Malformed:
         missing: Number of stream bytes that a hole replaces; 0 for bytes that are present.
     """
 
-    __slots__ = ("missing", "problems", "raw")
-
-    def __init__(self, raw: bytes, problems: tuple[Problem, ...], missing: int = 0) -> None:
-        self.raw = raw
-        self.problems = problems
-        self.missing = missing
-
-    def __repr__(self) -> str:
-        return f"Malformed({self.raw.hex()!r}, {self.problems}, missing={self.missing})"
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Malformed):
-            return NotImplemented
-        return (self.raw, self.problems, self.missing) == (other.raw, other.problems, other.missing)
-
-    def __hash__(self) -> int:
-        return hash((self.raw, self.problems, self.missing))
+    raw: bytes
+    problems: tuple[Problem, ...]
+    missing: int = 0
 
 
 class Frame:

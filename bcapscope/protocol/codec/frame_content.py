@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import struct
 import zlib
+from binascii import crc_hqx
 from enum import Enum
 from operator import attrgetter
 
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.arguments import Argument, ArgumentReader, NumberSpan, Problem
-from bcapscope.protocol.codec.checksum import crc16
 
 SOH = 0x01
 EOT = 0x04
@@ -116,10 +116,20 @@ class FrameContent:
 def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
     """Return whether the header at `pos` has the marks of a compressed version 1 frame.
 
-    The marks are a reserved field of 1 and a zlib header where the compressed body begins. A plain frame with
-    both marks has at least 376 arguments.
+    The marks are a reserved field of 1 and a zlib header where the compressed body begins. A plain frame has
+    both marks only if it has 376 arguments or more.
     """
     return data[pos + 7 : pos + 9] == b"\x01\x00" and has_zlib_header(data, pos)
+
+
+def crc16(data: bytes) -> int:
+    """Return the CRC-16 of a serial-line frame.
+
+    Polynomial 0x1021, start value 0xFFFF, most significant bit first, no reflection, no final inversion
+    (orin_bcap C/src/bcap_common.c; Java agrees). In a frame, the CRC covers the bytes from the length field
+    to the last argument. The CRC is stored low byte first, directly before EOT.
+    """
+    return crc_hqx(data, 0xFFFF)
 
 
 def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:

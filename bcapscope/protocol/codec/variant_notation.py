@@ -8,7 +8,16 @@ from collections.abc import Callable, Sequence
 
 from bcapscope.errors import InputError
 from bcapscope.messages import Message
-from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Value, Variant, vt_name
+from bcapscope.protocol.codec.variant import (
+    ARRAY,
+    EMPTY,
+    NUMBER_FORMATS,
+    NUMBER_WIDTHS,
+    VT,
+    Value,
+    Variant,
+    vt_name,
+)
 
 _TYPED = re.compile(r"([a-z]+[0-9]?)(\[\])?:(.*)", re.IGNORECASE | re.DOTALL)
 _LARGEST_R4 = 3.4028235e38
@@ -117,7 +126,7 @@ def _parse_integer(vt: VT, text: str) -> int:
         value = int(text, 0)
     except ValueError:
         value = int(text)  # `int(text, 0)` rejects leading zeros
-    low, high = _RANGES[vt]
+    low, high = _integer_range(vt)
     if low < 0 and high < value <= high - low and text.strip().lower().startswith("0x"):
         value -= high - low + 1  # bit pattern of a negative number, such as a result code
     if not low <= value <= high:
@@ -150,25 +159,12 @@ _READERS: dict[VT, Callable[[VT, str], Value]] = {
 }
 
 
-def _signed_range(bits: int) -> tuple[int, int]:
-    return -(1 << bits - 1), (1 << bits - 1) - 1
+def _integer_range(vt: VT) -> tuple[int, int]:
+    bits = 8 * NUMBER_WIDTHS[vt]
+    is_signed = NUMBER_FORMATS[vt].islower()
+    return (-(1 << bits - 1), (1 << bits - 1) - 1) if is_signed else (0, (1 << bits) - 1)
 
 
-def _unsigned_range(bits: int) -> tuple[int, int]:
-    return 0, (1 << bits) - 1
-
-
-_RANGES: dict[VT, tuple[int, int]] = {
-    VT.I2: _signed_range(16),
-    VT.I4: _signed_range(32),
-    VT.CY: _signed_range(64),
-    VT.ERROR: _signed_range(32),
-    VT.I8: _signed_range(64),
-    VT.UI1: _unsigned_range(8),
-    VT.UI2: _unsigned_range(16),
-    VT.UI4: _unsigned_range(32),
-    VT.UI8: _unsigned_range(64),
-}
 _BY_NAME = {
     vt_name(vt | flag): (parse, vt)
     for vt in VT

@@ -18,10 +18,20 @@ from bcapscope.protocol.codec.arguments import Argument, Problem
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.frame_content import EOT, HEADER_SIZE, Framing
 from bcapscope.protocol.codec.variant import ARRAY, NUMBER_WIDTHS, VT, Value, Variant, vt_name
-from bcapscope.protocol.dissection.slvmove_labels import NO_LABEL, ValueLabel, slvmove_label
-from bcapscope.protocol.dissection.value_labels import argument_label, result_label
-from bcapscope.protocol.tables.argument_names import request_param, result_param
-from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name, signed_function_id
+from bcapscope.protocol.dissection.value_labels import (
+    NO_LABEL,
+    ValueLabel,
+    argument_label,
+    result_label,
+    slvmove_label,
+)
+from bcapscope.protocol.tables.function_table import (
+    FUNCTIONS,
+    function_name,
+    request_param,
+    result_param,
+    signed_function_id,
+)
 from bcapscope.protocol.tables.hresult import hresult_name
 
 HRESULT = "HRESULT"

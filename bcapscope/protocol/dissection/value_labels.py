@@ -1,13 +1,15 @@
-"""Meanings of numbers and strings in arguments and results, where the vendor names them."""
+"""Names and meanings of the values in arguments and results, and of the parts of slvMove's values."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 from bcapscope.messages import Message
+from bcapscope.messages.places import Listing
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
-from bcapscope.protocol.dissection.slvmove_labels import NO_LABEL, ValueLabel
-from bcapscope.protocol.slave_mode.poses import AXES
+from bcapscope.protocol.slave_mode.poses import AXES, Pose
+from bcapscope.protocol.slave_mode.slvmove_values import Feedback, SetPoint, parse_feedback, parse_set_point
 from bcapscope.protocol.tables.enumerations import (
     AUTO_MODES,
     INTERPOLATIONS,
@@ -22,6 +24,97 @@ from bcapscope.protocol.tables.enumerations import (
 )
 from bcapscope.protocol.tables.function_table import ID, ObjectClass
 from bcapscope.protocol.tables.table_text import table_message
+
+
+class ValueLabel(NamedTuple):
+    """Name and meaning of a value in an argument or a result.
+
+    Attributes:
+        name: Name of the value, such as `J1` or `hand I/O`.
+        unit: Unit of the value: `mm`, `deg`, or empty.
+        text: Explanation of the value, one clause; may be empty.
+        elements: Labels of the value's elements in order, as far as known.
+    """
+
+    name: str = ""
+    unit: str = ""
+    text: str | Message = ""
+    elements: tuple[ValueLabel, ...] = ()
+
+
+NO_LABEL = ValueLabel()
+
+
+def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
+    """Label the parts of slvMove's parameter or result, as far as the value alone shows them.
+
+    The label of the whole value has an empty name. Formats and slave mode are set by earlier calls, which are
+    unknown here. Therefore the labels are guesses from the number and types of the elements. The label's
+    `text` says so.
+    """
+    found = parse_set_point(variant) if is_request else parse_feedback(variant)
+    named = list(_set_point_labels(found) if isinstance(found, SetPoint) else _feedback_labels(found))
+    if len(named) == 1 and named[0].elements and not _begins_with_array(variant):
+        return named[0]._replace(name="")
+    if found.problems or not isinstance(variant.value, tuple) or len(named) != len(variant.value):
+        return NO_LABEL
+    return ValueLabel(text=Message("field.parts-guessed") if found.guessed else "", elements=tuple(named))
+
+
+def _begins_with_array(variant: Variant) -> bool:
+    first = variant.value[0] if isinstance(variant.value, tuple) and variant.value else None
+    return isinstance(first, Variant) and isinstance(first.value, tuple)
+
+
+def _set_point_labels(found: SetPoint) -> Iterator[ValueLabel]:
+    if found.pose is not None:
+        yield _poses_label((found.pose,))
+    if found.mini_io is not None:
+        yield ValueLabel("mini I/O")
+    if found.user_write is not None:
+        yield from _user_io_labels("user I/O to write", ("offset", "bits", "data"))
+    if found.user_read is not None:
+        yield from _user_io_labels("user I/O to read", ("offset", "bits"))
+    if found.hand_io is not None:
+        yield ValueLabel("hand I/O")
+
+
+def _user_io_labels(name: str, words: tuple[str, ...]) -> Iterator[ValueLabel]:
+    return (ValueLabel(f"{name}, {word}") for word in words)
+
+
+def _feedback_labels(found: Feedback) -> Iterator[ValueLabel]:
+    if found.timestamp is not None:
+        yield ValueLabel("time stamp")
+    if found.poses:
+        yield _poses_label(found.poses)
+    if found.mini_io is not None:
+        yield ValueLabel("mini I/O")
+    if found.user_io is not None:
+        yield ValueLabel("user I/O")
+    if found.hand_io is not None:
+        yield ValueLabel("hand I/O")
+    if found.current:
+        yield ValueLabel(
+            "motor current", elements=tuple(ValueLabel(f"J{axis + 1}") for axis in range(len(found.current)))
+        )
+
+
+def _poses_label(poses: tuple[Pose, ...]) -> ValueLabel:
+    types = Listing(tuple(str(pose.type) for pose in poses if pose.type is not None))
+    case = "field.pose.guessed" if any(pose.guessed for pose in poses) else "field.pose"
+    text = Message(case, types=types) if types.items else ""
+    return ValueLabel(
+        "pose", text=text, elements=tuple(label for pose in poses for label in _axis_labels(pose))
+    )
+
+
+def _axis_labels(pose: Pose) -> Iterator[ValueLabel]:
+    if pose.type is not None:
+        yield from (ValueLabel(axis.name, axis.unit) for axis in pose.axes)
+        mark = ValueLabel("axes", text=Message("field.axis-bits"))
+        yield from (mark if pose.used_axes is not None else NO_LABEL for _ in pose.extra)
+
 
 _HANDLE_LABELS = {
     f"h{kind}": ValueLabel(text=Message("field.handle", object=kind.value)) for kind in ObjectClass
@@ -108,14 +201,14 @@ def _pose_label(variant: Variant) -> ValueLabel:
     items = _first_elements(variant)
     if not items or not items[0].vt & ARRAY:
         return NO_LABEL
-    type_, passing = _integer_at(items, 1), _integer_at(items, 2)
+    type_, pass_motion = _integer_at(items, 1), _integer_at(items, 2)
     letter = "" if type_ is None else POSE_TYPES.get(type_, "")
     axes = _AXES.get(letter or _text_at(items, 1), ())
     return ValueLabel(
         elements=(
             ValueLabel("numbers", elements=tuple(ValueLabel(axis.name, axis.unit) for axis in axes)),
             ValueLabel("pose type", text=letter),
-            ValueLabel("pass", text="" if passing is None else pass_motion_text(passing)),
+            ValueLabel("pass", text="" if pass_motion is None else pass_motion_text(pass_motion)),
             ValueLabel("extra axes"),
         )
     )

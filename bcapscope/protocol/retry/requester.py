@@ -200,15 +200,15 @@ class Requester:
 
     def receive_item(self, item: Frame | Malformed, now: int) -> None:
         """Process a frame from the controller, or bytes that are not a frame."""
-        asked = (
+        attempt = (
             self._attempt_with_serial(item.serial) if isinstance(item, Frame) and _is_complete(item) else None
         )
-        if not isinstance(item, Frame) or asked is None:
+        if not isinstance(item, Frame) or attempt is None:
             self._events.append(UnmatchedItem(item, now))
             return
-        asked.events.append(AttemptEvent(now, hresult_name(item.code)))
-        if not self.call_in_progress or asked is not self._open_attempts[-1]:
-            self._events.append(LateReply(item, now, asked.sent))
+        attempt.events.append(AttemptEvent(now, hresult_name(item.code)))
+        if not self.call_in_progress or attempt is not self._open_attempts[-1]:
+            self._events.append(LateReply(item, now, attempt.sent))
         elif item.code == S_EXECUTING:
             self._deadline = now + self._policy.timeout
             self._events.append(CallExecuting(item))
@@ -254,10 +254,10 @@ class Requester:
     def _send_attempt(self, now: int) -> None:
         serial = self._serial
         self._serial = serial + 1 if serial < _LAST_SERIAL else 1
-        this = _OpenAttempt(serial, self._reserved_for(serial), now)
-        self._open_attempts.append(this)
+        attempt = _OpenAttempt(serial, self._reserved_for(serial), now)
+        self._open_attempts.append(attempt)
         self._deadline = now + self._policy.timeout
-        self._outgoing.append(with_serial_and_reserved(self._request_bytes, serial, this.reserved))
+        self._outgoing.append(with_serial_and_reserved(self._request_bytes, serial, attempt.reserved))
 
     def _reserved_for(self, serial: int) -> int:
         if not self.datagrams:
@@ -268,7 +268,7 @@ class Requester:
 
     def _attempt_with_serial(self, serial: int) -> _OpenAttempt | None:
         known = chain(reversed(self._open_attempts), self._earlier_attempts)
-        return next((one for one in known if one.serial == serial), None)
+        return next((each for each in known if each.serial == serial), None)
 
     def _attempt_snapshots(self) -> tuple[Attempt, ...]:
-        return tuple(one.snapshot() for one in self._open_attempts)
+        return tuple(each.snapshot() for each in self._open_attempts)

@@ -143,7 +143,7 @@ class Responder:
     In both cases, the responder assumes a retry, so that no call runs twice. If neither the serial nor the
     named serial belongs to the known call, the responder assumes a retry only while the convention is `CHAIN`
     or unknown. A new call that is mistaken for a retry is not executed, and its client gets the earlier
-    reply. Such a reply may hold an old value, or report a motion as done that ran only once.
+    reply. Such a reply may hold an old value, or report a motion as done although the robot never made it.
 
     The responder forgets the calls of an earlier program when the new program reuses one of their serials for
     a different call, and at the latest after `remembered` further calls.
@@ -154,7 +154,6 @@ class Responder:
         *,
         expects_retries: bool = True,
         reply_reserved: ReplyReserved = ReplyReserved.ZERO,
-        convention: ReservedConvention = ReservedConvention.UNKNOWN,
         remembered: int = REMEMBERED_ANSWERS,
         largest_answer: int = LARGEST_FRAME,
         defects: Defect = Defect.NONE,
@@ -164,21 +163,19 @@ class Responder:
         Args:
             expects_retries: True for UDP; False for TCP, where every request is a new call.
             reply_reserved: Convention for the reserved field of replies; `UNKNOWN` acts as `ZERO`.
-            convention: Convention of the client; `UNKNOWN` if the responder must detect the convention.
             remembered: Maximum number of replies to store.
             largest_answer: Size in bytes of the largest reply that may be sent.
             defects: Defects of DENSO's C server to imitate.
         """
-        self.convention = self._given_convention = convention
+        self.convention = ReservedConvention.UNKNOWN
         self._retries = expects_retries
         self._echoes_reserved = reply_reserved is ReplyReserved.ECHOED
         self._largest = largest_answer
         self._defects = defects
         self._forgets_first = Defect.FORGETS_FIRST in defects
         self._calls: deque[_Call] = deque(maxlen=1 if self._forgets_first else remembered)
-        self._known_keys: set[int | bytes] = (
-            set()
-        )  # serials and contents of all known calls and of some forgotten calls
+        # Serials and contents of all known calls and of some forgotten calls.
+        self._known_keys: set[int | bytes] = set()
         self._known_keys_limit = 8 * remembered
         self._running: _Call | None = None
         self._has_received = False
@@ -189,13 +186,18 @@ class Responder:
 
     def receive_request(self, frame: Frame) -> RequestDecision:
         """Classify a request. A call classified as `NEW` runs until `answer_call` or `abandon_call`."""
-        heard, self._has_received = self._has_received, True
+        had_received, self._has_received = self._has_received, True
         content = frame.raw[9:]
         call = self._find_call(frame, content) if self._retries else None
         if call is None:
             if self._running is not None:
                 return RequestDecision(RequestKind.BUSY)
-            if not heard and self._retries and frame.serial == 0 and Defect.SERIAL_ZERO in self._defects:
+            if (
+                not had_received
+                and self._retries
+                and frame.serial == 0
+                and Defect.SERIAL_ZERO in self._defects
+            ):
                 return RequestDecision(RequestKind.REPEAT, self.reply_unremembered(frame, S_OK))
             self._running = call = _Call(frame, content)
             if self._retries:
@@ -242,9 +244,9 @@ class Responder:
         assert call is not None, "no call is being executed"
         return encode_frame(call.newest, call.reserved if self._echoes_reserved else 0, S_EXECUTING)
 
-    def reply_unremembered(self, frame: Frame, code: int, arguments: Sequence[Variant] = ()) -> bytes:
+    def reply_unremembered(self, frame: Frame, code: int) -> bytes:
         """Return a reply that the responder does not store, such as a refusal while another call runs."""
-        return encode_frame(frame.serial, frame.reserved if self._echoes_reserved else 0, code, arguments)
+        return encode_frame(frame.serial, frame.reserved if self._echoes_reserved else 0, code)
 
     def reset(self) -> None:
         """Forget the client, so that the next request is treated as the first of a new client.
@@ -258,23 +260,22 @@ class Responder:
 
     def _remember_keys(self, call: _Call) -> None:
         """Remember a call's serials and contents; if the set is too large, drop those of forgotten calls."""
-        traces = self._known_keys
-        if len(traces) > self._known_keys_limit:
-            traces.clear()
+        keys = self._known_keys
+        if len(keys) > self._known_keys_limit:
+            keys.clear()
             for each in self._known_calls():
-                traces |= each.serials
-                traces.add(each.content)
-        traces |= call.serials
-        traces.add(call.content)
+                keys |= each.serials
+                keys.add(each.content)
+        keys |= call.serials
+        keys.add(call.content)
 
     def _find_call(self, frame: Frame, content: bytes) -> _Call | None:
         if self._forgets_first:
             named = frame.reserved or frame.serial
             return next((call for call in self._known_calls() if call.first == named), None)
         if frame.code == _SERVICE_START:
-            self.convention = (
-                self._given_convention
-            )  # The client program starts here; another program may have used this port before.
+            # The client program starts here; another program may have used this port before.
+            self.convention = ReservedConvention.UNKNOWN
         if frame.reserved and self.convention is ReservedConvention.UNKNOWN:
             self._detect_convention(frame)
         # Two look-ups in a set decide for most requests; a scan of all calls would be slow.

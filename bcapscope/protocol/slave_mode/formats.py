@@ -121,13 +121,13 @@ class ReceiveFormat:
 
     @property
     def bare_pose_type(self) -> PoseType | None:
-        """Pose type of a result that is only the array of one pose; None if the result holds more or less."""
+        """Pose type of a result that is only the array of one pose; None for any other result."""
         words = self.timestamp or self.hand_io or self.current or self.mini_io or self.user_io
         return self.poses[0] if len(self.poses) == 1 and not words else None
 
     @property
     def is_known(self) -> bool:
-        """Whether the ROS driver knows this format: no unknown bits, and mini with user I/O only in 0x340."""
+        """Whether the ROS driver knows this format. It uses mini and user I/O together only in 0x340."""
         both = self.mini_io and self.user_io
         return not self.other and (
             not both or int(self) & ~POSE_BITS == MINI_IO_BIT | USER_IO_BIT | CURRENT_BIT

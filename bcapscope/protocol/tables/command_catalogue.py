@@ -1,4 +1,4 @@
-"""The catalogue of commands: the names that bstrCommand of an ..._Execute call may hold.
+"""The catalogue of commands: the names that bstrCommand of an ..._Execute call may hold (`commands.tsv`).
 
 Controllers ignore the case of command names, and so does this catalogue. The slides of DENSO Wave 2009, How
 to use the Slave mode, themselves send both `SLVMOVE` and `slvMove`.
@@ -8,14 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import lru_cache
 
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.call_effect import CallEffect
-from bcapscope.protocol.tables.command_row import CommandRow
-from bcapscope.protocol.tables.command_table import COMMAND_ROWS
-from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, function_name
+from bcapscope.protocol.tables.table_rows import table_rows
+
+COBOTTA, COBOTTA_PRO = "COBOTTA", "COBOTTA PRO"
+"""Controllers that the table of commands names."""
 
 _POSE = "BSTR R8[] R4[] V[]"
+_LONGEST_COMPARED = 40
+_LEAST_SIMILARITY = 0.7
+"""Smallest similarity ratio, as difflib computes it. Two swapped letters in slvChangeMode give 0.92."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +40,6 @@ class CommandSpec:
         effect: Strongest effect that the command can have.
         in_slave_mode: Whether the controller accepts the command in slave mode; None if no source says.
         controllers: Controllers, providers or objects that have the command; empty if unknown.
-        source: Source in which the command was found.
     """
 
     function_id: int
@@ -46,12 +52,23 @@ class CommandSpec:
     effect: CallEffect
     in_slave_mode: bool | None
     controllers: str
-    source: str
 
 
 def find_command(function_id: int, name: str) -> CommandSpec | None:
     """Return a command by its ..._Execute function and its name, ignoring case; None if unknown."""
     return _BY_KEY.get((function_id, name.casefold()))
+
+
+def similar_command(function_id: int, name: str) -> str | None:
+    """Return the known command of a function that is most similar to `name`; None if none is similar."""
+    return _similar_command(function_id, name[:_LONGEST_COMPARED].casefold())
+
+
+@lru_cache(256)
+def _similar_command(function_id: int, folded_name: str) -> str | None:
+    known = {each.name.casefold(): each.name for each in commands_of(function_id)}
+    close = get_close_matches(folded_name, known, n=1, cutoff=_LEAST_SIMILARITY)
+    return known[close[0]] if close else None
 
 
 def commands_of(function_id: int) -> tuple[CommandSpec, ...]:
@@ -85,29 +102,25 @@ def _full_type_names(short: str) -> tuple[str, ...]:
     return tuple(_full_type_name(word) for word in short.replace("pose", _POSE).split())
 
 
-def _specs_of_row(function_id: int, row: CommandRow) -> Iterator[CommandSpec]:
-    names, types = row.signature.split(": ")
-    parameter, result = map(_full_type_names, types.removesuffix("~").split(" -> "))
-    for name in names.split():
+def _specs_of_row(row: dict[str, str]) -> Iterator[CommandSpec]:
+    for name in row["names"].split():
         yield CommandSpec(
-            function_id=function_id,
+            function_id=ID[row["function"]],
             name=name,
-            parameter_types=parameter,
-            elements=row.elements,
-            result_types=result,
-            returns=row.returns,
-            text=row.text,
-            effect=row.effect,
-            in_slave_mode=row.in_slave_mode,
-            controllers=row.controllers,
-            source=row.source,
+            parameter_types=_full_type_names(row["parameter"]),
+            elements=row["elements"],
+            result_types=_full_type_names(row["result"].removesuffix("~")),
+            returns=row["returns"],
+            text=row["text"],
+            effect=CallEffect[row["effect"].upper()],
+            in_slave_mode={"yes": True, "no": False}.get(row["slave"]),
+            controllers=row["controllers"],
         )
 
 
+_COMMANDS = [command for row in table_rows("commands") for command in _specs_of_row(row)]
 _BY_FUNCTION = {
-    function_id: tuple(entry for row in rows for entry in _specs_of_row(function_id, row))
-    for function_id, rows in COMMAND_ROWS.items()
+    function_id: tuple(each for each in _COMMANDS if each.function_id == function_id)
+    for function_id in {each.function_id for each in _COMMANDS}
 }
-_BY_KEY = {
-    (entry.function_id, entry.name.casefold()): entry for listed in _BY_FUNCTION.values() for entry in listed
-}
+_BY_KEY = {(each.function_id, each.name.casefold()): each for each in _COMMANDS}

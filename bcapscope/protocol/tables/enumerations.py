@@ -1,94 +1,60 @@
-"""Meanings of numbers, bits and strings in arguments and results of b-CAP calls.
-
-Sources: ShoheiKobata/orin_bcap_python_samples and its documentation; bits of SysState and axis -1 from
-nkawa/Denso_CobottaPro900_MQTT_Control; provider names from both and from DENSORobot/denso_robot_ros2.
-"""
+"""Meanings of numbers, bits and strings in arguments and results of b-CAP calls (`enumerations.tsv`)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-INTERPOLATIONS: Mapping[int, str] = {1: "P (PTP)", 2: "L (linear)", 3: "C (circular)", 4: "S (free curve)"}
+from bcapscope.protocol.tables.table_rows import table_rows
+
+_ROWS = list(table_rows("enumerations"))
+
+
+def _texts(table: str) -> Mapping[str, str]:
+    return {row["value"]: row["meaning"] for row in _ROWS if row["table"] == table}
+
+
+def _numbers(table: str) -> Mapping[int, str]:
+    return {int(value): meaning for value, meaning in _texts(table).items()}
+
+
+INTERPOLATIONS = _numbers("interpolation")
 """lComp of Robot_Move."""
 
-POSE_TYPES: Mapping[int, str] = {-1: "none", 0: "P", 1: "T", 2: "J", 3: "V"}
+POSE_TYPES = _numbers("pose type")
 """Pose type, the second element of a pose that is a VARIANT array. Controllers also accept the letter as
 text."""
 
-PASS_MOTIONS: Mapping[int, str] = {0: "@0", -1: "@P", -2: "@E"}
+PASS_MOTIONS = _numbers("pass motion")
 """Pass motion, the third element of a pose that is a VARIANT array. Any other number n means @n. Controllers
 also accept the text.
 """
 
-TASK_START_MODES: Mapping[int, str] = {1: "one cycle", 2: "continuous", 3: "step"}
+TASK_START_MODES = _numbers("start mode")
 """lMode of Task_Start."""
 
-TASK_STOP_MODES: Mapping[int, str] = {0: "default", 1: "instant", 2: "step", 3: "cycle", 4: "initialise"}
+TASK_STOP_MODES = _numbers("stop mode")
 """lMode of Task_Stop."""
 
-TASK_STATES: Mapping[int, str] = {0: "none", 1: "suspended", 2: "ready", 3: "running", 4: "step stop"}
+TASK_STATES = _numbers("task state")
 """Result of Task_Execute GetStatus."""
 
-AUTO_MODES: Mapping[int, str] = {1: "internal automatic", 2: "external automatic"}
+AUTO_MODES = _numbers("automatic mode")
 """Parameter of PutAutoMode and result of GetAutoMode (RC7)."""
 
-SPEED_AXES: Mapping[int, str] = {-1: "tool tip"}
+SPEED_AXES = _numbers("axis")
 """Meaning of lAxis in Robot_Speed and Robot_Accelerate; all other numbers are axis numbers."""
 
-SYS_STATE_BITS: Mapping[int, str] = {
-    0: "program running",
-    1: "robot error",
-    2: "servo on",
-    3: "initialisation done",
-    4: "automatic mode",
-    5: "automatic mode, token not at the pendant",
-    6: "battery warning",
-    7: "robot warning",
-    8: "continue start allowed",
-    10: "emergency stop",
-    11: "automatic enable",
-    12: "protective stop",
-    13: "stopping",
-    16: "program start reset",
-    17: "calibration done",
-    18: "manual mode",
-    19: "one cycle done",
-    20: "moving (set point)",
-    21: "moving (encoder)",
-    24: "command done",
-}
+SYS_STATE_BITS = _numbers("state bit")
 """Bits of the result of the command SysState; all other bits are reserved."""
 
-OBJECT_OPTIONS: Mapping[str, str] = {
-    "@IfNotMember": "use the object that exists when the name is taken",
-    "@Create": "1 makes the file",
-    "$IsIDHandle$": "the handle is the object's number (RC7)",
-    "WDT": "ms between two S_EXECUTING",
-    "InvokeTimeout": "ms that a call may run",
-    "Interval": "polling of messages in ms (COBOTTA PRO)",
-    "Server": "address of a camera",
-}
+OBJECT_OPTIONS = _texts("option")
 """Keys in bstrOption of Service_Start, Controller_Connect and the ..._Get... functions. WDT and InvokeTimeout
 must be at least 80 ms."""
 
-MOVE_OPTIONS: Mapping[str, str] = {
-    "SPEED": "speed in percent",
-    "ACCEL": "acceleration in percent",
-    "DECEL": "deceleration in percent",
-    "TIME": "duration of the motion",
-    "NEXT": "the call returns before the motion ends",
-}
+MOVE_OPTIONS = _texts("move option")
 """Keys in bstrOption of Robot_Move."""
 
-PROVIDERS: Mapping[str, str] = {
-    "CaoProv.DENSO.NetwoRC": "RC7, which ignores the name",
-    "CaoProv.DENSO.VRC": "RC8, RC8A, COBOTTA",
-    "CaoProv.DENSO.VRC9": "RC9, COBOTTA PRO",
-    "CaoProv.DENSO.RC8": "provider for a PC; refused over b-CAP with E_INVALIDARG",
-    "CaoProv.DENSO.EVP2": "EVP2 vision",
-    "CaoProv.DENSO.ESC11PCI": "electric hand ESC11",
-    "CaoProv.Canon.N10-W02": "Canon camera",
-}
+PROVIDERS = _texts("provider")
 """bstrProvider of Controller_Connect."""
 
 

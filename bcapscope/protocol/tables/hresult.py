@@ -16,17 +16,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 from bcapscope.messages import Message
-from bcapscope.protocol.tables.hresult_table import (
-    AXIS_FAMILIES,
-    CODE_RANGES,
-    NAMED_CODES,
-    RC7_CODES,
-    RC7_LEVELS,
-    SLAVE_MODE_CODES,
-    STATE_CODES,
-    CodeRange,
-    HresultEntry,
-)
+from bcapscope.protocol.tables.table_rows import table_rows
 
 S_OK = 0x00000000
 S_FALSE = 0x00000001
@@ -128,7 +118,7 @@ def ends_slave_mode(code: int) -> bool:
 def is_rc7_code(code: int) -> bool:
     """Return whether a result code is read as a four-digit code of RC7, as 0000xxxx or as 8000xxxx."""
     code &= 0xFFFFFFFF
-    in_range = any(span.first <= code <= span.last for span in CODE_RANGES)
+    in_range = any(first <= code <= last for first, last, _ in _RANGES)
     return _has_rc7_form(code) and code not in _KNOWN and not in_range
 
 
@@ -155,12 +145,12 @@ def is_success(code: int) -> bool:
     return not is_failure(code)
 
 
-@lru_cache(maxsize=4096)
 def is_known_code(code: int) -> bool:
     """Return whether a table has this code, or a family or range of codes that contains it."""
     return describe_hresult(code).meaning.id not in _UNLISTED
 
 
+@lru_cache(maxsize=4096)
 def hresult_name(code: int) -> str:
     """Return the name of a result code: `S_OK`, or `0x83500121` for a code without symbol."""
     return describe_hresult(code).name or f"0x{code & 0xFFFFFFFF:08X}"
@@ -178,9 +168,9 @@ def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
         return known
     if rc7 and code & 0xFFFF in _RC7:
         return _info_as_rc7(code)
-    for span in CODE_RANGES:
-        if span.first <= code <= span.last:
-            return _info_from_range(code, span)
+    for first, last, row in _RANGES:
+        if first <= code <= last:
+            return _info_from_range(code, first, row)
     if _has_rc7_form(code):
         return _info_as_rc7(code)
     if code & 0x80000000 and _has_level_digits(code):
@@ -224,16 +214,15 @@ def _info_from_digits(code: int) -> HresultInfo:
     return HresultInfo(code, None, meaning, level=level, subsystem=subsystem, axis=axis, is_guess=True)
 
 
-def _info_from_range(code: int, span: CodeRange) -> HresultInfo:
+def _info_from_range(code: int, first: int, row: dict[str, str]) -> HresultInfo:
     level, subsystem = _level_and_subsystem(code)
-    number = code & 0xFFFF
-    key = f"hresult.range.{span.first:08X}"
-    meaning = Message.from_table(key, span.text.format(number=number), number=number)
-    return HresultInfo(code, None, meaning, _advice(key, span.advice), level=level, subsystem=subsystem)
+    number, key = code & 0xFFFF, f"hresult.range.{first:08X}"
+    meaning = Message.from_table(key, row["text"].format(number=number), number=number)
+    return HresultInfo(code, None, meaning, _advice(key, row), level=level, subsystem=subsystem)
 
 
-def _advice(key: str, english: str | None) -> Message | None:
-    return None if english is None else Message.from_table(f"{key}.advice", english)
+def _advice(key: str, row: dict[str, str]) -> Message | None:
+    return Message.from_table(f"{key}.advice", row["advice"]) if row["advice"] else None
 
 
 def _has_rc7_form(code: int) -> bool:
@@ -249,42 +238,59 @@ def _info_as_rc7(code: int) -> HresultInfo:
     return HresultInfo(code, None, Message("hresult.rc7", digits=digits), rc7=digits, is_guess=True)
 
 
-def _info_from_entry(entry: HresultEntry) -> HresultInfo:
-    level, subsystem = _level_and_subsystem(entry.code)
-    key = f"hresult.{entry.code:08X}"
-    meaning, advice = Message.from_table(key, entry.text), _advice(key, entry.advice)
+def _info_from_row(code: int, row: dict[str, str], axis: int | None = None) -> HresultInfo:
+    """Return the meaning of a listed code; `row` describes the code, or the codes of all eight axes."""
+    level, subsystem = _level_and_subsystem(code)
+    key = f"hresult.{code:08X}" if axis is None else f"hresult.axis.{code & ~0xF:08X}"
+    meaning = Message.from_table(key, row["text"])
     return HresultInfo(
-        entry.code, entry.name, meaning, advice, level, subsystem, rc7=entry.rc7, is_listed=True
+        code,
+        row["name"] or None,
+        meaning if axis is None else Message("hresult.axis", axis=axis, meaning=meaning),
+        _advice(key, row),
+        int(row["level"]) if row["level"] else level,
+        subsystem,
+        axis,
+        row["rc7"] or None,
+        is_listed=True,
     )
 
 
 def _build_table() -> dict[int, HresultInfo]:
-    table = {entry.code: _info_from_entry(entry) for entry in (*NAMED_CODES, *SLAVE_MODE_CODES, *STATE_CODES)}
-    for family in AXIS_FAMILIES:
-        key = f"hresult.axis.{family.base:08X}"
-        common, advice = Message.from_table(key, family.text), _advice(key, family.advice)
-        for axis in range(1, 9):
-            code = family.base + axis
-            level, subsystem = _level_and_subsystem(code)
-            meaning = Message("hresult.axis", axis=axis, meaning=common)
-            table[code] = HresultInfo(
-                code, None, meaning, advice, level, subsystem, axis=axis, is_listed=True
-            )
+    table: dict[int, HresultInfo] = {}
+    for row in _ROWS:
+        digits = row["code"]
+        if digits.endswith("x"):
+            base = int(digits[:-1], 16) << 4
+            table |= {base + axis: _info_from_row(base + axis, row, axis) for axis in range(1, 9)}
+        elif len(digits) == 8:
+            table[int(digits, 16)] = _info_from_row(int(digits, 16), row)
     return table
 
 
 def _build_rc7_table() -> dict[int, HresultInfo]:
     """Map RC7's four-digit codes to their meanings; if several RC8 codes match, the first one counts."""
     table: dict[int, HresultInfo] = {}
-    for entry in RC7_CODES:
-        axis = entry.code & 0xF if entry.code & 0xFFF0 == 0x6410 else None
-        level = RC7_LEVELS.get(entry.code)
-        table[entry.code] = replace(_info_from_entry(entry), level=level, axis=axis)
+    for row in _ROWS:
+        if len(row["code"]) == 4:
+            code = int(row["code"], 16)
+            axis = code & 0xF if code & 0xFFF0 == 0x6410 else None
+            table[code] = replace(_info_from_row(code, row), axis=axis, rc7=row["code"])
     for result in _KNOWN.values():
         if result.rc7 is not None:
             table.setdefault(int(result.rc7, 16), result)
     return table
 
 
+_ROWS = list(table_rows("hresults"))
+_RANGES = [
+    (int(first, 16), int(last, 16), row)
+    for row in _ROWS
+    for first, _, last in [row["code"].partition("-")]
+    if last
+]
 _KNOWN = _build_table()
 _RC7 = _build_rc7_table()
+
+CODE_BY_NAME = {row["name"]: int(row["code"], 16) for row in _ROWS if row["name"]}
+"""Result codes that have a symbol, by symbol."""

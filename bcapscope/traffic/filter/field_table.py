@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from bcapscope.protocol.tables.function_table import FUNCTIONS
-from bcapscope.protocol.tables.hresult_table import NAMED_CODES
+from bcapscope.protocol.tables.hresult import CODE_BY_NAME
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.reserved_field import ReservedConvention
 
@@ -171,7 +171,7 @@ FIELDS: tuple[FilterField, ...] = (
         FieldType.TEXT,
         _BOTH,
         "name of the result code, such as S_OK",
-        known=lambda: frozenset(entry.name for entry in NAMED_CODES if entry.name),
+        known=lambda: frozenset(CODE_BY_NAME),
     ),
     FilterField("hresult_text", FieldType.TEXT, _BOTH, "meaning of the result code"),
     FilterField(

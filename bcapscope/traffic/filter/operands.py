@@ -13,8 +13,7 @@ from fractions import Fraction
 from typing import NamedTuple, NoReturn
 
 from bcapscope.messages import Message
-from bcapscope.protocol.tables.hresult import is_known_code
-from bcapscope.protocol.tables.hresult_table import NAMED_CODES
+from bcapscope.protocol.tables.hresult import CODE_BY_NAME, is_known_code
 from bcapscope.traffic.filter import matching as matches
 from bcapscope.traffic.filter.field_table import FieldType, FilterField
 from bcapscope.traffic.filter.matching import LiteralMatch, Match, Number
@@ -31,7 +30,6 @@ _EARLIEST_TIME = 100_000_000 * 10**9
 """Times before 1973, in ns since 1970, are no times of a capture."""
 
 _RESERVED = ("and", "or", "not", "in", "contains", "matches")
-_CODES = {entry.name: entry.code for entry in NAMED_CODES if entry.name}
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _TIMESTAMP = re.compile(
     r"(\d{4}-\d\d-\d\d)(?:[T ](\d\d:\d\d(?::\d\d)?)(?:\.(\d{1,9}))?)?(Z|[+-]\d\d:\d\d)?", re.ASCII
@@ -263,10 +261,10 @@ def _timestamp(compared: ComparedField, token: Token) -> int:
 
 def _code(compared: ComparedField, token: Token) -> int:
     if token.kind in (TokenKind.WORD, TokenKind.TEXT):
-        code = _CODES.get(token.text.upper())
+        code = CODE_BY_NAME.get(token.text.upper())
         if code is None:
             unknown = Message("filter.no-such-code", name=f"{token.text!r}")
-            compared.fail_at(token, with_nearest(unknown, token.text, _CODES))
+            compared.fail_at(token, with_nearest(unknown, token.text, CODE_BY_NAME))
         return code
     if token.unit:
         compared.fail_at(token, Message("filter.write-hex", digits=f"{token.text}{token.unit}"))

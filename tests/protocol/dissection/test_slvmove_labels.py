@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.protocol.dissection.slvmove_labels import NO_LABEL, ValueLabel, slvmove_label
+from bcapscope.protocol.dissection.value_labels import NO_LABEL, ValueLabel, slvmove_label
 from tests.strategies import variants
 
 JOINTS = [(f"J{axis}", "deg") for axis in range(1, 9)]

@@ -8,8 +8,7 @@ from hypothesis import given
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.dissection.frame_field import FrameField, frame_fields
-from bcapscope.protocol.dissection.slvmove_labels import NO_LABEL
-from bcapscope.protocol.dissection.value_labels import argument_label, result_label
+from bcapscope.protocol.dissection.value_labels import NO_LABEL, argument_label, result_label
 from tests.strategies import variants
 
 ONE = Variant(VT.I4, 1)

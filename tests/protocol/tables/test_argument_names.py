@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.protocol.tables.argument_names import request_param, result_param
-from bcapscope.protocol.tables.function_table import Param
+from bcapscope.protocol.tables.function_table import Param, request_param, result_param
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,12 @@ import pytest
 
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.command_catalogue import commands_of, find_command
-from bcapscope.protocol.tables.command_table import (
-    CONTROLLER_EXECUTE,
-    EXTENSION_EXECUTE,
-    ROBOT_EXECUTE,
-    TASK_EXECUTE,
-)
+from bcapscope.protocol.tables.function_table import ID
+from bcapscope.protocol.tables.table_rows import table_rows
 from tests.shared_folder import SHARED
+
+CONTROLLER_EXECUTE, EXTENSION_EXECUTE = ID["Controller_Execute"], ID["Extension_Execute"]
+ROBOT_EXECUTE, TASK_EXECUTE = ID["Robot_Execute"], ID["Task_Execute"]
 
 FACTS = SHARED / "PROTOCOL.md"
 
@@ -32,6 +31,12 @@ CALLED_BY_CLIENTS = {
     TASK_EXECUTE: "GetStatus",
 }
 """What programs of users were seen to call, by the function that carries it."""
+
+
+def test_every_row_names_its_sources() -> None:
+    rows = list(table_rows("commands"))
+    assert len(rows) > 90
+    assert all(row["text"] and row["sources"] for row in rows)
 
 
 @pytest.mark.parametrize(

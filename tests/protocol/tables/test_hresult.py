@@ -14,15 +14,9 @@ from bcapscope.protocol.tables.hresult import (
     is_failure,
     is_success,
 )
-from bcapscope.protocol.tables.hresult_table import (
-    AXIS_FAMILIES,
-    CODE_RANGES,
-    NAMED_CODES,
-    RC7_CODES,
-    SLAVE_MODE_CODES,
-    STATE_CODES,
-)
+from bcapscope.protocol.tables.table_rows import table_rows
 
+ROWS = list(table_rows("hresults"))
 UNSIGNED = st.integers(0, 0xFFFFFFFF)
 
 # Symbols and values as printed in orin_bcap Java HResult.java.
@@ -245,24 +239,27 @@ def test_an_rc7_code_that_is_not_in_the_table() -> None:
 
 
 def test_no_code_stands_twice() -> None:
-    codes = [entry.code for entry in (*NAMED_CODES, *SLAVE_MODE_CODES, *STATE_CODES, *RC7_CODES)]
-    codes += [family.base + axis for family in AXIS_FAMILIES for axis in range(1, 9)]
+    codes = [row["code"] for row in ROWS if not row["code"].endswith("x")]
+    families = [row["code"][:-1] for row in ROWS if row["code"].endswith("x")]
+    codes += [f"{digits}{axis}" for digits in families for axis in range(1, 9)]
     assert len(codes) == len(set(codes))
     assert len(codes) > 250
 
 
 def test_texts_are_single_clauses() -> None:
-    texts = [entry.text for entry in (*NAMED_CODES, *SLAVE_MODE_CODES, *STATE_CODES, *RC7_CODES)]
-    texts += [family.text for family in AXIS_FAMILIES] + [span.text for span in CODE_RANGES]
-    for text in texts:
+    for text in (row["text"] for row in ROWS):
         assert text
         assert not text.endswith(".")
         assert text.isprintable()
 
 
 def test_level_of_a_known_controller_code_is_its_second_digit() -> None:
-    for entry in (*SLAVE_MODE_CODES, *STATE_CODES):
-        assert describe_hresult(entry.code).level == int(f"{entry.code:08X}"[1])
+    foreign = ("8007", "8091")  # of Windows
+    digits = [row["code"] for row in ROWS if not row["name"] and not row["code"].startswith(foreign)]
+    of_controllers = [each for each in digits if len(each) == 8 and each.isalnum() and "x" not in each]
+    assert len(of_controllers) > 100
+    for each in of_controllers:
+        assert describe_hresult(int(each, 16)).level == int(each[1])
 
 
 @given(UNSIGNED)

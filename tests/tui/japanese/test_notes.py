@@ -18,7 +18,7 @@ from bcapscope.player.player_messages import (
     PlayState,
 )
 from bcapscope.protocol.codec.variant_notation import parse_variant
-from bcapscope.protocol.tables.command_table import COMMAND_ROWS
+from bcapscope.protocol.tables.table_rows import table_rows
 from bcapscope.protocol.tables.table_text import table_message
 from bcapscope.render.play_text import controller_line
 from bcapscope.render.slave_run_charts import run_figure_lines
@@ -32,9 +32,9 @@ JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 
 
 def texts_of_commands() -> Iterator[str]:
-    for row in (row for rows in COMMAND_ROWS.values() for row in rows):
-        yield row.text
-        yield from filter(re.compile("[a-z]{3}").search, (row.elements, row.returns))
+    for row in table_rows("commands"):
+        yield row["text"]
+        yield from filter(re.compile("[a-z]{3}").search, (row["elements"], row["returns"]))
 
 
 def test_everything_that_is_said_of_commands_is_there() -> None:

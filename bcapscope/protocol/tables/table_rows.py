@@ -1,0 +1,17 @@
+"""Reads the tables of this package: text files with one row per line and columns separated by tabs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from itertools import zip_longest
+
+
+def table_rows(name: str) -> Iterator[dict[str, str]]:
+    """Yield the rows of the table `name`.tsv, each by the names of its columns; a blank cell is "".
+
+    Lines that begin with ``#`` are comments. The first other line has the names of the columns.
+    """
+    with open(os.path.join(os.path.dirname(__file__), f"{name}.tsv"), encoding="utf-8") as table:
+        header, *rows = (line.rstrip("\n").split("\t") for line in table if not line.startswith("#"))
+    return (dict(zip_longest(header, row, fillvalue="")) for row in rows)
