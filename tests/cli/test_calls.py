@@ -47,11 +47,13 @@ def test_the_retry_story_is_one_call() -> None:
         "rtt_ms": 1.2,
         "convention": "seed",
         "verdict": "reply late",
+        "captured_again": [],
+        "places": [],
     }
 
 
 def copies_in(call: dict[str, Any]) -> list[int]:
-    return [*call["duplicates"], *call.get("captured_again", ())]
+    return [*call["duplicates"], *call["captured_again"]]
 
 
 @pytest.mark.parametrize("path", ALL, ids=lambda path: path.name)

@@ -167,3 +167,18 @@ def test_a_delay_in_the_proxy_is_shown(tmp_path: Path) -> None:
     lines = run_here("calls", path).lines
     assert len(lines) == 20
     assert "held by the proxy for 5.200 ms" in lines[10]
+
+
+def test_stats_shows_the_one_way_delays(tmp_path: Path) -> None:
+    places = both_ends()
+    places.lost = dict(LOST)
+    paths = two_files(tmp_path, places.poll(100), 90 * SECOND)
+    (figures,) = json_lines("stats", *paths)
+    (found,) = figures["places"]
+    assert (found["requests"]["lost"], found["replies"]["lost"]) == (2, 1)
+    assert (found["requests"]["frames"], found["replies"]["frames"]) == (101, 100)
+    assert found["requests"]["delay_ms"]["p50"] == pytest.approx(0.3, abs=found["delay_error_ms"] + 0.01)
+    assert found["proxy"] is False
+    text = run_here("stats", *paths).out
+    assert "between the two places" in text
+    assert "192.168.0.10:50001 > 192.168.0.1:5007 udp request" in text
