@@ -188,8 +188,17 @@ class _Measurement:
         )
         for time, place, observation in merged:
             self._add(time, place, observation)
-        self.shared = [ends for ends, count in self._joined.items() if count >= FEWEST_JOINED]
+        self._choose_shared()
         return self._estimator.estimate()
+
+    def _choose_shared(self) -> None:
+        """Give each conversation at most one twin: with the same ends, or else the most equal frames."""
+        taken: set[tuple[CapturePlace, ConversationEnds]] = set()
+        for ends in sorted(self._joined, key=lambda each: (each[0] != each[1], -self._joined[each])):
+            own = set(zip(CapturePlace, ends, strict=True))
+            if self._joined[ends] >= FEWEST_JOINED and not taken & own:
+                taken |= own
+                self.shared.append(ends)
 
     def _timed(self, place: CapturePlace) -> Iterator[tuple[int, CapturePlace, Observation]]:
         """Yield the observations of a file with their rough times by the client's clock."""

@@ -44,7 +44,7 @@ def test_keys_are_the_same_for_all_but_the_meaning_of_a_result() -> None:
 
 
 def test_filters_ask_for_calls_by_the_same_names() -> None:
-    """But for `object`, which is known only to those who follow all handles, and `places`, a list of objects."""
+    """But for `object`, which needs the handles, and `places`, a list of objects."""
     assert set(KEYS) - fields_of(RecordKind.CALL).keys() == {"object", "places"}
 
 
