@@ -20,18 +20,13 @@ from bcapscope.cli.common.proxy_rule_options import RuleOptions
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import MessageFormatter
 from bcapscope.render.escape import printable
+from bcapscope.traffic.joining.twin_recognition import CLIENT_LEG
 
 if TYPE_CHECKING:
     from bcapscope.live.child_process import ChildProcess
     from bcapscope.proxy.control_messages import ProxyStats
     from bcapscope.tui.screens.proxy_screen import ProxyScreen
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
-
-_CLIENT_SIDE = "clients of "
-"""Prefix of interface names in a proxy's recording.
-
-Interfaces with this prefix carry the clients' traffic.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +74,7 @@ def _show_running_proxy(address: str) -> None:
     if figures.recording is None:
         _show_screens(None, _proxy_screen(address, figures, None, note=label("proxy.unrecorded")))
         return
-    feed = TrafficFeed(path=figures.recording, follow=True, ports=figures.ports, leg=_CLIENT_SIDE)
+    feed = TrafficFeed(path=figures.recording, follow=True, ports=figures.ports, leg=CLIENT_LEG)
     try:
         _show_screens(feed, _proxy_screen(address, figures, feed))
     finally:

@@ -264,3 +264,43 @@ def test_a_clock_that_is_set_back_does_not_stop_the_output() -> None:
     out = joined([*before, *after])
     assert len(out) == 40
     assert out[-1].time < out[0].time
+
+
+def test_a_client_whose_first_request_is_lost_for_seconds_is_joined_all_the_same() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.ask(0, 1, 0, START_SERVICE, lost=True)
+    client.ask(3000, 2, 1, START_SERVICE)
+    client.reply(3001, 2)
+    client.calls(3010, 20, MOVE, 3)
+    calls = script.calls()
+    assert len(calls) == 21
+    assert {call.conversation.client for call in calls} == {Endpoint("10.0.0.2", 50001)}
+    assert (calls[0].outcome, calls[0].retries) == (Outcome.ANSWERED, 1)
+    assert (calls[0].duplicates, calls[0].captured_again) == ((), ())
+
+
+def test_one_slow_call_is_enough_where_the_proxy_is_one_host() -> None:
+    script = ProxiedScript()
+    script.proxied_client().call(0, 1, MOVE)
+    assert len(script.calls()) == 1
+
+
+def test_one_slow_call_is_enough_where_the_interfaces_are_named_as_legs() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.near.conversation.server = Endpoint("192.168.5.5", 5008)  # the proxy has two addresses
+    client.call(0, 1, MOVE)
+    assert len(script.calls()) == 2
+    client.near.conversation.interface = "clients of 192.168.5.5:5008"
+    client.far.conversation.interface = "controller 10.0.0.1:5007"
+    assert len(script.calls()) == 1
+
+
+def test_two_client_legs_are_never_twins() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    for leg in (client.near, client.far):
+        leg.conversation.interface = "clients of 10.0.0.3:5008"
+    client.calls(0, 20, MOVE)
+    assert len(script.calls()) == 40
