@@ -21,6 +21,14 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow, Observa
 HELD_NS = 1_000_000_000
 """Maximum time in ns for which the traffic of a new conversation is held until its twin is known."""
 
+HELD_UNANSWERED_NS = 5_000_000_000
+"""The same for a conversation without any reply. Its first requests may be lost in the proxy, and the client
+retries within this time (`conversation_pairing.RETRY_WITHIN_NS`)."""
+
+MAX_WAITING = 65536
+"""Maximum number of observations that wait for earlier ones. Beyond this limit, all decisions are made at
+once."""
+
 HELD_FRAMES = 512
 """Maximum number of frames of a new conversation that are held until its twin is known."""
 
@@ -54,6 +62,11 @@ class _NewConversation:
         self.suspects: dict[Conversation, None] = {}
         self._open: set[int] = set()
         self.answered = 0
+
+    @property
+    def due_at(self) -> int:
+        """Time until which the conversation is held, ns since 1970."""
+        return self.began + (HELD_NS if self.answered else HELD_UNANSWERED_NS)
 
     def add(self, observation: Observation) -> None:
         self.held.append(observation)
@@ -138,12 +151,10 @@ class Joiner:
 
     def close(self) -> list[Observation]:
         """Return all observations that are held, because the traffic has ended."""
-        while self._new:
-            self._decide(next(iter(self._new.values())))
-        for merger in self._distinct_mergers():
-            merger.close()
+        self._decide_all()
+        due = self._queue.pop_all()
         self._update_passing()
-        return self._queue.pop_all()
+        return due
 
     def _add_captured_twin(self, observation: Observation, side: CaptureSide) -> None:
         """Add the first observation of a conversation that two captures hold."""
@@ -317,11 +328,12 @@ class Joiner:
 
     def _pop_due(self) -> list[Observation]:
         now = self._now
-        while self._new:
-            first = next(iter(self._new.values()))
-            if first.began + HELD_NS > now:
-                break
-            self._decide(first)
+        if self._new:
+            for new in [each for each in self._new.values() if each.due_at <= now]:
+                if new.conversation in self._new:
+                    self._decide(new)
+        if len(self._queue) > MAX_WAITING:
+            self._decide_all()
         oldest = next(iter(self._new.values()), None)  # new conversations are in the order of their start
         until = now if oldest is None else min(now, oldest.began - 1)
         for merger in self._distinct_mergers():
@@ -333,6 +345,13 @@ class Joiner:
         if not self.passing:
             self._update_passing()
         return due
+
+    def _decide_all(self) -> None:
+        """Make all decisions that wait for further traffic."""
+        while self._new:
+            self._decide(next(iter(self._new.values())))
+        for merger in self._distinct_mergers():
+            merger.close()
 
     def _update_passing(self) -> None:
         is_idle = not (self._new or self._mergers or self._queue)
