@@ -6,7 +6,7 @@ import pytest
 
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.joining import joiner as joiner_module
-from bcapscope.traffic.joining.joined_observation import JoinedObservation, sightings_of
+from bcapscope.traffic.joining.joined_observation import JoinedObservation, sighting_numbers
 from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Endpoint, Observation, Transport
 from bcapscope.traffic.pipeline import CallCollector, Pipeline
@@ -46,7 +46,7 @@ def test_every_observation_comes_out_once_in_order_of_time() -> None:
     seen = script.in_order()
     out = joined(seen)
     assert [each.time for each in out] == sorted(each.time for each in out)
-    assert sorted(each.number for one in out for each in sightings_of(one)) == [each.number for each in seen]
+    assert sorted(number for one in out for number in sighting_numbers(one)) == [each.number for each in seen]
     assert sum(isinstance(each, JoinedObservation) for each in out) == 120
 
 
