@@ -11,9 +11,8 @@ from operator import itemgetter
 from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import COMMENTS_LIMIT, PacketDecoder
-from bcapscope.capture.place_plan import PlacePlan
+from bcapscope.capture.place_plan import PlaceFile, PlacePlan
 from bcapscope.traffic.joining.captured_twins import CapturedTwins, CaptureSide
-from bcapscope.traffic.joining.clock_estimate import ClockEstimate
 from bcapscope.traffic.joining.frame_sample import ConversationEnds, ends_of
 from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.joining.place_merger import Coverage
@@ -27,8 +26,8 @@ class PlaceDecoder:
     """Turns the packets of several captures into observations, in order of time.
 
     Conversations that two captures hold get a `capture_side`, by which a `Joiner` joins them. Their times are
-    by the clock of the capture at the client's side. Packets are counted over all files: first the files of
-    the plans, then the others.
+    by the clock of the capture at the client's side. Packets are counted over all files: the files of the
+    client's side, then those of the controller's side, then the others.
 
     Attributes:
         comments: Comments by packet number, for the latest packets with comments.
@@ -39,17 +38,17 @@ class PlaceDecoder:
     ) -> None:
         self.comments: dict[int, tuple[str, ...]] = {}
         self._sources: list[_Source] = []
-        base = 0
-        for plan in plans:
-            sides = _sides_of(plan)
-            for place, file in zip(CapturePlace, plan.files, strict=True):
-                clock = plan.clock if place is CapturePlace.CONTROLLER_SIDE else None
-                packets = _by_client_clock(read([file.path]), clock)
+        planned: list[PlaceFile] = []
+        for group in _grouped(plans):
+            sides = _sides_of(group)
+            for place in CapturePlace:
+                base = sum(file.packets for file in planned)
+                packets = _packets_at(place, group, read)
                 self._sources.append(_Source(PacketDecoder(ports), packets, base, sides[place]))
-                base += file.packets
-        planned = {file.path for plan in plans for file in plan.files}
-        rest = [path for path in paths if path not in planned]
+                planned += [plan.files[place] for plan in group]
+        rest = [path for path in paths if path not in {file.path for file in planned}]
         if rest:
+            base = sum(file.packets for file in planned)
             self._sources.append(_Source(PacketDecoder(ports), read(rest), base, {}))
 
     @property
@@ -118,20 +117,43 @@ class _Source:
             yield observation.time, observation._replace(packet=base + observation.packet)
 
 
-def _sides_of(plan: PlacePlan) -> tuple[dict[ConversationEnds, CaptureSide], ...]:
+def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
+    """Return the plans in groups that share conversations, such as two rings, each in order of time."""
+    groups: list[list[PlacePlan]] = []
+    for plan in sorted(plans, key=lambda each: each.files[0].begins):
+        group = next((each for each in groups if not set(each[0].shared).isdisjoint(plan.shared)), None)
+        if group is None:
+            groups.append([plan])
+        else:
+            group.append(plan)
+    return groups
+
+
+def _packets_at(place: CapturePlace, group: Sequence[PlacePlan], read: PacketSource) -> Iterator[Packet]:
+    """Yield the packets of the files from one side, with times by the client-side clock."""
+    for plan in group:
+        packets = read([plan.files[place].path])
+        if place is CapturePlace.CLIENT_SIDE:
+            yield from packets
+        else:
+            convert = plan.clock.to_client_clock
+            for time, data, length, interface, comments in packets:
+                yield convert(time), data, length, interface, comments
+
+
+def _sides_of(group: Sequence[PlacePlan]) -> tuple[dict[ConversationEnds, CaptureSide], ...]:
     """Return the shared conversations at each place, by their ends."""
-    near, far = plan.files
-    convert = plan.clock.to_client_clock
-    coverage = Coverage(near.begins, near.ends), Coverage(convert(far.begins), convert(far.ends))
+    coverage = (
+        Coverage(min(plan.files[0].begins for plan in group), max(plan.files[0].ends for plan in group)),
+        Coverage(
+            min(plan.clock.to_client_clock(plan.files[1].begins) for plan in group),
+            max(plan.clock.to_client_clock(plan.files[1].ends) for plan in group),
+        ),
+    )
+    error = max(plan.clock.error for plan in group)
     sides: tuple[dict[ConversationEnds, CaptureSide], ...] = ({}, {})
-    for ends in plan.shared:
-        is_relayed = ends[0][1] != ends[1][1]
-        twins = CapturedTwins(coverage, plan.clock.error, is_relayed=is_relayed)
+    for ends in dict.fromkeys(ends for plan in group for ends in plan.shared):
+        twins = CapturedTwins(coverage, error, is_relayed=ends[0][1] != ends[1][1])
         for place in CapturePlace:
             sides[place][ends[place]] = CaptureSide(twins, place)
     return sides
-
-
-def _by_client_clock(packets: Iterable[Packet], clock: ClockEstimate | None) -> Iterator[Packet]:
-    for packet in packets:
-        yield packet if clock is None else (clock.to_client_clock(packet[0]), *packet[1:])

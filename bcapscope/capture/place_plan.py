@@ -68,58 +68,68 @@ def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]
 
     Files that cannot be read are in no pair. Reading them again reports why.
     """
-    samples = {path: _read_sample(path, ports) for path in dict.fromkeys(paths)}
+    samples = {path: _Sample.read(path, ports) for path in dict.fromkeys(paths)}
     plans: list[PlacePlan] = []
     paired: set[str] = set()
     for one, other in combinations(samples, 2):
         if paired & {one, other}:
             continue
-        plan = _plan_pair(one, other, samples[one], samples[other], ports)
+        plan = _plan_pair(samples[one], samples[other], ports)
         if plan is not None:
             plans.append(plan)
             paired |= {one, other}
     return plans
 
 
-@dataclass(slots=True)
 class _Sample:
-    """The beginning of a file. `begins` is the time of its first packet, ns since 1970; 0 without packets."""
+    """The beginning of a file.
 
-    frames: FrameSample
-    begins: int
+    Attributes:
+        begins: Time of the first packet of the sample, ns since 1970; 0 without packets.
+    """
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self.frames = FrameSample()
+        self.begins = 0
+        self._ends: int | None = None
+
+    @classmethod
+    def read(cls, path: str, ports: Collection[int], begin: int = 0) -> _Sample:
+        """Read a sample of a file, from the time `begin` on."""
+        sample = cls(path)
+        with suppress(CaptureError), open_capture(path) as capture:
+            packets = (packet for packet in capture if packet[0] >= begin)
+            for observation in PacketDecoder(ports).decode(sample._timed(islice(packets, SAMPLE_PACKETS))):
+                sample.frames.add(observation)
+                if sample.frames.count >= SAMPLE_FRAMES:
+                    break
+        return sample
+
+    @property
+    def ends(self) -> int:
+        """Time of the last packet of the file, ns since 1970."""
+        if self._ends is None:
+            self._ends = self.begins
+            with suppress(CaptureError), open_capture(self.path) as capture:
+                for packet in capture:
+                    self._ends = max(self._ends, packet[0])
+        return self._ends
+
+    def _timed(self, packets: Iterable[Packet]) -> Iterator[Packet]:
+        for packet in packets:
+            self.begins = self.begins or packet[0]
+            yield packet
 
 
-def _read_sample(path: str, ports: Collection[int], begin: int = 0) -> _Sample:
-    """Read a sample of a file, from the time `begin` on."""
-    first = 0
-    frames = FrameSample()
-
-    def packets() -> Iterator[Packet]:
-        nonlocal first
-        with open_capture(path) as capture:
-            for packet in capture:
-                if packet[0] >= begin:
-                    first = first or packet[0]
-                    yield packet
-
-    with suppress(CaptureError):
-        for observation in PacketDecoder(ports).decode(islice(packets(), SAMPLE_PACKETS)):
-            frames.add(observation)
-            if frames.count >= SAMPLE_FRAMES:
-                break
-    return _Sample(frames, first)
-
-
-def _plan_pair(
-    one: str, other: str, sample: _Sample, other_sample: _Sample, ports: Collection[int]
-) -> PlacePlan | None:
-    shared = find_shared(sample.frames, other_sample.frames)
-    if not shared and _has_common_ends(sample.frames, other_sample.frames):
-        shared = _find_later(one, other, sample, other_sample, ports)
+def _plan_pair(one: _Sample, other: _Sample, ports: Collection[int]) -> PlacePlan | None:
+    shared = find_shared(one.frames, other.frames)
+    if not shared and not one.frames.frames.keys().isdisjoint(other.frames.frames):
+        shared = _find_later(one, other, ports)
     if not shared:
         return None
     first = max(shared, key=lambda each: each.request_offset is not None and each.reply_offset is not None)
-    files = PlaceFile(one), PlaceFile(other)
+    files = PlaceFile(one.path), PlaceFile(other.path)
     if not _is_at_client(first):
         first, files = _reversed(first), (files[1], files[0])
     measurement = _Measurement(files, first.offset, ports)
@@ -129,19 +139,13 @@ def _plan_pair(
     return PlacePlan(files, clock, measurement.shared)
 
 
-def _has_common_ends(one: FrameSample, other: FrameSample) -> bool:
-    return not one.frames.keys().isdisjoint(other.frames)
-
-
-def _find_later(
-    one: str, other: str, sample: _Sample, other_sample: _Sample, ports: Collection[int]
-) -> list[SharedConversation]:
-    """Return the shared conversations of two files, of which one begins much later than the other."""
-    if sample.begins <= other_sample.begins:
-        later = _read_sample(one, ports, other_sample.begins - JOIN_WITHIN_NS)
-        return find_shared(later.frames, other_sample.frames)
-    later = _read_sample(other, ports, sample.begins - JOIN_WITHIN_NS)
-    return find_shared(sample.frames, later.frames)
+def _find_later(one: _Sample, other: _Sample, ports: Collection[int]) -> list[SharedConversation]:
+    """Return the shared conversations of two files, of which one begins in the middle of the other."""
+    earlier, later = (one, other) if one.begins <= other.begins else (other, one)
+    if earlier.ends < later.begins:
+        return []
+    middle = _Sample.read(earlier.path, ports, later.begins - JOIN_WITHIN_NS)
+    return find_shared(*((middle.frames, other.frames) if earlier is one else (one.frames, middle.frames)))
 
 
 def _overlap(one: PlaceFile, other: PlaceFile) -> bool:
