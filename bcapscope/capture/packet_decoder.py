@@ -122,6 +122,7 @@ class PacketDecoder:
                 counts.packets = packet
                 for flow, sighting in self._decode_any(time, data, original, source, packet):
                     number += 1
+                    flow.conversation.interface = flow.conversation.interface or source.name
                     yield self._make_observation(number, flow, sighting)
         except CaptureError as error:
             broken = error

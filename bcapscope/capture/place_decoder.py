@@ -6,13 +6,15 @@ import heapq
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import fields
+from itertools import chain
 from operator import itemgetter
+from typing import NamedTuple
 
 from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.capture_sequence import CaptureSequence, PacketOrigin
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import COMMENTS_LIMIT, PacketDecoder
-from bcapscope.capture.place_plan import PlacePlan
+from bcapscope.capture.place_plan import PlaceFile, PlacePlan
 from bcapscope.traffic.joining.captured_twins import CapturedTwins, CaptureSide
 from bcapscope.traffic.joining.clock_estimate import ClockEstimate
 from bcapscope.traffic.joining.frame_sample import ConversationEnds, ends_of
@@ -28,8 +30,8 @@ class PlaceDecoder:
     """Turns the packets of several captures into observations, in order of time.
 
     Conversations that two captures hold get a `capture_side`, by which a `Joiner` joins them. Their times are
-    by the clock of the capture at the client's side. Packets are counted over all files: first the files of
-    the plans, then the others.
+    by the clock of the capture at the client's side. Packets are counted over all files: the files of the
+    client's side, then those of the controller's side, then the others.
 
     Attributes:
         comments: Comments by packet number, for the latest packets with comments.
@@ -44,18 +46,18 @@ class PlaceDecoder:
     ) -> None:
         self.comments: dict[int, tuple[str, ...]] = {}
         self._sources: list[_Source] = []
-        base = 0
-        for plan in plans:
-            sides = _sides_of(plan)
-            for place, file in zip(CapturePlace, plan.files, strict=True):
-                clock = plan.clock if place is CapturePlace.CONTROLLER_SIDE else None
-                sequence = open_sequence([file.path])
-                self._sources.append(_Source(PacketDecoder(ports), sequence, base, sides[place], clock))
-                base += file.packets
-        planned = {file.path for plan in plans for file in plan.files}
-        rest = [path for path in paths if path not in planned]
+        planned: list[PlaceFile] = []
+        for group in _grouped(plans):
+            sides = _sides_of(group)
+            for place in CapturePlace:
+                base = sum(file.packets for file in planned)
+                parts = [_part(plan, place, open_sequence) for plan in group]
+                self._sources.append(_Source(PacketDecoder(ports), parts, base, sides[place]))
+                planned += [plan.files[place] for plan in group]
+        rest = [path for path in paths if path not in {file.path for file in planned}]
         if rest:
-            self._sources.append(_Source(PacketDecoder(ports), open_sequence(rest), base, {}))
+            base = sum(file.packets for file in planned)
+            self._sources.append(_Source(PacketDecoder(ports), [_Part(open_sequence(rest))], base, {}))
 
     @property
     def counts(self) -> CaptureCounts:
@@ -78,23 +80,26 @@ class PlaceDecoder:
     @property
     def paths(self) -> Sequence[str]:
         """Paths of the captures: first those of the plans."""
-        return [path for source in self._sources for path in source.sequence.paths]
+        return [path for sequence in self._sequences() for path in sequence.paths]
 
     @property
     def position(self) -> int:
         """Number of bytes read so far."""
-        return sum(source.sequence.position for source in self._sources)
+        return sum(sequence.position for sequence in self._sequences())
 
     @property
     def size(self) -> int | None:
         """Size of all files in bytes; None if it is not known."""
-        sizes = [source.sequence.size for source in self._sources]
+        sizes = [sequence.size for sequence in self._sequences()]
         return None if None in sizes else sum(size or 0 for size in sizes)
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
         """Return where a packet is found, by its number among all packets; None if it is not known."""
         source = next(each for each in reversed(self._sources) if each.base < packet or not each.base)
-        return source.sequence.origin_of(packet - source.base)
+        return source.origin_of(packet - source.base)
+
+    def _sequences(self) -> Iterator[CaptureSequence]:
+        return (part.sequence for source in self._sources for part in source.parts)
 
     def observations(self) -> Iterator[Observation]:
         """Yield the observations of all captures.
@@ -113,30 +118,57 @@ class PlaceDecoder:
             del self.comments[next(iter(self.comments))]
 
 
+class _Part(NamedTuple):
+    """Files that a decoder reads, whose times are converted from `clock` to the client-side clock.
+
+    `packets` is the number of their packets; 0 for the last part, for which it is not needed.
+    """
+
+    sequence: CaptureSequence
+    clock: ClockEstimate | None = None
+    packets: int = 0
+
+    def timed_packets(self) -> Iterator[Packet]:
+        if self.clock is None:
+            yield from self.sequence
+            return
+        convert = self.clock.to_client_clock
+        for time, data, length, interface, comments in self.sequence:
+            yield convert(time), data, length, interface, comments
+
+
 class _Source:
-    """The files that one decoder reads one after another."""
+    """The parts that one decoder reads one after another."""
 
     def __init__(
         self,
         decoder: PacketDecoder,
-        sequence: CaptureSequence,
+        parts: Sequence[_Part],
         base: int,
         sides: dict[ConversationEnds, CaptureSide],
-        clock: ClockEstimate | None = None,
     ) -> None:
         self.decoder = decoder
-        self.sequence = sequence
+        self.parts = parts
         self.base = base
         self._sides = sides
-        self._clock = clock
         self._known: set[Conversation] = set()
+
+    def origin_of(self, packet: int) -> PacketOrigin | None:
+        """Return where a packet of this source is found."""
+        *first, last = self.parts
+        for part in first:
+            if packet <= part.packets:
+                return part.sequence.origin_of(packet)
+            packet -= part.packets
+        return last.sequence.origin_of(packet)
 
     def timed_observations(
         self, keep_comments: Callable[[int, tuple[str, ...]], object]
     ) -> Iterator[tuple[int, Observation]]:
         """Yield the observations with their times, numbered by packets of all sources."""
         comments, base = self.decoder.comments, self.base
-        for observation in self.decoder.decode(_by_client_clock(self.sequence, self._clock)):
+        packets = chain.from_iterable(part.timed_packets() for part in self.parts)
+        for observation in self.decoder.decode(packets):
             conversation = observation.flow.conversation
             if conversation not in self._known:
                 self._known.add(conversation)
@@ -146,20 +178,37 @@ class _Source:
             yield observation.time, observation._replace(packet=base + observation.packet)
 
 
-def _sides_of(plan: PlacePlan) -> tuple[dict[ConversationEnds, CaptureSide], ...]:
+def _part(plan: PlacePlan, place: CapturePlace, open_sequence: OpenSequence) -> _Part:
+    file = plan.files[place]
+    clock = plan.clock if place is CapturePlace.CONTROLLER_SIDE else None
+    return _Part(open_sequence([file.path]), clock, file.packets)
+
+
+def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
+    """Return the plans in groups that share conversations, such as two rings, each in order of time."""
+    groups: list[list[PlacePlan]] = []
+    for plan in sorted(plans, key=lambda each: each.files[0].begins):
+        group = next((each for each in groups if not set(each[0].shared).isdisjoint(plan.shared)), None)
+        if group is None:
+            groups.append([plan])
+        else:
+            group.append(plan)
+    return groups
+
+
+def _sides_of(group: Sequence[PlacePlan]) -> tuple[dict[ConversationEnds, CaptureSide], ...]:
     """Return the shared conversations at each place, by their ends."""
-    near, far = plan.files
-    convert = plan.clock.to_client_clock
-    coverage = Coverage(near.begins, near.ends), Coverage(convert(far.begins), convert(far.ends))
+    coverage = (
+        Coverage(min(plan.files[0].begins for plan in group), max(plan.files[0].ends for plan in group)),
+        Coverage(
+            min(plan.clock.to_client_clock(plan.files[1].begins) for plan in group),
+            max(plan.clock.to_client_clock(plan.files[1].ends) for plan in group),
+        ),
+    )
+    error = max(plan.clock.error for plan in group)
     sides: tuple[dict[ConversationEnds, CaptureSide], ...] = ({}, {})
-    for ends in plan.shared:
-        is_relayed = ends[0][1] != ends[1][1]
-        twins = CapturedTwins(coverage, plan.clock.error, is_relayed=is_relayed)
+    for ends in dict.fromkeys(ends for plan in group for ends in plan.shared):
+        twins = CapturedTwins(coverage, error, is_relayed=ends[0][1] != ends[1][1])
         for place in CapturePlace:
             sides[place][ends[place]] = CaptureSide(twins, place)
     return sides
-
-
-def _by_client_clock(packets: Iterable[Packet], clock: ClockEstimate | None) -> Iterator[Packet]:
-    for packet in packets:
-        yield packet if clock is None else (clock.to_client_clock(packet[0]), *packet[1:])

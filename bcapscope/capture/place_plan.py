@@ -6,8 +6,7 @@ import heapq
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
-from itertools import chain, combinations, islice
+from itertools import combinations, islice
 from pathlib import Path
 
 from bcapscope.capture.capture_file import open_capture
@@ -31,7 +30,7 @@ SAMPLE_PACKETS = 20_000
 """Maximum number of packets of any protocol that are read for a sample."""
 
 MAX_FILES = 100
-"""Maximum number of files that are compared. More files are probably a ring; comparing them takes long."""
+"""Maximum number of files that are compared. Comparing more files takes long."""
 
 FEWEST_JOINED = 2
 """Minimum number of equal frames of a conversation in two files that are joined."""
@@ -71,11 +70,11 @@ class PlacePlan:
 def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]:
     """Return the pairs of files that hold the same conversation. A file is in one pair at most.
 
-    Files that cannot be read are in no pair. Reading them again reports why.
-    A pipe is in no pair, because it can be read only once.
+    Files that cannot be read are in no pair. Reading them again reports why. A pipe is in no pair, because
+    it can be read only once.
     """
     files = [path for path in dict.fromkeys(paths) if Path(path).is_file()]
-    samples = {path: _Sample(path, ports) for path in files} if len(files) <= MAX_FILES else {}
+    samples = {path: _Sample.read(path, ports) for path in files} if len(files) <= MAX_FILES else {}
     plans: list[PlacePlan] = []
     paired: set[str] = set()
     for one, other in combinations(samples, 2):
@@ -89,44 +88,50 @@ def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]
 
 
 class _Sample:
-    """The beginning of a file. `begins` is the time of its first packet, ns since 1970; 0 without packets."""
+    """The beginning of a file.
 
-    def __init__(self, path: str, ports: Collection[int]) -> None:
+    Attributes:
+        begins: Time of the first packet of the sample, ns since 1970; 0 without packets.
+    """
+
+    def __init__(self, path: str) -> None:
         self.path = path
         self.frames = FrameSample()
-        self._ports = ports
-        packets = self._packets()
-        first = next(packets, None)
-        self.begins = 0 if first is None else first[0]
-        if first is not None:
-            self._read_frames(self.frames, chain((first,), packets))
+        self.begins = 0
+        self._ends: int | None = None
 
-    @cached_property
+    @classmethod
+    def read(cls, path: str, ports: Collection[int], begin: int = 0) -> _Sample:
+        """Read a sample of a file, from the time `begin` on."""
+        sample = cls(path)
+        with suppress(CaptureError), open_capture(path) as capture:
+            packets = (packet for packet in capture if packet[0] >= begin)
+            for observation in PacketDecoder(ports).decode(sample._timed(islice(packets, SAMPLE_PACKETS))):
+                sample.frames.add(observation)
+                if sample.frames.count >= SAMPLE_FRAMES:
+                    break
+        return sample
+
+    @property
     def ends(self) -> int:
-        """Time of the last packet, ns since 1970. All packets are read to find it."""
-        return max((packet[0] for packet in self._packets()), default=0)
+        """Time of the last packet of the file, ns since 1970."""
+        if self._ends is None:
+            self._ends = self.begins
+            with suppress(CaptureError), open_capture(self.path) as capture:
+                for packet in capture:
+                    self._ends = max(self._ends, packet[0])
+        return self._ends
 
-    def frames_from(self, begin: int) -> FrameSample:
-        """Return a sample of the frames from the time `begin` on."""
-        frames = FrameSample()
-        self._read_frames(frames, (packet for packet in self._packets() if packet[0] >= begin))
-        return frames
-
-    def _packets(self) -> Iterator[Packet]:
-        with suppress(CaptureError), open_capture(self.path) as capture:
-            yield from capture
-
-    def _read_frames(self, frames: FrameSample, packets: Iterable[Packet]) -> None:
-        for observation in PacketDecoder(self._ports).decode(islice(packets, SAMPLE_PACKETS)):
-            frames.add(observation)
-            if frames.count >= SAMPLE_FRAMES:
-                break
+    def _timed(self, packets: Iterable[Packet]) -> Iterator[Packet]:
+        for packet in packets:
+            self.begins = self.begins or packet[0]
+            yield packet
 
 
 def _plan_pair(one: _Sample, other: _Sample, ports: Collection[int]) -> PlacePlan | None:
     shared = find_shared(one.frames, other.frames)
-    if not shared and _has_common_ends(one.frames, other.frames):
-        shared = _find_later(one, other)
+    if not shared and not one.frames.frames.keys().isdisjoint(other.frames.frames):
+        shared = _find_later(one, other, ports)
     if not shared:
         return None
     first = max(shared, key=lambda each: each.request_offset is not None and each.reply_offset is not None)
@@ -140,23 +145,13 @@ def _plan_pair(one: _Sample, other: _Sample, ports: Collection[int]) -> PlacePla
     return PlacePlan(files, clock, measurement.shared)
 
 
-def _has_common_ends(one: FrameSample, other: FrameSample) -> bool:
-    return not one.frames.keys().isdisjoint(other.frames)
-
-
-def _find_later(one: _Sample, other: _Sample) -> list[SharedConversation]:
-    """Return the shared conversations of two files, of which one begins much later than the other."""
-    if one.begins <= other.begins:
-        return find_shared(_frames_at(one, other.begins), other.frames)
-    return find_shared(one.frames, _frames_at(other, one.begins))
-
-
-def _frames_at(sample: _Sample, begin: int) -> FrameSample:
-    """Return the frames of a file around the time `begin` at which the other file begins.
-
-    Files of a ring follow each other. They are not searched again for each other file of the ring.
-    """
-    return sample.frames_from(begin - JOIN_WITHIN_NS) if begin <= sample.ends else FrameSample()
+def _find_later(one: _Sample, other: _Sample, ports: Collection[int]) -> list[SharedConversation]:
+    """Return the shared conversations of two files, of which one begins in the middle of the other."""
+    earlier, later = (one, other) if one.begins <= other.begins else (other, one)
+    if earlier.ends < later.begins:
+        return []
+    middle = _Sample.read(earlier.path, ports, later.begins - JOIN_WITHIN_NS)
+    return find_shared(*((middle.frames, other.frames) if earlier is one else (one.frames, middle.frames)))
 
 
 def _overlap(one: PlaceFile, other: PlaceFile) -> bool:
@@ -203,8 +198,17 @@ class _Measurement:
         )
         for time, place, observation in merged:
             self._add(time, place, observation)
-        self.shared = [ends for ends, count in self._joined.items() if count >= FEWEST_JOINED]
+        self._choose_shared()
         return self._estimator.estimate()
+
+    def _choose_shared(self) -> None:
+        """Give each conversation at most one twin: with the same ends, or else the most equal frames."""
+        taken: set[tuple[CapturePlace, ConversationEnds]] = set()
+        for ends in sorted(self._joined, key=lambda each: (each[0] != each[1], -self._joined[each])):
+            own = set(zip(CapturePlace, ends, strict=True))
+            if self._joined[ends] >= FEWEST_JOINED and not taken & own:
+                taken |= own
+                self.shared.append(ends)
 
     def _timed(self, place: CapturePlace) -> Iterator[tuple[int, CapturePlace, Observation]]:
         """Yield the observations of a file with their rough times by the client's clock."""

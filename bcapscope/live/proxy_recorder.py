@@ -15,6 +15,7 @@ from bcapscope.live.recorder import Recorder
 from bcapscope.messages.message_codec import decode_message
 from bcapscope.proxy.relay_session import read_endpoints
 from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind, hole_sizes
+from bcapscope.traffic.joining.twin_recognition import CLIENT_LEG, CONTROLLER_LEG
 from bcapscope.traffic.observation import Transport
 
 _Endpoints: TypeAlias = tuple[tuple[str, int], tuple[str, int]]
@@ -195,10 +196,10 @@ class ProxyRecorder:
         is_stream = who.transport is Transport.TCP
         self._sides[record.client] = (
             _ProxySide(
-                f"clients of {who.listen}", who.client, who.listen, is_client_side=True, is_stream=is_stream
+                f"{CLIENT_LEG}{who.listen}", who.client, who.listen, is_client_side=True, is_stream=is_stream
             ),
             _ProxySide(
-                f"controller {who.controller}",
+                f"{CONTROLLER_LEG}{who.controller}",
                 who.upstream,
                 who.controller,
                 is_client_side=False,

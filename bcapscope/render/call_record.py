@@ -51,8 +51,8 @@ class CallRecordRenderer:
 
         `started` is in seconds since 1970. `latency_ms` runs from the first request to the accepted reply.
         `rtt_ms` runs from the request that the accepted reply answers to this reply. All lists except
-        `serials` and `places` hold frame numbers. Only calls that were captured at two places have `places`,
-        one object per frame.
+        `serials` and `places` hold frame numbers. `places` has one object per frame of a call that
+        was captured at two places.
         """
         request, reply = call.request, call.reply
         if reply is None or not call.is_plain or isinstance(request, JoinedObservation):
@@ -120,21 +120,9 @@ def _call_object(call: Call, subject: TrackedObject | None) -> dict[str, object]
         "rtt_ms": _milliseconds(call.rtt),
         "convention": call.convention,
         "verdict": call.verdict,
-        **_copy_members(call),
-        **_place_members(call),
+        "captured_again": _numbers(call.captured_again),
+        "places": [_place_object(seen) for seen in call.joined_frames],
     }
-
-
-def _copy_members(call: Call) -> dict[str, object]:
-    """Return the member `captured_again` of a call with packets that were captured twice."""
-    again = _numbers(call.captured_again)
-    return {"captured_again": again} if again else {}
-
-
-def _place_members(call: Call) -> dict[str, object]:
-    """Return the member `places` of a call that was captured at two places; no member for other calls."""
-    frames = [_place_object(seen) for seen in call.joined_frames]
-    return {"places": frames} if frames else {}
 
 
 def _place_object(seen: JoinedObservation) -> dict[str, object]:

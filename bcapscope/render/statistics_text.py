@@ -13,6 +13,7 @@ from bcapscope.analysis.statistics.call_statistics import (
     Statistics,
     StatisticsRow,
 )
+from bcapscope.analysis.statistics.place_delays import OneWayFigures, PlaceFigures
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.places import Count
 from bcapscope.protocol.tables.function_table import function_name
@@ -24,6 +25,8 @@ from bcapscope.render.json_values import percentiles_object, text_fragment, time
 from bcapscope.render.timestamp import utc_text
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
+
+_PLACE_COLUMNS = ("frames", "lost", "p50", "p90", "p99", "max", "error")
 
 MAX_ROWS = 40
 """Maximum number of rows of a text table: those with the most line time. JSON output contains all rows."""
@@ -64,6 +67,7 @@ def statistics_lines(
         kinds = [(call_kind_text(row.call_kind or OTHER_KINDS, words), row.figures) for row in own]
         yield from _table(caption, kinds, palette, words)
     yield from _refusals(statistics, palette, words)
+    yield from _place_lines(statistics.places, palette, words)
     total = statistics.total.figures
     for name, count in (("not-followed", total.not_followed), ("not-captured", total.not_captured)):
         if count:
@@ -127,11 +131,35 @@ def _refusals(statistics: Statistics, palette: Palette, words: MessageFormatter)
         yield from align_columns(refused, "><<")
 
 
+def _place_lines(places: Sequence[PlaceFigures], palette: Palette, words: MessageFormatter) -> Iterator[str]:
+    """Yield a table of the times between the two places where conversations were captured."""
+    if not places:
+        return
+    rows = [(words("stats.places"), *(words(f"stats.column.{name}") for name in _PLACE_COLUMNS))]
+    for each in places[:MAX_ROWS]:
+        for role, figures in (("request", each.requests), ("reply", each.replies)):
+            name = f"{conversation_text(each.conversation)} {words(f'frame.role.{role}')}"
+            rows.append((name, *_one_way_cells(figures, each.delay_error)))
+    first, *others = align_columns(rows, "<" + ">" * len(_PLACE_COLUMNS))
+    yield ""
+    yield f"{palette.dim}{first}{palette.reset}"
+    yield from others
+
+
+def _one_way_cells(figures: OneWayFigures, error: float) -> tuple[str, ...]:
+    delay = figures.delay
+    times: tuple[str, ...] = ("",) * 5
+    if delay is not None:
+        percentiles = (delay.p50, delay.p90, delay.p99, delay.most)
+        times = (*(f"{value:.3f}" for value in percentiles), f"{error:.3f}" if error else "")
+    return str(figures.frames), str(figures.lost or ""), *times
+
+
 def statistics_record(statistics: Statistics) -> bytes:
     """Return the figures of a period as one JSON object, without a line end.
 
-    Latencies are in milliseconds, `start` and `end` are in seconds since 1970. `line_time_share` is between 0
-    and 1.
+    Latencies and delays are in milliseconds, `start` and `end` are in seconds since 1970. `line_time_share`
+    is between 0 and 1. `places` has one object per conversation that was captured at two places.
     """
     return orjson.dumps(
         {
@@ -140,8 +168,27 @@ def statistics_record(statistics: Statistics) -> bytes:
             "total": _row_object(statistics.total),
             "clients": list(map(_row_object, statistics.clients)),
             "commands": list(map(_row_object, statistics.commands)),
+            "places": list(map(_place_object, statistics.places)),
         }
     )
+
+
+def _place_object(places: PlaceFigures) -> dict[str, object]:
+    conversation = places.conversation
+    return {
+        "client": text_fragment(str(conversation.client)),
+        "server": text_fragment(str(conversation.server)),
+        "transport": conversation.transport,
+        "proxy": places.is_relayed,
+        "delay_error_ms": places.delay_error,
+        "requests": _one_way_object(places.requests),
+        "replies": _one_way_object(places.replies),
+    }
+
+
+def _one_way_object(figures: OneWayFigures) -> dict[str, object]:
+    delay = None if figures.delay is None else percentiles_object(figures.delay)
+    return {"frames": figures.frames, "lost": figures.lost, "delay_ms": delay}
 
 
 def _row_object(row: StatisticsRow) -> dict[str, object]:

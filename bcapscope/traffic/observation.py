@@ -78,6 +78,7 @@ class Conversation:
             evidence in the traffic.
         connection_end: End of the TCP connection, as far as captured; None while the connection is open, and
             for UDP.
+        interface: Name of the interface on which it was captured; "" if the capture names none.
         controller_leg: Conversation between the proxy and the controller, if this one is between the client
             and the proxy, and the capture holds both; otherwise None.
         capture_side: The capture that the conversation comes from, if two captures hold the same
@@ -92,6 +93,7 @@ class Conversation:
         self.transport = transport
         self.server_known_by = server_known_by
         self.connection_end: ConnectionEnd | None = None
+        self.interface = ""
         self.controller_leg: Conversation | None = None
         self.capture_side: CaptureSide | None = None
 

@@ -49,12 +49,14 @@ def test_the_retry_story_is_one_call() -> None:
         "rtt_ms": 1.2,
         "convention": "seed",
         "verdict": "reply late",
+        "captured_again": [],
+        "places": [],
         "packets": [{"frame": frame, "file": str(RETRIES), "packet": frame} for frame in range(1, 7)],
     }
 
 
 def copies_in(call: dict[str, Any]) -> list[int]:
-    return [*call["duplicates"], *call.get("captured_again", ())]
+    return [*call["duplicates"], *call["captured_again"]]
 
 
 @pytest.mark.parametrize("path", ALL, ids=lambda path: path.name)

@@ -167,3 +167,39 @@ def test_a_delay_in_the_proxy_is_shown(tmp_path: Path) -> None:
     lines = run_here("calls", path).lines
     assert len(lines) == 20
     assert "held by the proxy for 5.200 ms" in lines[10]
+
+
+def test_stats_shows_the_one_way_delays(tmp_path: Path) -> None:
+    places = both_ends()
+    places.lost = dict(LOST)
+    paths = two_files(tmp_path, places.poll(100), 90 * SECOND)
+    (figures,) = json_lines("stats", *paths)
+    (found,) = figures["places"]
+    assert (found["requests"]["lost"], found["replies"]["lost"]) == (2, 1)
+    assert (found["requests"]["frames"], found["replies"]["frames"]) == (101, 100)
+    assert found["requests"]["delay_ms"]["p50"] == pytest.approx(0.3, abs=found["delay_error_ms"] + 0.01)
+    assert found["proxy"] is False
+    text = run_here("stats", *paths).out
+    assert "between the two places" in text
+    assert "192.168.0.10:50001 > 192.168.0.1:5007 udp request" in text
+
+
+def test_the_rings_of_both_ends_are_one_conversation(tmp_path: Path) -> None:
+    places = both_ends()
+    places.lost = {30: "request", 75: "reply"}
+    places.poll(120)
+    near, far = places.near.packets, places.far.packets
+    files = {
+        "near-1": near[:100],
+        "near-2": near[100:],
+        "far-1": far[:130],
+        "far-2": far[130:],
+    }
+    paths = [tmp_path / f"{name}.pcap" for name in files]
+    for path, packets in zip(paths, files.values(), strict=True):
+        path.write_bytes(pcap(packets, nanoseconds=True))
+    calls = json_lines("calls", *paths)
+    assert len(calls) == 120
+    assert verdicts(calls) == {30: "request lost", 75: "reply lost"}
+    (figures,) = json_lines("stats", *paths)
+    assert len(figures["clients"]) == 1

@@ -34,6 +34,7 @@ KEYS = [
     ),
     "outcome",
     *("hresult", "hresult_name", "hresult_text", "latency_ms", "rtt_ms", "convention", "verdict"),
+    *("captured_again", "places"),
 ]
 
 
@@ -53,8 +54,8 @@ def test_keys_are_the_same_for_all_but_the_meaning_of_a_result() -> None:
 
 
 def test_filters_ask_for_calls_by_the_same_names() -> None:
-    """But for `object`, which is known only to those who follow all handles."""
-    assert set(KEYS) - fields_of(RecordKind.CALL).keys() == {"object"}
+    """But for `object`, which needs the handles, and `places`, a list of objects."""
+    assert set(KEYS) - fields_of(RecordKind.CALL).keys() == {"object", "places"}
 
 
 def test_a_call_without_trouble() -> None:
@@ -90,6 +91,8 @@ def test_a_call_without_trouble() -> None:
         "rtt_ms": 1.25,
         "convention": "unknown",
         "verdict": "answered",
+        "captured_again": [],
+        "places": [],
     }
 
 

@@ -71,14 +71,31 @@ def with_place(call: Call, fact: Message) -> Message:
     if lost:
         case = "in-proxy" if lost[0].is_relayed else "between"
         return Message(f"finding.lost-{case}", fact=fact, frames=Count(len(lost), "frame"))
+    if _reached_controller_side(call):
+        return Message("finding.reached-controller-side", fact=fact)
     held = max((seen.held_by_proxy for seen in call.joined_frames), default=0)
     return Message("finding.held-in-proxy", fact=fact, held=Duration(held)) if held >= _HELD_NS else fact
 
 
+def group_by_place(call: Call) -> str:
+    """Return the group key of a finding about a call: calls with another advice form another finding."""
+    advice = advice_by_place(call)
+    return "" if advice is None else advice.id
+
+
 def advice_by_place(call: Call) -> Message | None:
-    """Return what the reader can do if frames of a call were lost or held in the proxy; None otherwise."""
+    """Return what the reader can do if two places captured a call; None for the usual advice of the rule."""
     lost = call.lost_between
     if lost:
-        return Message("rule.advice.in-proxy") if lost[0].is_relayed else None
+        return Message("rule.advice.in-proxy" if lost[0].is_relayed else "rule.advice.between")
+    if _reached_controller_side(call):
+        return Message("rule.advice.reached-controller-side")
     held = any(seen.held_by_proxy >= _HELD_NS for seen in call.joined_frames)
     return Message("rule.advice.in-proxy") if held else None
+
+
+def _reached_controller_side(call: Call) -> bool:
+    """Return whether an unanswered request was captured at the controller's side."""
+    return call.reply is None and any(
+        seen.is_request and seen.at_controller is not None for seen in call.joined_frames
+    )

@@ -9,7 +9,7 @@ from typing import TypedDict
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import attempt_place, call_place, call_places, client_place
-from bcapscope.analysis.rules.proxy_rules import advice_by_place, with_place
+from bcapscope.analysis.rules.proxy_rules import advice_by_place, group_by_place, with_place
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     SECOND,
@@ -29,6 +29,7 @@ from bcapscope.protocol.tables.function_table import ID
 from bcapscope.traffic.call import Call, FrameObservation, StrayReply
 from bcapscope.traffic.call_verdict import CallVerdict
 from bcapscope.traffic.client_timeout import gives_up_at, waits_in_vain
+from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 _SEED = "DENSO Wave 2009, How to use the Slave mode"
@@ -267,7 +268,7 @@ class _Grouping(TypedDict, total=False):
 def _grouped_by_place(call: Call) -> _Grouping:
     """Return the arguments that give calls disturbed by a proxy a finding and an advice of their own."""
     advice = advice_by_place(call)
-    return {} if advice is None else {"group_key": "proxy", "advice": advice}
+    return {} if advice is None else {"group_key": group_by_place(call), "advice": advice}
 
 
 def _no_reply(call: Call) -> Occurrence:
@@ -275,13 +276,14 @@ def _no_reply(call: Call) -> Occurrence:
     closing = call.conversation.connection_end
     by_client = closing is not None and closing.by is Direction.REQUEST and not continued_after
     sent = {**call_places(call), "times": Times(len(call.attempts))}
+    settled = ".settled" if isinstance(call.request, JoinedObservation) else ""
     if by_client and closing is not None:
         after = Duration(closing.time - call.request.time)
         fact = Message("finding.no-reply.closed", **sent, after=after)
     elif continued_after:
-        fact = Message("finding.no-reply.continued", **sent, after=Duration(continued_after))
+        fact = Message(f"finding.no-reply.continued{settled}", **sent, after=Duration(continued_after))
     else:
-        fact = Message("finding.no-reply", **sent)
+        fact = Message(f"finding.no-reply{settled}", **sent)
     return Occurrence(
         NO_REPLY,
         call.request.time,
@@ -291,7 +293,7 @@ def _no_reply(call: Call) -> Occurrence:
         with_place(call, fact),
         Message("clause.no-reply", call=sent["call"]),
         call=call.number,
-        group_key="closed" if by_client else "proxy" if advice_by_place(call) else "",
+        group_key="closed" if by_client else group_by_place(call),
         advice=Message("rule.no-reply.advice.closed") if by_client else advice_by_place(call),
     )
 

@@ -10,11 +10,13 @@ import numpy as np
 
 from bcapscope.analysis.statistics.distribution import Histogram
 from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
+from bcapscope.analysis.statistics.place_delays import PlaceFigures, PlaceTally
 from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.call_verdict import Outcome
 from bcapscope.traffic.handle_tracker import TrackedObject
+from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Endpoint, Transport
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
@@ -105,6 +107,7 @@ class Statistics:
         clients: One row per client; the client with the most calls comes first.
         commands: One row per kind of call and client; the longest total latency comes first.
         kinds: One row per kind of call over all clients; the longest total latency comes first.
+        places: Figures of each conversation that two places captured.
     """
 
     start: int
@@ -113,6 +116,7 @@ class Statistics:
     clients: tuple[StatisticsRow, ...]
     commands: tuple[StatisticsRow, ...]
     kinds: tuple[StatisticsRow, ...]
+    places: tuple[PlaceFigures, ...] = ()
 
 
 class _CallTally:
@@ -210,6 +214,7 @@ class StatisticsBuilder(PipelineSubscriber):
         self._conversation: Conversation | None = None
         self._question: CallKind | None = None
         self._tally: _CallTally
+        self._places: dict[Conversation, PlaceTally] = {}
         self._start: int | None = None
         self._end = 0
 
@@ -219,9 +224,19 @@ class StatisticsBuilder(PipelineSubscriber):
         if call.kind is not self._question or call.conversation is not self._conversation:
             self._select_tally(call)
         self._tally.add_call(call)
+        if isinstance(call.request, JoinedObservation):
+            self._add_to_places(call)
         if self._start is None or call.request.time < self._start:
             self._start = call.request.time
         self._end = max(self._end, call.last_activity)
+
+    def _add_to_places(self, call: Call) -> None:
+        places = self._places.get(call.conversation)
+        if places is None:
+            if len(self._places) >= MAX_KINDS:
+                return
+            places = self._places[call.conversation] = PlaceTally(call.conversation)
+        places.add_call(call)
 
     def add_call(self, call: Call) -> None:
         """Count a call if it is selected."""
@@ -261,6 +276,7 @@ class StatisticsBuilder(PipelineSubscriber):
             tuple(sorted(by_client, key=lambda row: -row.figures.calls)),
             tuple(sorted(commands, key=_time_taken)),
             tuple(sorted(by_kind, key=_time_taken)),
+            tuple(places.figures() for places in self._places.values()),
         )
 
     def _select_tally(self, call: Call) -> None:

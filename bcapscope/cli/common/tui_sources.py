@@ -20,6 +20,7 @@ from bcapscope.cli.common.proxy_rule_options import RuleOptions
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import MessageFormatter
 from bcapscope.render.escape import printable
+from bcapscope.traffic.joining.twin_recognition import CLIENT_LEG
 
 if TYPE_CHECKING:
     from bcapscope.live.child_process import ChildProcess
@@ -27,12 +28,6 @@ if TYPE_CHECKING:
     from bcapscope.tui.app import ScreenEntry
     from bcapscope.tui.screens.proxy_screen import ProxyScreen
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
-
-_CLIENT_SIDE = "clients of "
-"""Prefix of interface names in a proxy's recording.
-
-Interfaces with this prefix carry the clients' traffic.
-"""
 
 
 def choose_language(context: click.Context, words: MessageFormatter) -> None:
@@ -77,7 +72,7 @@ def _show_running_proxy(address: str) -> None:
     if figures.recording is None:
         _show_screens(None, _proxy_screen(address, figures, None, note=label("proxy.unrecorded")))
         return
-    feed = TrafficFeed(ReadJob(path=figures.recording, follow=True, ports=figures.ports, leg=_CLIENT_SIDE))
+    feed = TrafficFeed(ReadJob(path=figures.recording, follow=True, ports=figures.ports, leg=CLIENT_LEG))
     with closing(feed):
         _show_screens(feed, _proxy_screen(address, figures, feed))
 

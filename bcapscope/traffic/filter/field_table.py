@@ -200,6 +200,12 @@ FIELDS: tuple[FilterField, ...] = (
     FilterField(
         "duplicates", FieldType.NUMBERS, _CALL, "frame numbers of exact copies of requests and replies"
     ),
+    FilterField(
+        "captured_again",
+        FieldType.NUMBERS,
+        _CALL,
+        "frame numbers of packets that were probably captured twice",
+    ),
     FilterField("outcome", FieldType.TEXT, _CALL, "how the call ended", values=tuple(Outcome)),
     FilterField("latency", FieldType.DURATION, _CALL, "time from the first request to the accepted reply"),
     FilterField(

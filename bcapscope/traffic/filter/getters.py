@@ -130,6 +130,7 @@ CALL_GETTERS: Mapping[str, Callable[[Call], object]] = {
     "lost_replies": lambda call: [seen.number for seen in call.lost_replies],
     "executing": lambda call: len(call.notices),
     "duplicates": lambda call: [seen.number for seen in call.duplicates],
+    "captured_again": lambda call: [seen.number for seen in call.captured_again],
     "outcome": lambda call: call.outcome,
     "latency": lambda call: call.latency,
     "rtt": lambda call: call.rtt,

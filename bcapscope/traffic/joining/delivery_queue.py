@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 
-from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.observation import Conversation, Observation
 
 
 class DeliveryQueue:
@@ -25,6 +25,15 @@ class DeliveryQueue:
         while waiting and waiting[0][0] <= time:
             due.append(heapq.heappop(waiting)[2])
         return due
+
+    def of(self, conversation: Conversation) -> list[Observation]:
+        """Return the waiting observations of a conversation, in order of time."""
+        return [each for _, _, each in sorted(self._waiting) if each.flow.conversation is conversation]
+
+    def remove(self, conversation: Conversation) -> None:
+        """Drop the waiting observations of a conversation."""
+        self._waiting = [each for each in self._waiting if each[2].flow.conversation is not conversation]
+        heapq.heapify(self._waiting)
 
     def pop_all(self) -> list[Observation]:
         due = [each for _, _, each in sorted(self._waiting)]

@@ -98,9 +98,8 @@ def join_sightings(
     return joined
 
 
-def sightings_of(observation: Observation) -> Iterator[Observation]:
-    """Yield the plain observations of an observation: its sightings, or the observation itself."""
+def sighting_numbers(observation: object) -> tuple[int, ...]:
+    """Return the numbers of an observation at all places where it was captured."""
     if isinstance(observation, JoinedObservation):
-        yield from observation.sightings()
-    else:
-        yield observation
+        return tuple(sighting.number for sighting in observation.sightings())
+    return (observation.number,) if isinstance(observation, Observation) else ()

@@ -11,8 +11,8 @@ from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.joining.place_merger import JOIN_WITHIN_NS, NO_COMMENTS, PlaceMerger
 from bcapscope.traffic.joining.twin_recognition import (
     ENOUGH_CALLS,
-    FEWEST_CALLS,
     NestedCalls,
+    fewest_calls,
     may_be_twins,
     nested_calls,
 )
@@ -20,6 +20,14 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow, Observa
 
 HELD_NS = 1_000_000_000
 """Maximum time in ns for which the traffic of a new conversation is held until its twin is known."""
+
+HELD_UNANSWERED_NS = 5_000_000_000
+"""The same for a conversation without any reply. Its first requests may be lost in the proxy, and the client
+retries within this time (`conversation_pairing.RETRY_WITHIN_NS`)."""
+
+MAX_WAITING = 65536
+"""Maximum number of observations that wait for earlier ones. Beyond this limit, all decisions are made at
+once."""
 
 HELD_FRAMES = 512
 """Maximum number of frames of a new conversation that are held until its twin is known."""
@@ -55,6 +63,11 @@ class _NewConversation:
         self._open: set[int] = set()
         self.answered = 0
 
+    @property
+    def due_at(self) -> int:
+        """Time until which the conversation is held, ns since 1970."""
+        return self.began + (HELD_NS if self.answered else HELD_UNANSWERED_NS)
+
     def add(self, observation: Observation) -> None:
         self.held.append(observation)
         serial = getattr(observation.item, "serial", -1)
@@ -63,6 +76,12 @@ class _NewConversation:
         elif serial in self._open:
             self._open.discard(serial)
             self.answered += 1
+
+    def drop_before(self, client_side: _NewConversation) -> None:
+        """Drop the first requests, which the client's side has already passed on."""
+        waiting = {each.item.raw for each in client_side.held}
+        while self.held and self.held[0].item.raw not in waiting:
+            del self.held[0]
 
 
 class Joiner:
@@ -114,6 +133,8 @@ class Joiner:
         elif flow.conversation in self._single:
             self._single_flows.add(flow)
             self._queue.add(observation)
+            if self._new and flow.direction is _REQUEST:
+                self._note_sender(observation)
         elif flow.conversation not in self._hidden:
             self._add_new(observation)
         return [*due, *self._pop_due()]
@@ -130,12 +151,10 @@ class Joiner:
 
     def close(self) -> list[Observation]:
         """Return all observations that are held, because the traffic has ended."""
-        while self._new:
-            self._decide(next(iter(self._new.values())), FEWEST_CALLS)
-        for merger in self._distinct_mergers():
-            merger.close()
+        self._decide_all()
+        due = self._queue.pop_all()
         self._update_passing()
-        return self._queue.pop_all()
+        return due
 
     def _add_captured_twin(self, observation: Observation, side: CaptureSide) -> None:
         """Add the first observation of a conversation that two captures hold."""
@@ -174,41 +193,56 @@ class Joiner:
             new = self._new[conversation] = _NewConversation(observation)
         new.add(observation)
         if observation.flow.direction is _REQUEST:
-            self._find_suspect(new, observation)
+            self._find_suspects(new, observation)
         if new.answered >= OWN_CALLS and not new.suspects:
             self._release(new)
         elif new.answered >= ENOUGH_CALLS and new.answered % ENOUGH_CALLS == 0:
             self._decide_if_proved(new)
         if len(new.held) >= HELD_FRAMES and conversation in self._new:
-            self._decide(new, FEWEST_CALLS)
+            self._decide(new)
 
-    def _find_suspect(self, new: _NewConversation, request: Observation) -> None:
-        """Note the other new conversations that have the same request."""
-        senders = self._senders.setdefault(request.item.raw, {})
-        if new.conversation in senders or len(senders) >= MAX_SENDERS:
-            return
-        for sender in senders:
-            if sender in self._new and may_be_twins(sender, new.conversation):
+    def _find_suspects(self, new: _NewConversation, request: Observation) -> None:
+        """Note the other conversations that have the same request."""
+        for sender in self._note_sender(request):
+            if not may_be_twins(sender, new.conversation):
+                continue
+            other = self._new.get(sender)
+            if other is not None:
+                other.suspects[new.conversation] = None
+            if other is not None or sender in self._single:
                 new.suspects[sender] = None
-                self._new[sender].suspects[new.conversation] = None
-        senders[new.conversation] = None
-        if len(self._senders) > MAX_REQUESTS:
+
+    def _note_sender(self, request: Observation) -> list[Conversation]:
+        """Remember who sent a request; return the other conversations that have the same request."""
+        if len(self._senders) >= MAX_REQUESTS:
             self._senders.clear()
+        senders = self._senders.setdefault(request.item.raw, {})
+        others = [each for each in senders if each is not request.flow.conversation]
+        if len(senders) < MAX_SENDERS:
+            senders[request.flow.conversation] = None
+        return others
 
     def _decide_if_proved(self, new: _NewConversation) -> None:
-        if self._best_twins(new, ENOUGH_CALLS) is not None:
-            self._decide(new, ENOUGH_CALLS)
+        twins = self._best_twins(new, ENOUGH_CALLS)
+        if twins is not None:
+            self._join(*twins)
 
-    def _decide(self, new: _NewConversation, fewest: int) -> None:
+    def _decide(self, new: _NewConversation) -> None:
         """Join a conversation with its twin, or pass it on alone."""
-        twins = self._best_twins(new, fewest)
+        twins = self._best_twins(new)
         if twins is None:
             self._release(new)
-            return
-        client_side, controller_side = twins
+        else:
+            self._join(*twins)
+
+    def _join(self, client_side: _NewConversation, controller_side: _NewConversation) -> None:
+        twins = client_side, controller_side
+        if client_side.conversation in self._single:
+            controller_side.drop_before(client_side)
+        for twin in twins:
+            self._take_over(twin)
         if self._only is not None:
             self._hidden.add(twins[1 - self._only].conversation)
-            self._drop_new(twins[1 - self._only].conversation)
             self._release(twins[self._only])
             return
         conversation = client_side.conversation
@@ -216,36 +250,64 @@ class Joiner:
         if len(self._mergers) >= 2 * MAX_JOINED:
             self._stop_joining(next(iter(self._mergers.values()))[0])
         merger = PlaceMerger(conversation, self._queue.add, comments=self._comments)
-        places: dict[Conversation, CapturePlace] = {}
-        for leg, place in zip((conversation, controller_side.conversation), CapturePlace, strict=True):
+        places = {twin.conversation: place for twin, place in zip(twins, CapturePlace, strict=True)}
+        for leg, place in places.items():
             self._mergers[leg] = merger, place
-            places[leg] = place
-            self._drop_new(leg)
         for each in sorted((*client_side.held, *controller_side.held), key=lambda seen: seen.number):
             merger.add(each, places[each.flow.conversation])
 
-    def _stop_joining(self, merger: PlaceMerger) -> None:
-        merger.close()
-        for conversation in [each for each, (of, _) in self._mergers.items() if of is merger]:
-            del self._mergers[conversation]
+    def _take_over(self, twin: _NewConversation) -> None:
+        """Take a conversation and its traffic out of all other collections."""
+        conversation = twin.conversation
+        if conversation in self._single:
+            self._single.remove(conversation)
+            self._single_flows = {
+                flow for flow in self._single_flows if flow.conversation is not conversation
+            }
+            self._queue.remove(conversation)
+        else:
+            self._drop_new(conversation)
 
     def _best_twins(
-        self, new: _NewConversation, fewest: int
+        self, new: _NewConversation, calls: int = 0
     ) -> tuple[_NewConversation, _NewConversation] | None:
-        """Return the pair of a conversation and its twin, the client's side first; None without a twin."""
+        """Return the pair of a conversation and its twin, the client's side first; None without a twin.
+
+        Args:
+            calls: Minimum number of nested calls; by default as many as prove twins at the end of the hold.
+        """
         found: list[tuple[NestedCalls, _NewConversation, _NewConversation]] = []
         for suspect in new.suspects:
-            other = self._new.get(suspect)
+            other = self._new.get(suspect) or self._waiting_traffic(suspect)
             if other is None:
                 continue
             for outer, inner in permutations((new, other)):
+                fewest = fewest_calls(outer.conversation, inner.conversation)
                 nested = nested_calls(outer.held, inner.held)
-                if nested.proves_twins(fewest):
+                if fewest is not None and nested.proves_twins(calls or fewest):
                     found.append((nested, outer, inner))
         if not found:
             return None
         _, outer, inner = max(found, key=lambda each: (each[0].calls, -each[0].lag))
         return outer, inner
+
+    def _waiting_traffic(self, conversation: Conversation) -> _NewConversation | None:
+        """Return the traffic of a conversation without a twin that has not come out yet, because a newer
+        conversation is held.
+
+        A client whose first request the proxy dropped begins long before the proxy's own leg.
+        """
+        waiting = self._queue.of(conversation) if conversation in self._single else []
+        if not waiting:
+            return None
+        traffic = _NewConversation(waiting[0])
+        traffic.held = waiting
+        return traffic
+
+    def _stop_joining(self, merger: PlaceMerger) -> None:
+        merger.close()
+        for conversation in [each for each, (of, _) in self._mergers.items() if of is merger]:
+            del self._mergers[conversation]
 
     def _release(self, new: _NewConversation) -> None:
         """Pass a conversation without a twin on."""
@@ -260,17 +322,18 @@ class Joiner:
         self._drop_new(new.conversation)
 
     def _drop_new(self, conversation: Conversation) -> None:
-        del self._new[conversation]
+        self._new.pop(conversation, None)
         if not self._new:
             self._senders.clear()
 
     def _pop_due(self) -> list[Observation]:
         now = self._now
-        while self._new:
-            first = next(iter(self._new.values()))
-            if first.began + HELD_NS > now:
-                break
-            self._decide(first, FEWEST_CALLS)
+        if self._new:
+            for new in [each for each in self._new.values() if each.due_at <= now]:
+                if new.conversation in self._new:
+                    self._decide(new)
+        if len(self._queue) > MAX_WAITING:
+            self._decide_all()
         oldest = next(iter(self._new.values()), None)  # new conversations are in the order of their start
         until = now if oldest is None else min(now, oldest.began - 1)
         for merger in self._distinct_mergers():
@@ -282,6 +345,13 @@ class Joiner:
         if not self.passing:
             self._update_passing()
         return due
+
+    def _decide_all(self) -> None:
+        """Make all decisions that wait for further traffic."""
+        while self._new:
+            self._decide(next(iter(self._new.values())))
+        for merger in self._distinct_mergers():
+            merger.close()
 
     def _update_passing(self) -> None:
         is_idle = not (self._new or self._mergers or self._queue)

@@ -14,6 +14,9 @@ program at the same time send the same bytes, but their calls are hardly nested 
 FEWEST_CALLS = 2
 """Number of nested calls that prove twins if the traffic holds no more."""
 
+CLIENT_LEG, CONTROLLER_LEG = "clients of ", "controller "
+"""Beginnings of the names that bcapscope's proxy gives the interfaces of its two legs in a recording."""
+
 _REQUEST = Direction.REQUEST
 
 
@@ -48,9 +51,21 @@ def nested_calls(outer: Iterable[Observation], inner: Iterable[Observation]) -> 
 
 
 def may_be_twins(one: Conversation, other: Conversation) -> bool:
-    """Return whether two conversations can be the legs of a proxy: both ends differ, and the transport does
-    not."""
+    """Return whether two conversations can be the legs of a proxy: on one transport, to two addresses."""
     return one.transport is other.transport and one.server != other.server
+
+
+def fewest_calls(outer: Conversation, inner: Conversation) -> int | None:
+    """Return how many nested calls prove that `outer` is the client's leg and `inner` the controller's leg.
+
+    Returns:
+        None if the names of the interfaces contradict it.
+    """
+    if outer.interface.startswith(CLIENT_LEG) or inner.interface.startswith(CONTROLLER_LEG):
+        are_legs = outer.interface.startswith(CLIENT_LEG) and inner.interface.startswith(CONTROLLER_LEG)
+        return 1 if are_legs else None
+    is_same_host = outer.server.host == inner.client.host != outer.client.host
+    return 1 if is_same_host else FEWEST_CALLS
 
 
 def _first_times(observations: Iterable[Observation]) -> tuple[dict[bytes, int], dict[bytes, int]]:

@@ -13,6 +13,7 @@ from bcapscope.render.call_text import milliseconds
 from bcapscope.render.escape import printable, quoted
 from bcapscope.traffic.call import Call, PairingResult
 from bcapscope.traffic.filter.getters import AnnotatedFrame
+from bcapscope.traffic.joining.joined_observation import sighting_numbers
 from bcapscope.tui.reader_language import label
 
 _SECONDS_PATTERN = re.compile(r"([0-9]+(?:\.[0-9]*)?)\s*s")
@@ -21,9 +22,10 @@ _MAX_FRAMES_IN_FILTER = 64
 
 
 def call_frames(settled: PairingResult | None) -> frozenset[int]:
+    """Return the numbers of the frames of a call, at all places where they were captured."""
     if not isinstance(settled, Call):
         return frozenset()
-    return frozenset(event.observation.number for event in settled.frames)
+    return frozenset(number for event in settled.frames for number in sighting_numbers(event.observation))
 
 
 def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note: str | None) -> str:
@@ -31,13 +33,13 @@ def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note
     number = frame.observation.number
     parts = []
     if isinstance(settled, Call):
-        role = next(event.role for event in settled.frames if event.observation.number == number)
+        role = next(event.role for event in settled.frames if number in sighting_numbers(event.observation))
         name = label(f"traffic.role.{role.name.lower()}")
         parts.append(label("traffic.about.request", number=number, role=name, call=settled.number))
         reply, time = settled.reply, settled.latency
         if reply is None or time is None:
             parts.append(label(f"traffic.about.{settled.outcome}"))
-        elif reply.number != number:
+        elif number not in sighting_numbers(reply):
             parts.append(label("traffic.about.answered", frame=reply.number, time=milliseconds(time)))
     elif settled is not None:
         parts.append(label("traffic.about.stray", number=number))
@@ -60,7 +62,7 @@ def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None
     if not isinstance(settled, Call):
         return None, "traffic.no_call" if settled is None else "traffic.no_request"
     attempts = [seen.number for seen in settled.attempts]
-    if number in attempts:
+    if any(number in sighting_numbers(seen) for seen in settled.attempts):
         return (None, "traffic.no_partner") if settled.reply is None else (settled.reply.number, "")
     before = [each for each in attempts if each < number]
     return (before or attempts)[-1], ""

@@ -6,7 +6,7 @@ import pytest
 
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.joining import joiner as joiner_module
-from bcapscope.traffic.joining.joined_observation import JoinedObservation, sightings_of
+from bcapscope.traffic.joining.joined_observation import JoinedObservation, sighting_numbers
 from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Endpoint, Observation, Transport
 from bcapscope.traffic.pipeline import CallCollector, Pipeline
@@ -46,7 +46,7 @@ def test_every_observation_comes_out_once_in_order_of_time() -> None:
     seen = script.in_order()
     out = joined(seen)
     assert [each.time for each in out] == sorted(each.time for each in out)
-    assert sorted(each.number for one in out for each in sightings_of(one)) == [each.number for each in seen]
+    assert sorted(number for one in out for number in sighting_numbers(one)) == [each.number for each in seen]
     assert sum(isinstance(each, JoinedObservation) for each in out) == 120
 
 
@@ -244,14 +244,14 @@ def test_a_conversation_without_twin_is_held_for_two_calls_only() -> None:
     assert client.flows[next(iter(client.flows))] in joiner.passing
 
 
-def test_silence_ends_the_hold_after_a_second() -> None:
+def test_silence_ends_the_hold() -> None:
     script = Script()
     collector = CallCollector()
     pipeline = Pipeline(collector, joiner=Joiner())
     seen = script.client().ask(0, 1, 0, MOVE)
     pipeline.add(seen)
     assert not pipeline.has_open_calls
-    pipeline.expire(seen.time + joiner_module.HELD_NS)
+    pipeline.expire(seen.time + joiner_module.HELD_UNANSWERED_NS)
     assert pipeline.has_open_calls
 
 
@@ -266,3 +266,63 @@ def test_a_clock_that_is_set_back_does_not_stop_the_output() -> None:
     out = joined([*before, *after])
     assert len(out) == 40
     assert out[-1].time < out[0].time
+
+
+def test_a_client_whose_first_request_is_lost_for_seconds_is_joined_all_the_same() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.ask(0, 1, 0, START_SERVICE, lost=True)
+    client.ask(7000, 2, 1, START_SERVICE)
+    client.reply(7001, 2)
+    client.calls(7010, 20, MOVE, 3)
+    calls = script.calls()
+    assert len(calls) == 21
+    assert {call.conversation.client for call in calls} == {Endpoint("10.0.0.2", 50001)}
+    assert calls[0].outcome is Outcome.ANSWERED
+    assert (calls[0].duplicates, calls[0].captured_again) == ((), ())
+
+
+def test_one_slow_call_is_enough_where_the_proxy_is_one_host() -> None:
+    script = ProxiedScript()
+    script.proxied_client().call(0, 1, MOVE)
+    assert len(script.calls()) == 1
+
+
+def test_one_slow_call_is_enough_where_the_interfaces_are_named_as_legs() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.near.conversation.server = Endpoint("192.168.5.5", 5008)  # the proxy has two addresses
+    client.call(0, 1, MOVE)
+    assert len(script.calls()) == 2
+    client.near.conversation.interface = "clients of 192.168.5.5:5008"
+    client.far.conversation.interface = "controller 10.0.0.1:5007"
+    assert len(script.calls()) == 1
+
+
+def test_two_client_legs_are_never_twins() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    for leg in (client.near, client.far):
+        leg.conversation.interface = "clients of 10.0.0.3:5008"
+    client.calls(0, 20, MOVE)
+    assert len(script.calls()) == 40
+
+
+def test_the_memory_for_what_waits_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(joiner_module, "MAX_WAITING", 100)
+    script = Script()
+    alone, busy = script.client(), script.client(50002)
+    busy.ask(-20, 1, 0, MOVE)
+    busy.reply(-19, 1)
+    busy.ask(-10, 2, 0, MOVE)
+    busy.reply(-9, 2)
+    alone.ask(0, 1, 0, OTHER)
+    for serial in range(3, 500):
+        busy.ask(serial / 10, serial, 0, MOVE)
+    joiner = Joiner()
+    waiting = largest = 0
+    for seen in script.seen:
+        waiting += 1 - len(joiner.add(seen))
+        largest = max(largest, waiting)
+    assert largest <= 103
+    assert waiting == 0
