@@ -200,11 +200,11 @@ def live_commands() -> list[str]:
 
 
 def test_the_commands_that_capture_are_those_that_are_tried() -> None:
-    assert sorted(live_commands()) == ["calls", "decode", "tui"]
+    assert sorted(live_commands()) == ["calls", "decode", "diagnose", "tui"]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-@pytest.mark.parametrize("command", ["calls", "decode", "tui"])
+@pytest.mark.parametrize("command", ["calls", "decode", "diagnose", "tui"])
 def test_no_process_loads_scapy_beside_what_forbids_it(tmp_path: Path, command: str) -> None:
     _require_rights()
     words = [] if command == "tui" else ["-f", 'function ~ "GetTag"']
@@ -215,10 +215,13 @@ def test_no_process_loads_scapy_beside_what_forbids_it(tmp_path: Path, command: 
         argv = [sys.executable, "-m", "bcapscope", command, "-i", "lo", "-p", f"{port}", *words]
         with subprocess.Popen(argv, stdin=pipe, stdout=pipe, stderr=pipe, env=environment) as process:
             assert process.stdout is not None
+            assert process.stderr is not None
+            # `diagnose` has no finding to print, but says on which interface it captures.
+            stream, text = (process.stderr, b"lo") if command == "diagnose" else (process.stdout, b"GetTag")
             seen = b""
-            while b"GetTag" not in seen:
-                data = os.read(process.stdout.fileno(), 65536)
-                assert data, process.stderr and process.stderr.read()
+            while text not in seen:
+                data = os.read(stream.fileno(), 65536)
+                assert data, process.stderr.read()
                 seen += data
             if command != "tui":
                 process.send_signal(signal.SIGINT)

@@ -137,10 +137,7 @@ def command(
         exit_on(SimulatorListenError, ExitCode.UNREADABLE),
         serving.listen(stage or simulator, listen, port) as server,
     ):
-        print_stderr(words.text(_greeting(simulator, server)))
-        print_stderr(words("sim.commands"))
-        if scenario is not None:
-            print_stderr(scenario_introduction(scenario))
+        _print_introduction(simulator, server, scenario, words)
         if attended:
             announce_ready(["%s:%d" % server.address])
 
@@ -158,6 +155,15 @@ def command(
     )
     if not serving.close(summary):
         sys.exit(ExitCode.UNWRITABLE)
+
+
+def _print_introduction(
+    simulator: Simulator, server: SimulatorServer, scenario: Scenario | None, words: MessageFormatter
+) -> None:
+    print_stderr(words.text(_greeting(simulator, server)))
+    print_stderr(words("sim.commands"))
+    if scenario is not None:
+        print_stderr(scenario_introduction(scenario))
 
 
 def _played_scenario(
