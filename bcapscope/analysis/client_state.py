@@ -39,6 +39,8 @@ arrives."""
 
 # Maximum size in bytes of all frames of a remembered set point; a real frame has a few hundred bytes.
 _LARGEST_POINT = 8192
+# Maximum size in bytes of all frames of an attempt that is remembered in `latest_calls` or `failed_openings`.
+_LARGEST_ATTEMPT = 65_536
 RECENT_SET_POINTS = 64
 """Maximum number of remembered set points, to explain a refused one: half a second at 8 ms."""
 
@@ -160,8 +162,8 @@ class ClientState:
     @property
     def generation(self) -> Generation | None:
         """Generation of the controller, deduced from the traffic; None if unknown."""
-        asked = self.robslave_start is not None or self.robslave_not_found is not None
-        return Generation.RC7 if asked else self.generation_clue.generation
+        uses_robslave = self.robslave_start is not None or self.robslave_not_found is not None
+        return Generation.RC7 if uses_robslave else self.generation_clue.generation
 
     @property
     def slave_mode(self) -> SlaveMode | None:
@@ -230,18 +232,20 @@ class ClientState:
     def _follow_attempt(self, call: Call) -> None:
         """Update what a call shows whatever its result, so that no rule claims that it was never made."""
         function_id = call.kind.function_id
-        topic = self._topic_of(call)
-        if topic in _FOLLOWED_COMMANDS or topic == "robslave":
+        topic = self.topic_of(call)
+        is_small = call.memory_bytes <= _LARGEST_ATTEMPT
+        if is_small and (topic in _FOLLOWED_COMMANDS or topic == "robslave"):
             self.latest_calls[topic] = call
         elif topic == "getrobottypename" or (function_id == ID["Variable_GetValue"] and topic in _READS_TYPE):
             self.type_was_read = True
         if call.reply is None and function_id in _ENDS_SESSION:
             self.session_end = call
         function = FUNCTIONS.get(function_id)
-        if function is not None and function.creates is not None and not _may_have_succeeded(call):
-            self.failed_openings[function.creates] = call
+        creates = None if function is None else function.creates
+        if is_small and creates is not None and not _may_have_succeeded(call):
+            self.failed_openings[creates] = call
 
-    def _topic_of(self, call: Call) -> str:
+    def topic_of(self, call: Call) -> str:
         """Return what a call is about: its command, or for some calls of objects the object's name."""
         function_id, command = call.kind
         if command is not None:
@@ -282,15 +286,15 @@ class ClientState:
         function = FUNCTIONS.get(call.kind.function_id)
         if function is None or (function.creates is None and function.releases is None):
             return
-        handle, thing = result_of(call), self.target_object
+        handle, target = result_of(call), self.target_object
         if function.creates is not None and isinstance(handle, int):
             _put_bounded(
                 self.opened_objects, handle, OpenedObject(function.creates, requested_name(call, function))
             )
             self.released_by.pop((function.creates, handle), None)
             self.failed_openings.pop(function.creates, None)
-        elif function.releases is not None and thing is not None:
-            _put_bounded(self.released_by, (thing.kind, thing.handle), call)
+        elif function.releases is not None and target is not None:
+            _put_bounded(self.released_by, (target.kind, target.handle), call)
 
     def _on_failure(self, call: Call, code: int) -> None:
         if self.robslave_not_found is None and gets_robslave(call):
@@ -326,8 +330,7 @@ class ClientState:
         self._learn_generation(call)
 
     def _on_start_task(self, call: Call) -> None:
-        thing = self.target_object
-        if thing is not None and is_robslave_name(thing.name):
+        if self.topic_of(call) == "robslave":
             self.robslave_start = call
 
     def _on_get_value(self, call: Call) -> None:
@@ -341,7 +344,7 @@ class ClientState:
         self.motor_call, self.motor_on = call, requested_motor_state(call)
 
     def _on_put_value(self, call: Call) -> None:
-        if self._topic_of(call) == "motor":
+        if self.topic_of(call) == "motor":
             self._on_motor(call)
 
     def _on_take_arm(self, call: Call) -> None:

@@ -12,6 +12,7 @@ from bcapscope.analysis.rules.rule_checker import (
     ClientEnd,
     DiagnosisRule,
     Occurrence,
+    RobotImpact,
     RuleChecker,
     frame_numbers,
     last_frame_time,
@@ -87,6 +88,7 @@ def _hung_up(last: Call, closing: ConnectionEnd) -> Occurrence:
         fact,
         Message(f"clause.controller-hung-up.{how}", server=server),
         call=last.number,
+        impact=RobotImpact.PREVENTED,
     )
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 
 from bcapscope.analysis.call_arguments import text_argument
-from bcapscope.analysis.client_state import ClientState
+from bcapscope.analysis.client_state import MOTION_FUNCTIONS, ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, call_places, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
@@ -16,6 +16,7 @@ from bcapscope.analysis.rules.rule_checker import (
     ClientEnd,
     DiagnosisRule,
     Occurrence,
+    RobotImpact,
     RuleChecker,
     last_frame_time,
 )
@@ -25,9 +26,14 @@ from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, Duration, Moment, Times, WireText
 from bcapscope.protocol.tables.function_table import ID, function_name
 from bcapscope.protocol.tables.hresult import (
+    E_ACCESSDENIED,
     E_BUSY,
     E_CAO_COLLECTION_REGISTERED,
+    E_FAIL,
+    E_HANDLE,
     E_INVALIDARG,
+    E_NOT_CONNECTED,
+    E_UNEXPECTED,
     describe_hresult,
     is_rc7_code,
 )
@@ -92,6 +98,9 @@ WDT_TOO_SMALL = DiagnosisRule("wdt-too-small", Severity.ERROR, _SERVER)
 
 _OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
 
+_NOT_STARTED_CODES = (E_NOT_CONNECTED, E_HANDLE, E_FAIL, E_UNEXPECTED, E_ACCESSDENIED, 0x80000903)
+"""Result codes that may refuse a call because the session was not started. Others name another reason."""
+
 
 class SessionChecker(RuleChecker):
     """Checks how a client ends its sessions, and how long its calls take."""
@@ -132,6 +141,10 @@ class SessionChecker(RuleChecker):
     def _unclosed_session(self, client: ClientState) -> Iterator[Occurrence]:
         silent = last_frame_time(client.last_call)
         follower = _successor(client, silent)
+        conversation = client.conversation
+        stays_connected = conversation.transport is Transport.TCP and conversation.connection_end is None
+        if stays_connected and follower is None:
+            return  # the computer of a client that ends also closes its connection
         quiet = max((last_frame_time(each.last_call) for each in self.clients), default=silent) - silent
         patience = max(_SILENT_NS, _USUAL_PAUSES * client.longest_pause_ns)
         if quiet < (_REPLACED_AFTER_NS if follower is not None else patience):
@@ -191,6 +204,7 @@ class SessionChecker(RuleChecker):
             evidence_call=service,
             began=call.request.time,
             completed=call.request.time,
+            impact=RobotImpact.PREVENTED if call.kind.function_id in MOTION_FUNCTIONS else RobotImpact.NONE,
         )
 
 
@@ -209,7 +223,16 @@ def _left_on(session: SlaveSession) -> Occurrence:
         fact = Message("finding.quit-in-slave-mode.call", **places, command=command)
     clause = Message("clause.quit-in-slave-mode", mode=name)
     frames = end.frames or ((session.last_set_point.frame,) if session.last_set_point is not None else ())
-    return Occurrence(QUIT_IN_SLAVE_MODE, end.time, end.time, session.conversation, frames, fact, clause)
+    return Occurrence(
+        QUIT_IN_SLAVE_MODE,
+        end.time,
+        end.time,
+        session.conversation,
+        frames,
+        fact,
+        clause,
+        impact=RobotImpact.STOPPED,
+    )
 
 
 def _unclean_quit(last: Call, time: int, fact: Message, frames: tuple[int, ...]) -> Occurrence:
@@ -254,7 +277,7 @@ def _explain_not_started(call: Call, client: ClientState) -> RefusalReason | Non
         case = "refused" if start.hresult else "serial-zero"
         reason = Message(f"reason.start.{case}", call=call_place(start), at=Moment(start.request.time))
         return RefusalReason(reason, explaining_calls=(start.number,), evidence_call=start)
-    is_first = not client.call_count and call.request.item.serial <= 2
+    is_first = not client.call_count and call.request.item.serial <= 2 and code in _NOT_STARTED_CODES
     return RefusalReason(Message("reason.first-call")) if is_first else None
 
 
