@@ -58,6 +58,7 @@ class _Record(msgspec.Struct, array_like=True):
     unseen_serials: tuple[int, ...] = ()
     gave_up_inferred: bool = False
     reply_missed: bool = False
+    crossing_ns: int = 0
 
 
 _encode = msgspec.msgpack.encode
@@ -148,6 +149,7 @@ def _record_of(call: Call, subject: TrackedObject | None) -> _Record:
         call.unseen_serials,
         call.gave_up_inferred,
         call.reply_missed,
+        call.crossing_ns,
     )
 
 
@@ -191,7 +193,7 @@ class CallStore:
         call.last_activity, call.abandoned_at = record.last_activity, record.abandoned_at
         call.no_reply_expected, call.skipped_handles = record.no_reply_expected, record.skipped_handles
         call.unseen_serials, call.gave_up_inferred = record.unseen_serials, record.gave_up_inferred
-        call.reply_missed = record.reply_missed
+        call.reply_missed, call.crossing_ns = record.reply_missed, record.crossing_ns
         call.state = CallState.EVICTED if record.evicted else CallState.SETTLED
         return StoredCall(call, None if record.subject is None else _object_from_record(record.subject))
 

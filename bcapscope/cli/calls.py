@@ -18,6 +18,7 @@ from bcapscope.render.call_record import CallRecordRenderer
 from bcapscope.render.call_text import CallRenderer, session_text
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
+from bcapscope.traffic.capture_place import CapturePlace
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
@@ -30,6 +31,7 @@ _MAX_SESSIONS_LISTED = 8
 @options.paths
 @options.interface
 @options.ports
+@options.taken_at
 @click.option(
     "--tree", is_flag=True, help="Show the frames of each call below its line, with the times between frames."
 )
@@ -43,6 +45,7 @@ def command(
     paths: tuple[str, ...],
     interface: str | None,
     ports: tuple[int, ...],
+    taken_at: CapturePlace | None,
     tree: bool,
     as_json: bool,
     wanted: Filter | None,
@@ -60,7 +63,7 @@ def command(
     """
     if tree and as_json:
         raise click.UsageError("--tree and --json exclude each other")
-    reading = CaptureReader(paths, ports, interface, words=words)
+    reading = CaptureReader(paths, ports, interface, words=words, taken_at=taken_at)
     calls = _ShownCalls(reading, wanted)
     if as_json:
         lines: Iterable[str] | Iterable[bytes] = starmap(CallRecordRenderer().record, calls.calls())

@@ -17,6 +17,7 @@ from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option
 from bcapscope.live.end_signals import interrupt_on_end_signals
 from bcapscope.messages import MessageFormatter
+from bcapscope.traffic.capture_place import CapturePlace
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.pipeline import Pipeline
@@ -28,6 +29,7 @@ _NEEDED = ("jinja2", "plotly")
 @options.captures
 @options.output_option("Write the page to this file, such as report.html; - is stdout.", allow_dash=True)
 @options.ports
+@options.taken_at
 @options.filter_option(RecordKind.CALL)
 @force_option
 @options.language
@@ -36,6 +38,7 @@ def command(
     paths: tuple[str, ...],
     output: Path,
     ports: tuple[int, ...],
+    taken_at: CapturePlace | None,
     wanted: Filter | None,
     force: bool,
     words: MessageFormatter,
@@ -67,7 +70,7 @@ def command(
     to_stdout = str(output) == STDIN
     if not to_stdout:
         check_output_path(output, force)
-    reading = CaptureReader(paths, ports, words=words)
+    reading = CaptureReader(paths, ports, words=words, taken_at=taken_at)
     report_data = _read_report_data(reading, wanted)
     reading.print_summary()
     if report_data is None:

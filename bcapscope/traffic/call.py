@@ -99,6 +99,8 @@ class Call:
         no_reply_expected: Whether no reply can follow any more, although the client did not begin another
             call.
         state: State of the call; a complete call is unanswered, settled or evicted.
+        crossing_ns: Maximum time in ns between a reply and a retry of this client that may have crossed, as
+            known when the call settled.
         skipped_handles: Number of handles that the controller skipped before the accepted handle; 0 unless
             the call has more attempts than that.
         unseen_serials: Serials of the retries that were not captured, inferred from the serials around them.
@@ -111,6 +113,7 @@ class Call:
     __slots__ = (
         "abandoned_at",
         "conversation",
+        "crossing_ns",
         "gave_up_inferred",
         "kind",
         "last_activity",
@@ -148,7 +151,7 @@ class Call:
         self.abandoned_at = 0
         self.no_reply_expected = self.gave_up_inferred = self.reply_missed = False
         self.state = _WAITING
-        self.skipped_handles = self.memory_bytes = 0
+        self.skipped_handles = self.memory_bytes = self.crossing_ns = 0
         self.unseen_serials: tuple[int, ...] = ()
 
     def __repr__(self) -> str:

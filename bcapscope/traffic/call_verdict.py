@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Sequence
 from enum import StrEnum
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from bcapscope.protocol.tables.hresult import E_BUSY, is_failure
+from bcapscope.traffic.unseen_attempts import skipped_serials
 
 if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, FrameObservation
-
-CROSSING_NS = 500_000
-"""Maximum time in ns between a reply and a retry captured after it, if the two may have crossed on the
-network. A round trip on a factory network takes less."""
 
 
 class Outcome(StrEnum):
@@ -55,14 +54,16 @@ class CallVerdict(StrEnum):
     """A reply was captured after the client had sent the next attempt or begun another call, so the client
     discarded the reply. The client's timeout is too short, or the controller or the network took too long."""
     REPLY_LOST = "reply lost"
-    """A reply was captured, yet the client sent another attempt. The reply was lost between the capture point
+    """A reply was captured, yet the client sent another attempt so much later that the two did not cross on
+    the network (see `capture_place`). The reply was lost between the capture point
     and the client, or the client was too busy to read it. *Reply lost* is also the verdict if S_EXECUTING was
     captured for an attempt whose result never came."""
     REQUEST_LOST = "request lost"
     """S_EXECUTING was captured for the answered attempt, and nothing for the earlier attempts. The earlier
     attempts were lost, because the controller would have executed or answered them."""
     CANNOT_TELL = "cannot tell"
-    """The client retried, and the capture does not show whether requests or replies were lost."""
+    """The client retried, and the capture does not show whether requests or replies were lost, or whether a
+    reply was late."""
 
 
 _VERDICT_OF_OUTCOME = {outcome: CallVerdict[outcome.name] for outcome in Outcome}
@@ -88,7 +89,7 @@ def verdict_of(call: Call) -> CallVerdict:
     if call.late_replies:
         return CallVerdict.REPLY_LATE
     if call.lost_replies:
-        return CallVerdict.CANNOT_TELL if _all_crossed(call) else CallVerdict.REPLY_LOST
+        return CallVerdict.CANNOT_TELL if may_have_crossed(call) else CallVerdict.REPLY_LOST
     if call.reply is None or not call.retries:
         return _VERDICT_OF_OUTCOME[outcome_of(call)]
     return _by_notices(call, call.reply)
@@ -114,8 +115,25 @@ def _replies_differ(call: Call) -> bool:
     return len(contents) > 1
 
 
-def _all_crossed(call: Call) -> bool:
-    """Return whether every lost reply may have crossed the next attempt on the network."""
-    asked = sorted(request.time for request in call.attempts)
-    lost = [(reply.time, bisect_left(asked, reply.time)) for reply in call.lost_replies]
-    return all(after < len(asked) and asked[after] - time <= CROSSING_NS for time, after in lost)
+def may_have_crossed(call: Call) -> bool:
+    """Return whether every lost reply may have crossed the client's next attempt on the network.
+
+    The next attempt may be one that was not captured.
+    """
+    attempts = sorted(call.attempts, key=attrgetter("time"))
+    times = [each.time for each in attempts]
+    return all(
+        _may_cross(attempts, bisect_left(times, reply.time), reply, call.crossing_ns)
+        for reply in call.lost_replies
+    )
+
+
+def _may_cross(
+    attempts: Sequence[FrameObservation], next_index: int, reply: FrameObservation, crossing_ns: int
+) -> bool:
+    if not 0 < next_index < len(attempts):
+        return False
+    before, after = attempts[next_index - 1], attempts[next_index]
+    return after.time - reply.time <= crossing_ns or bool(
+        skipped_serials(before.item.serial, after.item.serial)
+    )

@@ -12,6 +12,7 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING
 from bcapscope.traffic.call import Call, CallFrame, CallState, FrameObservation, FrameRole, StrayReply
 from bcapscope.traffic.call_kind import CallKinds
+from bcapscope.traffic.capture_place import CapturePlace, CrossingWindow
 from bcapscope.traffic.client_timeout import SHORTEST_TIMEOUT_NS, ShownTimeouts
 from bcapscope.traffic.frame_index import FrameIndex
 from bcapscope.traffic.handle_sequence import OPENERS, HandleSequence
@@ -27,7 +28,7 @@ from bcapscope.traffic.pairing_windows import (
 from bcapscope.traffic.requests_only import RequestsOnlyEvidence
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
 from bcapscope.traffic.serial_table import SerialTable
-from bcapscope.traffic.unseen_attempts import is_chained_retry, is_unseen_serial, skipped_serials
+from bcapscope.traffic.unseen_attempts import chained_call, is_unseen_serial, skipped_serials
 
 SERVICE_START = 1
 
@@ -59,6 +60,7 @@ class ConversationPairing:
         latest_evicted: int = 0,
         budget: ByteBudget | None = None,
         kinds: CallKinds | None = None,
+        taken_at: CapturePlace | None = None,
     ) -> None:
         """Start without calls.
 
@@ -67,6 +69,7 @@ class ConversationPairing:
                 there is none.
             budget: Counts the bytes of the open calls of all conversations.
             kinds: Finds the call kinds of requests, for all conversations.
+            taken_at: Where the capture was taken; None if only the traffic shows it.
         """
         self.open_calls: deque[Call] = deque()
         self.memory_bytes = 0
@@ -91,6 +94,7 @@ class ConversationPairing:
         )  # number and time of calls answered before older ones
         self._handles = HandleSequence()
         self._timeouts = ShownTimeouts()
+        self._crossing = CrossingWindow(taken_at)
         self._requests_only = RequestsOnlyEvidence()
         self._response_seen = False  # besides answered calls: a notice, a stray or damaged reply
         self._reused_serials = self._serials.reused
@@ -105,8 +109,8 @@ class ConversationPairing:
             return False
         if reserved and reserved != serial and not self._is_tcp:
             origin = self._by_serial.get(reserved)
-            if origin is None:
-                origin = self._chained_call(frame)
+            if origin is None and self._reserved_usage.convention is ReservedConvention.CHAIN:
+                origin = chained_call(self._newest_call, frame)
             if origin is not None and origin.request.item.raw[9:] == frame.raw[9:]:
                 self._add_retry(origin, observation, frame)
                 return False
@@ -181,9 +185,12 @@ class ConversationPairing:
 
     def evict_oldest(self, count: int) -> Iterator[Call]:
         """Yield the `count` oldest open calls, even if further frames may belong to them."""
+        begun_at = 0 if self._newest_call is None else self._newest_call.request.time
         for _ in range(min(count, len(self.open_calls))):
             call = self.open_calls.popleft()
-            event = _EXPIRY if self._is_past_late_window(call) else _EVICTION
+            # a reply would be late if the newest call began so long after the client gave this call up
+            is_past = 0 < call.abandoned_at <= begun_at - LATE_WITHIN_NS
+            event = _EXPIRY if is_past else _EVICTION
             self._latest_evicted = max(self._latest_evicted, call.number)
             yield self._finish_call(call, event)
 
@@ -225,11 +232,19 @@ class ConversationPairing:
 
     def _start_call(self, observation: FrameObservation, frame: Frame, number: int) -> None:
         newest = self._newest_call
-        if newest is not None and newest.state is not _ANSWERED and newest.state in _AWAITING_REPLY:
+        if newest is None:
+            pass
+        elif newest.state is _ANSWERED:
+            reaction = observation.time - newest.last_activity
+            if reaction < self._crossing.considered_below_ns and not newest.other_frames:
+                self._crossing.add_reaction(reaction)
+        elif newest.state in _AWAITING_REPLY:
             since = max((newest.last_attempt.time, *(notice.time for notice in newest.notices)))
             if observation.time - since >= SHORTEST_TIMEOUT_NS:
                 newest.abandoned_at = observation.time
                 newest.state = TRANSITIONS[newest.state, CallEvent.NEXT_CALL].state
+            else:
+                self._crossing.ignore_reactions()
         call = Call(number, self._conversation, self._kind_of(frame), observation, self._reserved_usage)
         if frame.code == SERVICE_START:
             self._session_call = number
@@ -282,17 +297,6 @@ class ConversationPairing:
             return False
         self._add_retry(call, observation, frame)
         return True
-
-    def _chained_call(self, frame: Frame) -> Call | None:
-        """Return the call of a retry that names an attempt that was not captured; None if no call fits."""
-        newest = self._newest_call
-        if (
-            newest is None
-            or newest.state not in _AWAITING_REPLY
-            or self._reserved_usage.convention is not ReservedConvention.CHAIN
-        ):
-            return None
-        return newest if is_chained_retry(newest, frame) else None
 
     def _add_retry(self, call: Call, observation: FrameObservation, frame: Frame) -> None:
         last = call.last_attempt.item
@@ -394,12 +398,6 @@ class ConversationPairing:
 
     # settling
 
-    def _is_past_late_window(self, call: Call) -> bool:
-        """Return whether the newest call started so long after this call that a reply to this call would be
-        late."""
-        newest = self._newest_call
-        return newest is not None and 0 < call.abandoned_at <= newest.request.time - LATE_WITHIN_NS
-
     def _finish_call(self, call: Call, event: CallEvent) -> Call:
         if call.state is _ANSWERED and not call.other_frames:  # nearly all calls
             call.state = _SETTLED
@@ -438,5 +436,6 @@ class ConversationPairing:
             self._apply(call, CallEvent.OVERDUE_REPLY, call.reply)
         else:
             call.state = _SETTLED if call.state is _ANSWERED else TRANSITIONS[call.state, event].state
+        call.crossing_ns = self._crossing.nanoseconds
         if not self._latest_answered and not self._response_seen:
             call.reply_missed = self._requests_only.is_proven

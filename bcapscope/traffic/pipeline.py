@@ -12,6 +12,7 @@ from typing import ClassVar, Concatenate, ParamSpec, TypeVar
 from bcapscope.traffic.alike_set_points import AlikeSetPoints
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
+from bcapscope.traffic.capture_place import CapturePlace
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
 from bcapscope.traffic.observation import Conversation, Observation
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeTracker
@@ -117,6 +118,11 @@ class Pipeline:
         needs_targets = any(each.needs_targets for each in subscribers)
         self._handles = handles or (HandleTracker(max_ended=0) if needs_targets else None)
         self._slave_mode = slave_mode or (SlaveModeTracker() if self._mode_handlers else None)
+
+    def set_capture_place(self, taken_at: CapturePlace | None) -> None:
+        """Set where the capture was taken, before the first observation; None if only the traffic shows
+        it."""
+        self._tracker.taken_at = taken_at
 
     @property
     def has_open_calls(self) -> bool:

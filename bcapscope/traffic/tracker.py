@@ -9,6 +9,7 @@ from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call import Call, PairingResult
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, CallKinds
+from bcapscope.traffic.capture_place import CapturePlace
 from bcapscope.traffic.conversation_pairing import ConversationPairing
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
@@ -43,9 +44,14 @@ class Tracker:
 
     The tracker uses no clock except the times of the observations. Observations are added in capture order,
     and their times normally increase.
+
+    Attributes:
+        taken_at: Where the capture was taken; None if only the traffic shows it. Set it before the first
+            observation.
     """
 
     def __init__(self) -> None:
+        self.taken_at: CapturePlace | None = None
         self._pairings: dict[Conversation, ConversationPairing] = {}
         self._current_conversation: Conversation | None = None
         self._pairing: ConversationPairing
@@ -112,7 +118,7 @@ class Tracker:
 
     def _select_pairing(self, conversation: Conversation) -> None:
         pairing = self._pairings.pop(conversation, None) or ConversationPairing(
-            conversation, self._latest_evicted, self._budget, self._kinds
+            conversation, self._latest_evicted, self._budget, self._kinds, self.taken_at
         )
         while len(self._pairings) >= MAX_CONVERSATIONS:
             silent = self._pairings.pop(next(iter(self._pairings)))

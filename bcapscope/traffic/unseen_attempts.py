@@ -7,8 +7,12 @@ it.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.traffic.call import Call
+
+if TYPE_CHECKING:
+    from bcapscope.traffic.call import Call
 
 MAX_UNSEEN = 16
 """Maximum number of successive attempts without a captured one between them. A larger gap in the serials
@@ -35,11 +39,14 @@ def is_unseen_serial(latest: int, serial: int) -> bool:
     return 0 < (serial - latest) & 0xFFFF <= MAX_UNSEEN
 
 
-def is_chained_retry(call: Call, frame: Frame) -> bool:
-    """Return whether a frame is a retry of `call` whose previous attempt was not captured.
+def chained_call(newest: Call | None, frame: Frame) -> Call | None:
+    """Return the client's newest call if a frame is its retry, and the attempt before was not captured.
 
     The client must be known to chain: the reserved field of its retries holds the serial of the previous
-    attempt.
+    attempt. The reserved field of `frame` names no captured attempt.
     """
-    skipped = skipped_serials(call.last_attempt.item.serial, frame.serial)
-    return skipped[-1:] == (frame.reserved,) and call.request.item.raw[9:] == frame.raw[9:]
+    if newest is None or newest.reply is not None or newest.abandoned_at:
+        return None
+    skipped = skipped_serials(newest.last_attempt.item.serial, frame.serial)
+    is_next = skipped[-1:] == (frame.reserved,)
+    return newest if is_next and newest.request.item.raw[9:] == frame.raw[9:] else None

@@ -34,6 +34,7 @@ def read_items(reader: CaptureReader, pipeline: Pipeline, items: list[T]) -> Ite
 
     The function empties `items` after it has yielded them.
     """
+    pipeline.set_capture_place(reader.taken_at)
     add = pipeline.add
     for observation in reader.observations():
         add(observation)
@@ -47,6 +48,7 @@ def read_items(reader: CaptureReader, pipeline: Pipeline, items: list[T]) -> Ite
 
 def read_to_end(reader: CaptureReader, pipeline: Pipeline) -> None:
     """Read the captures to their end through the pipeline, and show the progress."""
+    pipeline.set_capture_place(reader.taken_at)
     add = pipeline.add
     for count, observation in enumerate(reader.observations()):
         add(observation)

@@ -31,6 +31,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Count
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
+from bcapscope.traffic.capture_place import CapturePlace
 from bcapscope.traffic.observation import Observation
 
 STDIN = "-"
@@ -50,8 +51,12 @@ class CaptureReader:
         interface: str | None = None,
         text: str | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
+        *,
+        taken_at: CapturePlace | None = None,
     ) -> None:
         """Choose the input: captures, a live interface, or pasted hex text. The path ``-`` is standard input.
+
+        `taken_at` is the place of the captures; None if only the traffic shows it.
 
         Raises:
             click.UsageError: there is no input, or more than one kind, or standard input is closed.
@@ -61,6 +66,7 @@ class CaptureReader:
         if STDIN in (*paths, text) and sys.stdin is None:
             raise click.UsageError("standard input is closed")
         self.exit_code = ExitCode.OK
+        self.taken_at = taken_at
         self.on_first_time: Callable[[int], object] = lambda time: None
         self.output = DataOutput(1) if interface or STDIN in (*paths, text) else DataOutput()
         self._paths = paths

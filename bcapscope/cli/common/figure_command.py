@@ -14,6 +14,7 @@ from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.live.standard_streams import choose_palette
 from bcapscope.messages import MessageFormatter
 from bcapscope.render.color_palette import Palette
+from bcapscope.traffic.capture_place import CapturePlace
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 
@@ -53,13 +54,14 @@ def _make_arguments(
     *,
     paths: tuple[str, ...],
     ports: tuple[int, ...],
+    taken_at: CapturePlace | None,
     as_json: bool,
     wanted: Filter | None,
     color: str,
     words: MessageFormatter,
     window: int | None = None,
 ) -> FigureArguments:
-    reader = CaptureReader(paths, ports, words=words)
+    reader = CaptureReader(paths, ports, words=words, taken_at=taken_at)
     return FigureArguments(reader, as_json, wanted, choose_palette(color), words, window)
 
 
@@ -68,5 +70,5 @@ def figure_command(json_help: str, windows: bool = True) -> options.Decorator:
     as_json = click.option("--json", "as_json", is_flag=True, help=json_help)
     window = (options.window,) if windows else ()
     selection = (options.filter_option(RecordKind.CALL), options.color, options.language)
-    added = (options.captures, options.ports, as_json, *window, *selection)
+    added = (options.captures, options.ports, options.taken_at, as_json, *window, *selection)
     return options.bundled("arguments", _make_arguments, added)

@@ -15,6 +15,7 @@ from bcapscope.messages import Language, MessageFormatter, language_of
 from bcapscope.protocol.number_parsing import LONGEST_NUMBER, parse_integer, parse_number
 from bcapscope.protocol.text_format import shortened
 from bcapscope.render.timestamp import TimeFormat
+from bcapscope.traffic.capture_place import CapturePlace
 from bcapscope.traffic.filter.compiler import Filter, FilterError, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 
@@ -114,6 +115,15 @@ ports = click.option(
     multiple=True,
     help="Expect controllers on this port (default: 5007); may be repeated. On other ports, b-CAP is "
     "recognised by its content.",
+)
+
+taken_at = click.option(
+    "--taken-at",
+    type=click.Choice([place.value for place in CapturePlace]),
+    callback=lambda context, parameter, value: None if value is None else CapturePlace(value),
+    help="Where the captures were taken: on the client's computer, at the controller, or between. This "
+    "decides whether a reply that was captured before a retry was lost or only late. By default, the "
+    "traffic decides as far as it shows the place.",
 )
 
 color = click.option(
