@@ -59,6 +59,7 @@ class _Record(msgspec.Struct, array_like=True):
     gave_up_inferred: bool = False
     reply_missed: bool = False
     crossing_ns: int = 0
+    is_guess: bool = False
 
 
 _encode = msgspec.msgpack.encode
@@ -150,6 +151,7 @@ def _record_of(call: Call, subject: TrackedObject | None) -> _Record:
         call.gave_up_inferred,
         call.reply_missed,
         call.crossing_ns,
+        call.is_guess,
     )
 
 
@@ -194,6 +196,7 @@ class CallStore:
         call.no_reply_expected, call.skipped_handles = record.no_reply_expected, record.skipped_handles
         call.unseen_serials, call.gave_up_inferred = record.unseen_serials, record.gave_up_inferred
         call.reply_missed, call.crossing_ns = record.reply_missed, record.crossing_ns
+        call.is_guess = record.is_guess
         call.state = CallState.EVICTED if record.evicted else CallState.SETTLED
         return StoredCall(call, None if record.subject is None else _object_from_record(record.subject))
 

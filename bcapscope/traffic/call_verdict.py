@@ -84,15 +84,21 @@ def verdict_of(call: Call) -> CallVerdict:
     """Return the verdict on a call, according to the strongest evidence in its frames."""
     if call.is_plain:
         return _VERDICT_OF_OUTCOME[outcome_of(call)]
+    if call.is_guess:
+        return CallVerdict.CANNOT_TELL
+    return _by_frames(call)
+
+
+def _by_frames(call: Call) -> CallVerdict:
     if call.skipped_handles or _replies_differ(call):
         return CallVerdict.EXECUTED_TWICE
     if call.late_replies:
         return CallVerdict.REPLY_LATE
     if call.lost_replies:
         return CallVerdict.CANNOT_TELL if may_have_crossed(call) else CallVerdict.REPLY_LOST
-    if call.reply is None or not call.retries:
-        return _VERDICT_OF_OUTCOME[outcome_of(call)]
-    return _by_notices(call, call.reply)
+    if call.reply is not None and call.retries:
+        return _by_notices(call, call.reply)
+    return _VERDICT_OF_OUTCOME[outcome_of(call)]
 
 
 def _by_notices(call: Call, reply: FrameObservation) -> CallVerdict:

@@ -28,7 +28,11 @@ from bcapscope.traffic.pairing_windows import (
 from bcapscope.traffic.requests_only import RequestsOnlyEvidence
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
 from bcapscope.traffic.serial_table import SerialTable
-from bcapscope.traffic.unseen_attempts import chained_call, is_unseen_serial, skipped_serials
+from bcapscope.traffic.unseen_attempts import (
+    answers_unseen_request,
+    call_of_unseen_attempt,
+    skipped_serials,
+)
 
 SERVICE_START = 1
 
@@ -109,8 +113,9 @@ class ConversationPairing:
             return False
         if reserved and reserved != serial and not self._is_tcp:
             origin = self._by_serial.get(reserved)
-            if origin is None and self._reserved_usage.convention is ReservedConvention.CHAIN:
-                origin = chained_call(self._newest_call, frame)
+            if origin is None:
+                chains = self._reserved_usage.convention is ReservedConvention.CHAIN
+                origin = call_of_unseen_attempt(self._newest_call, self.open_calls, frame, chains)
             if origin is not None and origin.request.item.raw[9:] == frame.raw[9:]:
                 self._add_retry(origin, observation, frame)
                 return False
@@ -387,13 +392,12 @@ class ConversationPairing:
         return CallEvent.REPLY if is_latest else CallEvent.EARLIER_REPLY
 
     def _stray_reply(self, observation: FrameObservation, call_number: int | None) -> StrayReply:
-        newest = self._newest_call
+        missed = call_number is None and answers_unseen_request(self._newest_call, observation.item.serial)
         return StrayReply(
             observation,
             call_number,
             may_answer_evicted=(1 if call_number is None else call_number) <= self._latest_evicted,
-            request_missed=newest is not None
-            and is_unseen_serial(newest.last_attempt.item.serial, observation.item.serial),
+            request_missed=missed,
         )
 
     # settling
