@@ -65,6 +65,8 @@ class _Record(msgspec.Struct, array_like=True):
     gave_up_inferred: bool = False
     reply_missed: bool = False
     joined: list[_JoinedRecord] = []
+    crossing_ns: int = 0
+    is_guess: bool = False
 
 
 _encode = msgspec.msgpack.encode
@@ -156,6 +158,8 @@ def _record_of(call: Call, subject: TrackedObject | None) -> _Record:
         call.gave_up_inferred,
         call.reply_missed,
         [_joined_record(seen) for seen in call.joined_frames],
+        call.crossing_ns,
+        call.is_guess,
     )
 
 
@@ -206,7 +210,8 @@ class CallStore:
         call.last_activity, call.abandoned_at = record.last_activity, record.abandoned_at
         call.no_reply_expected, call.skipped_handles = record.no_reply_expected, record.skipped_handles
         call.unseen_serials, call.gave_up_inferred = record.unseen_serials, record.gave_up_inferred
-        call.reply_missed = record.reply_missed
+        call.reply_missed, call.crossing_ns = record.reply_missed, record.crossing_ns
+        call.is_guess = record.is_guess
         call.state = CallState.EVICTED if record.evicted else CallState.SETTLED
         return StoredCall(call, None if record.subject is None else _object_from_record(record.subject))
 

@@ -18,6 +18,7 @@ from bcapscope.render.call_record import CallRecordRenderer, with_call_packets
 from bcapscope.render.call_text import CallRenderer, session_text
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
+from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
@@ -31,6 +32,7 @@ _MAX_SESSIONS_LISTED = 8
 @options.paths
 @options.interface
 @options.ports
+@options.taken_at
 @click.option(
     "--tree", is_flag=True, help="Show the frames of each call below its line, with the times between frames."
 )
@@ -45,6 +47,7 @@ def command(
     paths: tuple[str, ...],
     interface: str | None,
     ports: tuple[int, ...],
+    taken_at: CapturePoint | None,
     tree: bool,
     as_json: bool,
     side: CapturePlace | None,
@@ -63,7 +66,7 @@ def command(
     """
     if tree and as_json:
         raise click.UsageError("--tree and --json exclude each other")
-    reading = CaptureReader(paths, ports, interface, words=words, side=side)
+    reading = CaptureReader(paths, ports, interface, words=words, side=side, taken_at=taken_at)
     calls = _ShownCalls(reading, wanted)
     if as_json:
         record = CallRecordRenderer().record

@@ -19,6 +19,7 @@ from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.messages import Message, MessageFormatter
 from bcapscope.render.findings import FindingsRenderer, finding_record
+from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.tokens import with_nearest
@@ -45,6 +46,7 @@ def _known_rules(
 @options.interface
 @options.ports
 @options.side
+@options.taken_at
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per finding.")
 @click.option(
     "--rule",
@@ -75,6 +77,7 @@ def command(
     interface: str | None,
     ports: tuple[int, ...],
     side: CapturePlace | None,
+    taken_at: CapturePoint | None,
     as_json: bool,
     rules: frozenset[str],
     severities: tuple[str, ...],
@@ -99,7 +102,7 @@ def command(
     Exit codes: 0: everything was read, with or without findings; 1: everything was read, and a finding is as
     severe as --fail-on or worse; the others as for `decode`.
     """
-    reading = CaptureReader(paths, ports, interface, words=words, side=side)
+    reading = CaptureReader(paths, ports, interface, words=words, side=side, taken_at=taken_at)
     diagnosis = Diagnosis(call_test(wanted, reading))
     width = shutil.get_terminal_size((_PIPE_WIDTH, 24)).columns if sys.stdout.isatty() else _PIPE_WIDTH
     renderer = FindingsRenderer(choose_palette(color), width, reading.citing_words())

@@ -18,6 +18,7 @@ from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option
 from bcapscope.live.end_signals import interrupt_on_end_signals
 from bcapscope.messages import MessageFormatter
+from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.joining.joined_observation import CapturePlace
@@ -30,6 +31,7 @@ _NEEDED = ("jinja2", "plotly")
 @options.output_option("Write the page to this file, such as report.html; - is stdout.", allow_dash=True)
 @options.ports
 @options.side
+@options.taken_at
 @options.filter_option(RecordKind.CALL)
 @force_option
 @options.language
@@ -39,6 +41,7 @@ def command(
     output: Path,
     ports: tuple[int, ...],
     side: CapturePlace | None,
+    taken_at: CapturePoint | None,
     wanted: Filter | None,
     force: bool,
     words: MessageFormatter,
@@ -70,7 +73,7 @@ def command(
     to_stdout = str(output) == STDIN
     if not to_stdout:
         check_output_path(output, force)
-    reading = CaptureReader(paths, ports, words=words, side=side)
+    reading = CaptureReader(paths, ports, words=words, side=side, taken_at=taken_at)
     report_data = _read_report_data(reading, wanted)
     reading.print_summary()
     if report_data is None:

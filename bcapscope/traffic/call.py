@@ -100,10 +100,14 @@ class Call:
         abandoned_at: Time when the client began another call without a reply to this one, ns since 1970; 0 if
             it did not. For a reply that was later than the client's timeout, the time of this timeout.
         gave_up_inferred: Whether `abandoned_at` follows only from the distances of the attempts.
+        is_guess: Whether it is uncertain which frames belong to the call, because the capture lacks attempts
+            that may belong to it.
         last_activity: Time of the latest frame of the call, ns since 1970.
         no_reply_expected: Whether no reply can follow any more, although the client did not begin another
             call.
         state: State of the call; a complete call is unanswered, settled or evicted.
+        crossing_ns: Maximum time in ns between a reply and a retry of this client that may have crossed, as
+            known when the call settled.
         skipped_handles: Number of handles that the controller skipped before the accepted handle; 0 unless
             the call has more attempts than that.
         unseen_serials: Serials of the retries that were not captured, inferred from the serials around them.
@@ -116,7 +120,9 @@ class Call:
     __slots__ = (
         "abandoned_at",
         "conversation",
+        "crossing_ns",
         "gave_up_inferred",
+        "is_guess",
         "kind",
         "last_activity",
         "last_attempt",
@@ -151,9 +157,10 @@ class Call:
         # Nearly all calls share the empty tuple, which saves memory.
         self.other_frames: list[CallFrame] | tuple[()] = ()
         self.abandoned_at = 0
-        self.no_reply_expected = self.gave_up_inferred = self.reply_missed = False
+        self.no_reply_expected = self.gave_up_inferred = False
+        self.reply_missed = self.is_guess = False
         self.state = _WAITING
-        self.skipped_handles = self.memory_bytes = 0
+        self.skipped_handles = self.memory_bytes = self.crossing_ns = 0
         self.unseen_serials: tuple[int, ...] = ()
 
     def __repr__(self) -> str:
@@ -295,7 +302,10 @@ class Call:
     @property
     def reply_not_captured(self) -> bool:
         """Whether the client may have received a reply that the capture lacks."""
-        return self.reply_missed and self.reply is None and not self.late_replies
+        if self.reply is not None or not (self.reply_missed or self.is_guess):
+            return False
+        serial = self.last_attempt.item.serial
+        return self.is_guess or all(late.item.serial != serial for late in self.late_replies)
 
     @property
     def outcome(self) -> Outcome:

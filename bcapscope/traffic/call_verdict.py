@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Sequence
 from enum import StrEnum
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from bcapscope.protocol.tables.hresult import E_BUSY, is_failure
+from bcapscope.traffic.unseen_attempts import skipped_serials
 
 if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, FrameObservation
-
-CROSSING_NS = 500_000
-"""Maximum time in ns between a reply and a retry captured after it, if the two may have crossed on the
-network. A round trip on a factory network takes less."""
 
 
 class Outcome(StrEnum):
@@ -55,7 +54,8 @@ class CallVerdict(StrEnum):
     """A reply was captured after the client had sent the next attempt or begun another call, so the client
     discarded the reply. The client's timeout is too short, or the controller or the network took too long."""
     REPLY_LOST = "reply lost"
-    """A reply was captured, yet the client sent another attempt. The reply was lost between the capture point
+    """A reply was captured, yet the client sent another attempt so much later that the two did not cross on
+    the network (see `capture_point`). The reply was lost between the capture point
     and the client, or the client was too busy to read it. *Reply lost* is also the verdict if S_EXECUTING was
     captured for an attempt whose result never came, and if a reply was captured at the controller's side of a
     proxy but not at the client's side."""
@@ -65,7 +65,8 @@ class CallVerdict(StrEnum):
     the verdict if an attempt was captured at the client's side of a proxy but not at the controller's side.
     If both requests and replies of a call were lost, the first loss decides."""
     CANNOT_TELL = "cannot tell"
-    """The client retried, and the capture does not show whether requests or replies were lost."""
+    """The client retried, and the capture does not show whether requests or replies were lost, or whether a
+    reply was late."""
 
 
 _VERDICT_OF_OUTCOME = {outcome: CallVerdict[outcome.name] for outcome in Outcome}
@@ -89,6 +90,12 @@ def verdict_of(call: Call) -> CallVerdict:
         if outcome is Outcome.UNANSWERED and call.lost_between:
             return CallVerdict.REQUEST_LOST
         return _VERDICT_OF_OUTCOME[outcome]
+    if call.is_guess:
+        return CallVerdict.CANNOT_TELL
+    return _by_frames(call)
+
+
+def _by_frames(call: Call) -> CallVerdict:
     if call.skipped_handles or _replies_differ(call):
         return CallVerdict.EXECUTED_TWICE
     if call.late_replies:
@@ -102,10 +109,10 @@ def _verdict_on_losses(call: Call) -> CallVerdict:
     if lost_between and (call.retries or call.reply is None):
         return CallVerdict.REQUEST_LOST if lost_between[0].is_request else CallVerdict.REPLY_LOST
     if call.lost_replies:
-        return CallVerdict.CANNOT_TELL if _all_crossed(call) else CallVerdict.REPLY_LOST
-    if call.reply is None or not call.retries:
-        return _VERDICT_OF_OUTCOME[outcome_of(call)]
-    return _by_notices(call, call.reply)
+        return CallVerdict.CANNOT_TELL if may_have_crossed(call) else CallVerdict.REPLY_LOST
+    if call.reply is not None and call.retries:
+        return _by_notices(call, call.reply)
+    return _VERDICT_OF_OUTCOME[outcome_of(call)]
 
 
 def _by_notices(call: Call, reply: FrameObservation) -> CallVerdict:
@@ -128,8 +135,25 @@ def _replies_differ(call: Call) -> bool:
     return len(contents) > 1
 
 
-def _all_crossed(call: Call) -> bool:
-    """Return whether every lost reply may have crossed the next attempt on the network."""
-    asked = sorted(request.time for request in call.attempts)
-    lost = [(reply.time, bisect_left(asked, reply.time)) for reply in call.lost_replies]
-    return all(after < len(asked) and asked[after] - time <= CROSSING_NS for time, after in lost)
+def may_have_crossed(call: Call) -> bool:
+    """Return whether every lost reply may have crossed the client's next attempt on the network.
+
+    The next attempt may be one that was not captured.
+    """
+    attempts = sorted(call.attempts, key=attrgetter("time"))
+    times = [each.time for each in attempts]
+    return all(
+        _may_cross(attempts, bisect_left(times, reply.time), reply, call.crossing_ns)
+        for reply in call.lost_replies
+    )
+
+
+def _may_cross(
+    attempts: Sequence[FrameObservation], next_index: int, reply: FrameObservation, crossing_ns: int
+) -> bool:
+    if not 0 < next_index < len(attempts):
+        return False
+    before, after = attempts[next_index - 1], attempts[next_index]
+    return after.time - reply.time <= crossing_ns or bool(
+        skipped_serials(before.item.serial, after.item.serial)
+    )

@@ -12,6 +12,7 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING
 from bcapscope.traffic.call import Call, CallFrame, CallState, FrameObservation, FrameRole, StrayReply
 from bcapscope.traffic.call_kind import CallKinds
+from bcapscope.traffic.capture_point import CapturePoint, CrossingWindow
 from bcapscope.traffic.client_timeout import SHORTEST_TIMEOUT_NS, ShownTimeouts
 from bcapscope.traffic.frame_index import FrameIndex, is_captured_again
 from bcapscope.traffic.handle_sequence import OPENERS, HandleSequence
@@ -25,9 +26,13 @@ from bcapscope.traffic.pairing_windows import (
     unanswered_settles_at,
 )
 from bcapscope.traffic.requests_only import RequestsOnlyEvidence
-from bcapscope.traffic.reserved_field import ReplyReserved, ReservedFieldUsage
+from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
 from bcapscope.traffic.serial_table import SerialTable
-from bcapscope.traffic.unseen_attempts import chained_call, is_unseen_serial, skipped_serials
+from bcapscope.traffic.unseen_attempts import (
+    answers_unseen_request,
+    call_of_unseen_attempt,
+    skipped_serials,
+)
 
 SERVICE_START = 1
 
@@ -58,6 +63,7 @@ class ConversationPairing:
         latest_evicted: int = 0,
         budget: ByteBudget | None = None,
         kinds: CallKinds | None = None,
+        taken_at: CapturePoint | None = None,
     ) -> None:
         """Start without calls.
 
@@ -66,6 +72,7 @@ class ConversationPairing:
                 there is none.
             budget: Counts the bytes of the open calls of all conversations.
             kinds: Finds the call kinds of requests, for all conversations.
+            taken_at: Where the capture was taken; None if only the traffic shows it.
         """
         self.open_calls: deque[Call] = deque()
         self.memory_bytes = 0
@@ -90,6 +97,7 @@ class ConversationPairing:
         )  # number and time of calls answered before older ones
         self._handles = HandleSequence()
         self._timeouts = ShownTimeouts()
+        self._crossing = CrossingWindow(taken_at)
         self._requests_only = RequestsOnlyEvidence()
         self._response_seen = False  # besides answered calls: a notice, a stray or damaged reply
         self._reused_serials = self._serials.reused
@@ -105,7 +113,8 @@ class ConversationPairing:
         if reserved and reserved != serial and not self._is_tcp:
             origin = self._by_serial.get(reserved)
             if origin is None:
-                origin = chained_call(self._newest_call, self._reserved_usage, frame)
+                chains = self._reserved_usage.convention is ReservedConvention.CHAIN
+                origin = call_of_unseen_attempt(self._newest_call, self.open_calls, frame, chains)
             if origin is not None and origin.request.item.raw[9:] == frame.raw[9:]:
                 self._add_retry(origin, observation, frame)
                 return False
@@ -193,9 +202,12 @@ class ConversationPairing:
 
     def evict_oldest(self, count: int) -> Iterator[Call]:
         """Yield the `count` oldest open calls, even if further frames may belong to them."""
+        begun_at = 0 if self._newest_call is None else self._newest_call.request.time
         for _ in range(min(count, len(self.open_calls))):
             call = self.open_calls.popleft()
-            event = _EXPIRY if self._is_past_late_window(call) else _EVICTION
+            # a reply would be late if the newest call began so long after the client gave this call up
+            is_past = 0 < call.abandoned_at <= begun_at - LATE_WITHIN_NS
+            event = _EXPIRY if is_past else _EVICTION
             self._latest_evicted = max(self._latest_evicted, call.number)
             yield self._finish_call(call, event)
 
@@ -237,11 +249,19 @@ class ConversationPairing:
 
     def _start_call(self, observation: FrameObservation, frame: Frame, number: int) -> None:
         newest = self._newest_call
-        if newest is not None and newest.state is not _ANSWERED and newest.state in AWAITING_REPLY:
+        if newest is None:
+            pass
+        elif newest.state is _ANSWERED:
+            reaction = observation.time - newest.last_activity
+            if reaction < self._crossing.considered_below_ns and not newest.other_frames:
+                self._crossing.add_reaction(reaction)
+        elif newest.state in AWAITING_REPLY:
             since = max((newest.last_attempt.time, *(notice.time for notice in newest.notices)))
             if observation.time - since >= SHORTEST_TIMEOUT_NS:
                 newest.abandoned_at = observation.time
                 newest.state = TRANSITIONS[newest.state, CallEvent.NEXT_CALL].state
+            else:
+                self._crossing.ignore_reactions()
         call = Call(number, self._conversation, self._kind_of(frame), observation, self._reserved_usage)
         if frame.code == SERVICE_START:
             self._session_call = number
@@ -391,22 +411,15 @@ class ConversationPairing:
         self._apply(call, CallEvent.CAPTURED_AGAIN if is_same_packet else CallEvent.COPY, observation)
 
     def _stray_reply(self, observation: FrameObservation, call_number: int | None) -> StrayReply:
-        newest = self._newest_call
+        missed = call_number is None and answers_unseen_request(self._newest_call, observation.item.serial)
         return StrayReply(
             observation,
             call_number,
             may_answer_evicted=(1 if call_number is None else call_number) <= self._latest_evicted,
-            request_missed=newest is not None
-            and is_unseen_serial(newest.last_attempt.item.serial, observation.item.serial),
+            request_missed=missed,
         )
 
     # settling
-
-    def _is_past_late_window(self, call: Call) -> bool:
-        """Return whether the newest call started so long after this call that a reply to this call would be
-        late."""
-        newest = self._newest_call
-        return newest is not None and 0 < call.abandoned_at <= newest.request.time - LATE_WITHIN_NS
 
     def _finish_call(self, call: Call, event: CallEvent) -> Call:
         if call.state is _ANSWERED and not call.other_frames:  # nearly all calls
@@ -446,5 +459,6 @@ class ConversationPairing:
             self._apply(call, CallEvent.OVERDUE_REPLY, call.reply)
         else:
             call.state = _SETTLED if call.state is _ANSWERED else TRANSITIONS[call.state, event].state
+        call.crossing_ns = self._crossing.nanoseconds
         if not self._latest_answered and not self._response_seen:
             call.reply_missed = self._requests_only.is_proven

@@ -12,6 +12,7 @@ from typing import ClassVar, Concatenate, ParamSpec, TypeVar
 from bcapscope.traffic.alike_set_points import AlikeSetPoints
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
+from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.joining.joiner import Joiner
@@ -94,6 +95,7 @@ class Pipeline:
         handles: HandleTracker | None = None,
         slave_mode: SlaveModeTracker | None = None,
         joiner: Joiner | None = None,
+        taken_at: CapturePoint | None = None,
     ) -> None:
         """Create a pipeline.
 
@@ -103,8 +105,9 @@ class Pipeline:
             slave_mode: Slave-mode tracker to update, for a caller that also reads it. If None, the pipeline
                 follows slave mode only if a subscriber overrides `on_slave_mode`.
             joiner: Joins what several places captured of one conversation; None for traffic from one place.
+            taken_at: Where the capture was taken; None if only the traffic shows it.
         """
-        self._tracker = Tracker()
+        self._tracker = Tracker(taken_at)
         self._observe = self._tracker.observe
         self._runs: dict[Conversation, AlikeSetPoints] = {}
         self._frame_handlers = overriding_methods(subscribers, PipelineSubscriber.on_frame)

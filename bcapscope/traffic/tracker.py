@@ -9,6 +9,7 @@ from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call import Call, PairingResult
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, CallKinds
+from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.conversation_pairing import ConversationPairing
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Direction, Observation
@@ -46,7 +47,9 @@ class Tracker:
     and their times normally increase.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, taken_at: CapturePoint | None = None) -> None:
+        """Start without calls. `taken_at` is the capture point; None if only the traffic shows it."""
+        self._taken_at = taken_at
         self._pairings: dict[Conversation, ConversationPairing] = {}
         self._current_conversation: Conversation | None = None
         self._pairing: ConversationPairing
@@ -133,7 +136,7 @@ class Tracker:
 
     def _select_pairing(self, conversation: Conversation) -> None:
         pairing = self._pairings.pop(conversation, None) or ConversationPairing(
-            conversation, self._latest_evicted, self._budget, self._kinds
+            conversation, self._latest_evicted, self._budget, self._kinds, self._taken_at
         )
         while len(self._pairings) >= MAX_CONVERSATIONS:
             silent = self._pairings.pop(next(iter(self._pairings)))

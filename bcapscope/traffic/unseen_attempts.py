@@ -7,14 +7,22 @@ it.
 
 from __future__ import annotations
 
-from bcapscope.protocol.codec.frame import Frame
-from bcapscope.traffic.call import Call
-from bcapscope.traffic.pairing_states import AWAITING_REPLY
-from bcapscope.traffic.reserved_field import ReservedConvention, ReservedFieldUsage
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-MAX_UNSEEN = 16
+from bcapscope.protocol.codec.frame import Frame
+
+if TYPE_CHECKING:
+    from bcapscope.traffic.call import Call
+
+MAX_UNSEEN = 64
 """Maximum number of successive attempts without a captured one between them. A larger gap in the serials
 shows something else, such as a client that began anew."""
+
+
+MAX_RECENT = 1024
+"""Maximum distance of a serial to the latest one that counts as recent. The serials of at least as many
+settled calls are remembered (`serial_table`)."""
 
 
 def skipped_serials(before: int, after: int) -> tuple[int, ...]:
@@ -29,28 +37,40 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
     return tuple(serial for step in range(1, gap) if (serial := (before + step) & 0xFFFF))
 
 
-def is_unseen_serial(latest: int, serial: int) -> bool:
-    """Return whether a reply's serial is one that the client uses next after its latest captured frame.
+def answers_unseen_request(newest: Call | None, serial: int) -> bool:
+    """Return whether a reply that belongs to no known call answers a request that was not captured.
 
-    The reply then answers a request that was not captured.
+    Its serial is then one that the client uses next after its latest captured frame, or one that the client
+    skipped before, or used before the capture began. In the first case, the request may be a retry of the
+    client's newest call, which becomes a guess.
     """
-    return 0 < (serial - latest) & 0xFFFF <= MAX_UNSEEN
+    if newest is None:
+        return False
+    latest: int = newest.last_attempt.item.serial
+    is_next = 0 < (serial - latest) & 0xFFFF <= MAX_UNSEEN
+    newest.is_guess |= is_next
+    return is_next or 0 < (latest - serial) & 0xFFFF <= MAX_RECENT
 
 
-def chained_call(newest: Call | None, usage: ReservedFieldUsage, frame: Frame) -> Call | None:
-    """Return the newest call if a frame is its retry and names an attempt that was not captured."""
-    if newest is None or newest.state not in AWAITING_REPLY:
-        return None
-    if usage.convention is not ReservedConvention.CHAIN:
-        return None
-    return newest if is_chained_retry(newest, frame) else None
+def call_of_unseen_attempt(
+    newest: Call | None, open_calls: Sequence[Call], frame: Frame, chains: bool
+) -> Call | None:
+    """Return the client's newest call if a frame is its retry after an attempt that was not captured.
 
+    The frame names this attempt in its reserved field. The newest call becomes a guess if the attempt may
+    belong to another call with the same request.
 
-def is_chained_retry(call: Call, frame: Frame) -> bool:
-    """Return whether a frame is a retry of `call` whose previous attempt was not captured.
-
-    The client must be known to chain: the reserved field of its retries holds the serial of the previous
-    attempt.
+    Args:
+        newest: The client's newest call; None if there is none.
+        open_calls: The client's open calls, oldest first.
+        chains: Whether the client is known to name the previous attempt, and not the first one.
     """
-    skipped = skipped_serials(call.last_attempt.item.serial, frame.serial)
-    return skipped[-1:] == (frame.reserved,) and call.request.item.raw[9:] == frame.raw[9:]
+    if newest is None or newest.request.item.raw[9:] != frame.raw[9:]:
+        return None
+    if skipped_serials(newest.last_attempt.item.serial, frame.serial)[-1:] != (frame.reserved,):
+        return None
+    is_open = chains and newest.reply is None and not newest.abandoned_at
+    before = open_calls[-2] if len(open_calls) > 1 else None
+    if not is_open or before is None or before.request.item.raw[9:] == frame.raw[9:]:
+        newest.is_guess = True
+    return newest if is_open else None

@@ -59,6 +59,25 @@ def copies_in(call: dict[str, Any]) -> list[int]:
     return [*call["duplicates"], *call["captured_again"]]
 
 
+@pytest.mark.parametrize(
+    ("options", "verdict"), [([], "cannot tell"), (["--taken-at", "client"], "reply lost")]
+)
+def test_the_place_of_the_capture_decides_whether_a_reply_was_lost(
+    tmp_path: Path, options: list[str], verdict: str
+) -> None:
+    network = Datagrams()
+    network.up(START, request(1, 0, "Service_Stop"))
+    network.down(START + 7 * MS, reply(1, 0))
+    network.up(START + 8 * MS, request(2, 1, "Service_Stop"))
+    network.down(START + 9 * MS, reply(2, 0))
+    path = tmp_path / "retry.pcap"
+    path.write_bytes(pcap(network.packets))
+    (line,) = run_here("calls", path, "--json", *options).lines
+    assert json.loads(line)["verdict"] == verdict
+    rules = [json.loads(line)["rule"] for line in run_here("diagnose", path, "--json", *options).lines]
+    assert ("reply-lost" in rules) is (verdict == "reply lost")
+
+
 @pytest.mark.parametrize("path", ALL, ids=lambda path: path.name)
 def test_every_sound_request_is_in_one_call(path: Path) -> None:
     frames = [json.loads(line) for line in run_here("decode", path, "--json").lines]

@@ -58,6 +58,12 @@ def test_a_capture_of_one_direction() -> None:
     assert {call.outcome for call in calls} == {"not_captured"}
 
 
+def test_a_reply_that_may_have_crossed_the_retry() -> None:
+    calls, diagnosis = read("reply-crossed-retry-at-controller.pcap")
+    assert calls[5].verdict == "cannot tell"
+    assert rules(diagnosis, *Severity) == ["retried"]
+
+
 def test_a_chained_attempt_that_was_not_captured() -> None:
     calls, diagnosis = read("chain-unseen-attempt.pcap")
     call = calls[4]

@@ -65,7 +65,7 @@ THREE: list[tuple[object, ...]] = [(10, 2, 0, OTHER), (18, 3, 2, OTHER), (26, 4,
     [
         ([*THREE, (45, -4, 0, POSE)], ">3 >>4 >>5 late<6 unanswered, reply late"),
         ([*THREE, (41, -4, 0, POSE)], ">3 >>4 >>5 <6 answered, cannot tell"),
-        ([*THREE, (45, -4, 0, POSE), (60, 5, 2, OTHER), (61, -5, 0, POSE)], ""),
+        ([*THREE, (45, -4, 0, POSE), (150, 5, 2, OTHER), (151, -5, 0, POSE)], ""),
         ([*THREE, (27, -4, S_EXECUTING), (45, -4, 0, POSE)], ">3 >>4 >>5 ...6 <7 answered, request lost"),
         ([(10, 2, 0, OTHER), (45, -2, 0, POSE)], ">3 <4 answered, answered"),
         # without the shortest timeout of all clients, an attempt that a network held back would show 0.1 ms
@@ -76,7 +76,7 @@ THREE: list[tuple[object, ...]] = [(10, 2, 0, OTHER), (18, 3, 2, OTHER), (26, 4,
 )
 def test_a_reply_long_after_the_timeout_is_late(lines: list[tuple[object, ...]], summary: str) -> None:
     script = Script()
-    play(script, [*SET_POINTS, *lines, (100, 9, 0, MOVE), (101, -9, 0, POSE)])
+    play(script, [*SET_POINTS, *lines, (200, 9, 0, MOVE), (201, -9, 0, POSE)])
     calls = calls_of(script.track())
     found = summaries([calls[1]])[0].partition(": ")[2]
     if summary:

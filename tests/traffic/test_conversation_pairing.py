@@ -26,6 +26,10 @@ from tests.traffic.playbook import (
 PLAYBOOKS: dict[str, tuple[list[str], list[tuple[object, ...]]]] = {
     "a reply seen in time, and yet a retry: lost behind the place of capture": (
         ["1: >1 lost<2 >>3 <4 answered, reply lost"],
+        [(0, 1, 0, MOVE), (1, -1, 0, POSE), (120, 2, 1, MOVE), (121, -2, 0, POSE)],
+    ),
+    "a reply and a retry so close that they may have met, for all that is known": (
+        ["1: >1 lost<2 >>3 <4 answered, cannot tell"],
         [(0, 1, 0, MOVE), (1, -1, 0, POSE), (20, 2, 1, MOVE), (21, -2, 0, POSE)],
     ),
     "a reply that met the retry on its way": (

@@ -98,9 +98,10 @@ def test_a_reply_of_which_the_capture_kept_a_few_bytes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("serial", "is_missed"), [(6, True), (21, True), (22, False), (4, False), (700, False)]
+    ("serial", "is_missed"),
+    [(6, True), (69, True), (70, False), (4, True), (700, False), (0xFFFF, True), (0x8000, False)],
 )
-def test_a_reply_to_the_next_serials_answers_a_request_that_was_not_captured(
+def test_a_reply_to_a_serial_close_by_answers_a_request_that_was_not_captured(
     serial: int, is_missed: bool
 ) -> None:
     script = Script()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.reserved_field import ReservedConvention
 from bcapscope.traffic.unseen_attempts import MAX_UNSEEN, skipped_serials
 from tests.traffic.playbook import MOVE, OTHER, POSE, Script, calls_of, play, summaries
@@ -84,9 +86,29 @@ def test_a_client_that_is_not_known_to_chain_may_name_the_first_attempt() -> Non
     script = Script()
     play(script, [(0, 20, 0, OTHER), (16, 22, 21, OTHER), (17, -22, 0, POSE)])
     assert summaries(script.track()) == [
-        "1: >1 unanswered, unanswered",
+        "1: >1 not_captured, not captured",
         "2: >>2 <3 answered, cannot tell",
     ]
+
+
+@pytest.mark.parametrize(("before", "is_guess"), [(MOVE, False), (OTHER, True)])
+def test_a_client_that_repeats_itself_may_have_begun_another_call(
+    before: tuple[int, tuple[Variant, ...]], is_guess: bool
+) -> None:
+    """The capture lacks attempt 21: it may be the first one of a call with the same set point."""
+    script = Script()
+    lines = [(19, 19, 0, before), (20, -19, 0, POSE), (24, 20, 0, OTHER), (40, 22, 21, OTHER)]
+    play(script, [*CHAINS, *lines, (41, -20, 0, POSE), (41.5, -22, 0, POSE)])
+    call = calls_of(script.track())[2]
+    assert call.is_guess is is_guess
+    assert call.verdict is (CallVerdict.CANNOT_TELL if is_guess else CallVerdict.REPLY_LATE)
+
+
+def test_a_reply_to_an_attempt_that_was_not_captured_may_end_the_call() -> None:
+    script = Script()
+    play(script, [(0, 20, 0, OTHER), (16, -21, 0, POSE), (17, 22, 0, MOVE), (18, -22, 0, POSE)])
+    call, _ = calls_of(script.track())
+    assert (call.outcome, call.surely_unanswered) == (Outcome.NOT_CAPTURED, False)
 
 
 def test_a_skipped_serial_before_a_retry_that_names_the_first_attempt() -> None:

@@ -139,6 +139,8 @@ class ReplyChecker(RuleChecker):
                 self._check_unanswered(call)
         elif verdict is CallVerdict.REPLY_LOST and call.lost_replies:
             self._report_reply_lost(call)
+        elif call.lost_replies:
+            self._report_crossed(call)
         elif call.retries and not _waited_for_room(call, client):
             self._report_retried(call)
 
@@ -244,6 +246,21 @@ class ReplyChecker(RuleChecker):
         self.report_call(
             REPLY_LOST, call, with_place(call, fact), began=reply.time, **_grouped_by_place(call)
         )
+
+    def _report_crossed(self, call: Call) -> None:
+        reply = call.lost_replies[0]
+        retry = next((each for each in call.attempts if each.time > reply.time), call.last_attempt)
+        fact = Message(
+            "finding.retried.crossed",
+            call=attempt_place(call, reply.item.serial),
+            client=client_place(call.conversation),
+            before=Duration(retry.time - reply.time),
+        )
+        clause = Message(
+            "clause.retried", call=call_place(call), attempt=len(call.attempts) + call.unseen_retries
+        )
+        advice = Message("rule.retried.advice.crossed")
+        self.report_call(RETRIED, call, fact, clause, group_key="crossed", advice=advice)
 
     def _report_retried(self, call: Call) -> None:
         attempts = len(call.attempts) + call.unseen_retries

@@ -32,6 +32,7 @@ from bcapscope.protocol.slave_mode.poses import Axis, Pose
 from bcapscope.protocol.slave_mode.slvmove_values import parse_feedback, parse_set_point
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, S_BUF_FULL, is_failure
 from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_verdict import CallVerdict
 from bcapscope.traffic.observation import Transport
 from bcapscope.traffic.slave_mode_tracker import execute_parameter
 
@@ -235,7 +236,8 @@ class SessionModels:
 
     def _count_irregular(self, call: Call) -> None:
         self._late_replies += len(call.late_replies)
-        self._lost_replies += len(call.lost_replies)
+        if call.lost_replies and call.verdict is not CallVerdict.CANNOT_TELL:
+            self._lost_replies += len(call.lost_replies)
         self._not_followed += call.evicted
         if self.forbids_retries and len(self.forbidden_retries) < MAX_LISTED:
             self.forbidden_retries += [request.number for request in call.attempts[call.first_attempt_seen :]]

@@ -46,6 +46,7 @@ from bcapscope.messages.places import Count, joined_clauses
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
 from bcapscope.render.place_text import place_plan_text
+from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.handle_tracker import HandleTracker
 from bcapscope.traffic.joining.joined_observation import CapturePlace
@@ -82,10 +83,12 @@ class CaptureReader:
         words: MessageFormatter = ENGLISH_WORDS,
         *,
         side: CapturePlace | None = None,
+        taken_at: CapturePoint | None = None,
     ) -> None:
         """Choose the input: captures, a live interface, or pasted hex text. The path ``-`` is standard input.
 
         `side` selects one side of the conversations that were captured at two places; None for both.
+        `taken_at` is the capture point; None if only the traffic shows it.
 
         Raises:
             click.UsageError: there is no input, or more than one kind, or standard input is closed.
@@ -95,6 +98,7 @@ class CaptureReader:
         if STDIN in (*paths, text) and sys.stdin is None:
             raise click.UsageError("standard input is closed")
         self.exit_code = ExitCode.OK
+        self._taken_at = taken_at
         self.on_first_time: Callable[[int], object] = lambda time: None
         self.first_time = 0
         self.on_idle: Callable[[int], object] = lambda time: None
@@ -154,7 +158,7 @@ class CaptureReader:
     def pipeline(self, *subscribers: PipelineSubscriber, handles: HandleTracker | None = None) -> Pipeline:
         """Return a pipeline for the input, which joins the conversations that several places captured."""
         self._joiner = Joiner(self.comments) if self._side is None else None
-        return Pipeline(*subscribers, handles=handles, joiner=self._joiner)
+        return Pipeline(*subscribers, handles=handles, joiner=self._joiner, taken_at=self._taken_at)
 
     def _decode(self) -> Iterator[Observation]:
         if isinstance(self._observer, PlaceDecoder):

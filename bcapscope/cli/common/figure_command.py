@@ -14,6 +14,7 @@ from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.live.standard_streams import choose_palette
 from bcapscope.messages import MessageFormatter
 from bcapscope.render.color_palette import Palette
+from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.joining.joined_observation import CapturePlace
@@ -54,6 +55,7 @@ def _make_arguments(
     *,
     paths: tuple[str, ...],
     ports: tuple[int, ...],
+    taken_at: CapturePoint | None,
     as_json: bool,
     wanted: Filter | None,
     color: str,
@@ -61,13 +63,21 @@ def _make_arguments(
     side: CapturePlace | None,
     window: int | None,
 ) -> FigureArguments:
-    reader = CaptureReader(paths, ports, words=words, side=side)
+    reader = CaptureReader(paths, ports, words=words, side=side, taken_at=taken_at)
     return FigureArguments(reader, as_json, wanted, choose_palette(color), window)
 
 
 def figure_command(json_help: str) -> options.Decorator:
     """Return a decorator that adds these arguments to a command and passes them as one `FigureArguments`."""
     as_json = click.option("--json", "as_json", is_flag=True, help=json_help)
-    selection = (options.side, options.filter_option(RecordKind.CALL), options.color, options.language)
-    added = (options.captures, options.ports, as_json, options.window, *selection)
+    selection = (options.filter_option(RecordKind.CALL), options.color, options.language)
+    added = (
+        options.captures,
+        options.ports,
+        options.side,
+        options.taken_at,
+        as_json,
+        options.window,
+        *selection,
+    )
     return options.bundled("arguments", _make_arguments, added)

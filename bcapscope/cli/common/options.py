@@ -16,6 +16,7 @@ from bcapscope.messages import ENGLISH_WORDS, Language, MessageFormatter, langua
 from bcapscope.protocol.number_parsing import LONGEST_NUMBER, parse_integer, parse_number
 from bcapscope.protocol.text_format import shortened
 from bcapscope.render.timestamp import TimeFormat
+from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.joining.joined_observation import CapturePlace
@@ -122,6 +123,15 @@ side = click.option(
     ),
     help="Show one side of a conversation that was captured at two places, such as on both legs of a proxy. "
     "By default, both sides are joined.",
+)
+
+taken_at = click.option(
+    "--taken-at",
+    type=click.Choice([point.value for point in CapturePoint]),
+    callback=lambda context, parameter, value: None if value is None else CapturePoint(value),
+    help="Where the captures were taken: on the client's computer, at the controller, or between. This "
+    "decides whether a reply that was captured before a retry was lost or only late. By default, the "
+    "traffic decides as far as it shows the place.",
 )
 
 color = click.option(

@@ -146,6 +146,21 @@ def _reply_lost(story: Story) -> None:
     client.close(1100)
 
 
+def _crossed(every: float) -> Play:
+    """A client that is paced by a clock, `every` ms after each reply, and a reply 1 ms before a retry."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        for number in range(6):
+            client.execute(every * number, "CurJnt", result=_POSE, takes=0.5)
+        first = client.ask(50, "Robot_Execute", *_MOVE)
+        client.answer(57, first, _POSE)
+        again = client.ask(58, "Robot_Execute", *_MOVE, reserved=first)
+        client.answer(58.1, again, _POSE)
+
+    return play
+
+
 def _retried(story: Story) -> None:
     client = story.client()
     client.open()
@@ -283,6 +298,14 @@ SCENES = (
         ("reply to Motor 5 was captured after 2.0 ms", "retried"),
         _retried,
     ),
+    Scene(
+        "retried",
+        _crossed(8),
+        (13, 14, 15, 16),
+        ("reply to slvMove 7 was captured 1.0 ms before a retry", "may have crossed on the network"),
+        _crossed(0.6),
+    ),
+    Scene("reply-lost", _crossed(0.6), (13, 14, 15, 16), ("captured after 7.0 ms",), _crossed(8)),
     Scene(
         "retried",
         _retried,

@@ -1,0 +1,72 @@
+"""Where a capture was taken, and what follows for a reply that was captured shortly before a retry.
+
+A reply and a retry cross if the client sends the retry before it receives the reply. The reply is then late.
+Otherwise the client never received the reply: it was lost. A capture on the client's computer shows which of
+the two it was. Elsewhere, a reply that was captured first may still have crossed the retry, if the two were
+captured closer to each other than the round trip from the capture point to the client and back.
+"""
+
+from __future__ import annotations
+
+from bisect import insort
+from enum import StrEnum
+
+CROSSING_AT_CLIENT_NS = 500_000
+"""Maximum time in ns between a reply and a retry that may cross on the client's computer. The client may
+already be preparing the retry when the reply arrives."""
+
+LONGEST_ROUND_TRIP_NS = 100_000_000
+"""Round trip to the client in ns if the traffic shows no shorter one. Factory networks delay a frame by
+milliseconds."""
+
+_REACTIONS = 3  # a single reaction can be a coincidence
+_MARGIN = 2  # one round trip can take longer than another
+
+
+class CapturePoint(StrEnum):
+    """Where a capture was taken."""
+
+    CLIENT = "client"
+    """On the client's computer."""
+    CONTROLLER = "controller"
+    """At the controller, such as on a mirror port next to it."""
+    BETWEEN = "between"
+    """Between client and controller."""
+
+
+class CrossingWindow:
+    """The time within which a reply and a retry of one client may cross.
+
+    The client's reactions show it: the time from a reply to the client's next request is the round trip from
+    the capture point to the client and back, and the time in which the client prepares the request.
+
+    Attributes:
+        considered_below_ns: Reactions that take longer show nothing new.
+    """
+
+    def __init__(self, taken_at: CapturePoint | None = None) -> None:
+        """Create a window. `taken_at` is the place of the capture; None if only the traffic shows it."""
+        self.considered_below_ns = 0 if taken_at else LONGEST_ROUND_TRIP_NS
+        self._taken_at = taken_at
+        self._shortest: list[int] = []
+
+    def add_reaction(self, nanoseconds: int) -> None:
+        """Learn from the time between a reply and the client's next request."""
+        insort(self._shortest, max(nanoseconds, 0))
+        if len(self._shortest) >= _REACTIONS:
+            del self._shortest[_REACTIONS:]
+            self.considered_below_ns = self._shortest[-1]
+
+    def ignore_reactions(self) -> None:
+        """Learn nothing, because the client does not wait for replies before it begins another call."""
+        self.considered_below_ns = 0
+        self._shortest.clear()
+
+    @property
+    def nanoseconds(self) -> int:
+        """The maximum time between a reply and a retry that may have crossed."""
+        if self._taken_at is CapturePoint.CLIENT:
+            return CROSSING_AT_CLIENT_NS
+        if len(self._shortest) < _REACTIONS:
+            return LONGEST_ROUND_TRIP_NS
+        return min(_MARGIN * self._shortest[-1] + CROSSING_AT_CLIENT_NS, LONGEST_ROUND_TRIP_NS)

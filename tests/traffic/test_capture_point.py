@@ -1,0 +1,130 @@
+"""Where a capture was taken, and what it can tell about a reply shortly before a retry."""
+
+from __future__ import annotations
+
+import pytest
+
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_verdict import CallVerdict
+from bcapscope.traffic.capture_point import (
+    CROSSING_AT_CLIENT_NS,
+    LONGEST_ROUND_TRIP_NS,
+    CapturePoint,
+    CrossingWindow,
+)
+from bcapscope.traffic.pipeline import CallCollector, Pipeline
+from tests.traffic.playbook import MOVE, MS, OTHER, POSE, Script
+
+LOST, UNSURE = CallVerdict.REPLY_LOST, CallVerdict.CANNOT_TELL
+
+
+@pytest.mark.parametrize("taken_at", [None, CapturePoint.CONTROLLER, CapturePoint.BETWEEN])
+def test_without_reactions_the_client_may_be_far_away(taken_at: CapturePoint | None) -> None:
+    assert CrossingWindow(taken_at).nanoseconds == LONGEST_ROUND_TRIP_NS
+
+
+def test_the_third_shortest_reaction_counts() -> None:
+    window = CrossingWindow()
+    for reaction in (5 * MS, 1 * MS, 9 * MS):
+        assert reaction < window.considered_below_ns
+        window.add_reaction(reaction)
+    assert window.considered_below_ns == 9 * MS
+    window.add_reaction(2 * MS)
+    assert window.considered_below_ns == 5 * MS
+    assert window.nanoseconds == 2 * 5 * MS + CROSSING_AT_CLIENT_NS
+
+
+def test_clocks_that_go_back_show_no_negative_round_trip() -> None:
+    window = CrossingWindow()
+    for _ in range(3):
+        window.add_reaction(-MS)
+    assert window.nanoseconds == CROSSING_AT_CLIENT_NS
+
+
+def verdict(
+    reaction: float, gap: float, taken_at: CapturePoint | None = None, before: int = 3, retry: int = 11
+) -> CallVerdict:
+    """Return the verdict on a call whose reply was captured `gap` ms before the retry.
+
+    The client made each of `before` calls `reaction` ms after the reply to the one before.
+    """
+    script = Script()
+    client = script.client()
+    at = 0.0
+    for number in range(before + 1):
+        client.ask(at, 1 + number, 0, OTHER)
+        client.reply(at + 0.5, 1 + number)
+        at += 0.5 + reaction
+    at += 1000
+    client.ask(at, 10, 0, MOVE)
+    client.reply(at + 5, 10, 0, 0, POSE)
+    client.ask(at + 5 + gap, retry, 10, MOVE)
+    client.reply(at + 6 + gap, retry, 0, 0, POSE)
+    return played(script, taken_at)[-1].verdict
+
+
+def played(script: Script, taken_at: CapturePoint | None = None) -> list[Call]:
+    calls = CallCollector()
+    pipeline = Pipeline(calls, taken_at=taken_at)
+    for observation in script.seen:
+        pipeline.add(observation)
+    pipeline.finish()
+    return calls.calls
+
+
+@pytest.mark.parametrize(
+    ("reaction", "gap", "expected"),
+    [
+        (0.2, 0.8, UNSURE),
+        (0.2, 1.0, LOST),
+        (2.0, 4.4, UNSURE),
+        (2.0, 4.6, LOST),
+        (7.5, 1.0, UNSURE),
+        (60, 99, UNSURE),
+        (60, 101, LOST),
+    ],
+)
+def test_the_traffic_shows_how_far_the_client_is(reaction: float, gap: float, expected: CallVerdict) -> None:
+    assert verdict(reaction, gap) is expected
+
+
+def test_a_few_reactions_show_nothing() -> None:
+    assert verdict(0.2, 10.0, before=2) is UNSURE
+    assert verdict(0.2, 10.0, before=3) is LOST
+
+
+@pytest.mark.parametrize(
+    ("taken_at", "gap", "expected"),
+    [
+        (CapturePoint.CLIENT, 0.4, UNSURE),
+        (CapturePoint.CLIENT, 0.6, LOST),
+        (CapturePoint.BETWEEN, 99, UNSURE),
+        (CapturePoint.BETWEEN, 101, LOST),
+        (CapturePoint.CONTROLLER, 99, UNSURE),
+        (CapturePoint.CONTROLLER, 101, LOST),
+    ],
+)
+def test_the_place_that_the_user_names_counts(
+    taken_at: CapturePoint, gap: float, expected: CallVerdict
+) -> None:
+    assert verdict(0.1, gap, taken_at) is expected
+    assert verdict(7.5, gap, taken_at) is expected
+
+
+def test_an_attempt_that_was_not_captured_may_have_crossed_the_reply() -> None:
+    assert verdict(0.2, 30.0, retry=12) is UNSURE
+
+
+def test_a_client_that_does_not_wait_for_replies_shows_nothing() -> None:
+    script = Script()
+    client = script.client()
+    for number in range(8):
+        client.ask(8 * number, 1 + number, 0, OTHER)
+        client.reply(8 * number + 7.9, 1 + number)
+    client.ask(64, 20, 0, OTHER)
+    client.ask(65, 21, 0, MOVE)
+    client.reply(66, 20)
+    client.reply(67, 21, 0, 0, POSE)
+    client.ask(72, 22, 21, MOVE)
+    client.reply(73, 22, 0, 0, POSE)
+    assert played(script)[-1].verdict is UNSURE
