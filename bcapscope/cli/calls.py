@@ -11,11 +11,14 @@ import click
 from bcapscope.cli.common import options
 from bcapscope.cli.common.call_reading import call_test, read_items
 from bcapscope.cli.common.capture_reader import CaptureReader
+from bcapscope.cli.common.column_options import call_columns, columns_option, wide_option
+from bcapscope.cli.common.data_output import folded_lines
 from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.messages import MessageFormatter
 from bcapscope.messages.places import Count, FramePlace
 from bcapscope.render.call_record import CallRecordRenderer, with_call_packets
 from bcapscope.render.call_text import CallRenderer, session_text
+from bcapscope.render.record_columns import CALL_COLUMNS, ColumnFormat, RecordColumn, parse_columns
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
 from bcapscope.traffic.capture_point import CapturePoint
@@ -37,6 +40,9 @@ _MAX_SESSIONS_LISTED = 8
     "--tree", is_flag=True, help="Show the frames of each call below its line, with the times between frames."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per call.")
+@click.option("--csv", "as_csv", is_flag=True, help="Print a CSV table with a header.")
+@columns_option(RecordKind.CALL)
+@wide_option
 @options.side
 @options.filter_option(RecordKind.CALL)
 @options.time_format
@@ -50,6 +56,9 @@ def command(
     taken_at: CapturePoint | None,
     tree: bool,
     as_json: bool,
+    as_csv: bool,
+    columns: tuple[RecordColumn, ...] | None,
+    wide: bool,
     side: CapturePlace | None,
     wanted: Filter | None,
     clock: str,
@@ -61,22 +70,32 @@ def command(
     A line shows number, start, client > controller, function, command, result and the time to the accepted
     reply. The line ends with the retries, the cause of the retries if known, and the frame numbers of
     requests > replies. A call is printed when it ends. Calls are numbered in the order in which they started.
+    On a terminal, long lines are folded.
 
     Exit codes: as for `decode`.
     """
-    if tree and as_json:
-        raise click.UsageError("--tree and --json exclude each other")
+    styles = [name for name, given in (("tree", tree), ("json", as_json), ("csv", as_csv)) if given]
+    if len(styles) > 1:
+        raise click.UsageError(f"{' and '.join(f'--{style}' for style in styles)} exclude each other")
+    if columns is not None and tree:
+        raise click.UsageError("--columns excludes --tree")
+    if as_csv and columns is None:
+        columns = parse_columns(",".join(CALL_COLUMNS), RecordKind.CALL)
     reading = CaptureReader(paths, ports, interface, words=words, side=side, taken_at=taken_at)
     calls = _ShownCalls(reading, wanted)
-    if as_json:
+    if columns is not None:
+        table = call_columns(reading, columns, choose_palette(color), wide)
+        format_ = ColumnFormat(styles[0]) if styles else None
+        lines: Iterable[str] | Iterable[bytes] = table.lines((call for call, _ in calls.calls()), format_)
+    elif as_json:
         record = CallRecordRenderer().record
-        lines: Iterable[str] | Iterable[bytes] = (
+        lines = (
             with_call_packets(record(call, target), call, reading.origin_of) for call, target in calls.calls()
         )
     else:
         renderer = CallRenderer(TimeFormat(clock), choose_palette(color), words=reading.citing_words())
         reading.on_first_time = renderer.set_time_origin
-        lines = starmap(renderer.line, calls.all_items())
+        lines = folded_lines(starmap(renderer.line, calls.all_items()), wide)
         if tree:
             lines = chain.from_iterable(starmap(renderer.tree, calls.all_items()))
     reading.print_lines(lines)
@@ -121,7 +140,7 @@ class _ShownCalls(PipelineSubscriber):
         return read_items(self._reader, pipeline, self._items)
 
     def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:
-        """Yield the selected calls without stray replies, for JSON output."""
+        """Yield the selected calls without stray replies."""
         for item, subject in self.all_items():
             if isinstance(item, Call):
                 yield item, subject

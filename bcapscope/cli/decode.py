@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
 from functools import partial
-from itertools import chain, starmap
+from itertools import starmap
 from typing import Any, TypeVar
 
 import click
@@ -13,15 +13,18 @@ import click
 from bcapscope.capture.capture_sequence import STDIN, PacketOrigin
 from bcapscope.cli.common import options
 from bcapscope.cli.common.capture_reader import CaptureReader
+from bcapscope.cli.common.column_options import columns_option, frame_columns, wide_option
+from bcapscope.cli.common.data_output import folded_lines
 from bcapscope.live.standard_streams import choose_palette
 from bcapscope.messages import MessageFormatter
 from bcapscope.render.color_palette import Palette
-from bcapscope.render.csv_table import CsvTableRenderer
+from bcapscope.render.csv_table import CsvTableRenderer, csv_cell, csv_row
 from bcapscope.render.escape import printable
 from bcapscope.render.frame_line import FrameLineRenderer
 from bcapscope.render.frame_record import FrameRecordRenderer, with_origin
 from bcapscope.render.frame_tree import FrameTreeRenderer
 from bcapscope.render.hexdump import hexdump
+from bcapscope.render.record_columns import ColumnFormat, RecordColumn
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call_kind import CallKind, RecentRequests
 from bcapscope.traffic.filter.compiler import Filter
@@ -58,6 +61,8 @@ def _format_option(style: FrameFormat, text: str) -> Callable[[F], F]:
 @_format_option(FrameFormat.TREE, "Show every field with its bytes.")
 @_format_option(FrameFormat.CSV, "Print a CSV table with a header.")
 @_format_option(FrameFormat.JSON, "Print one JSON object per frame.")
+@columns_option(RecordKind.FRAME)
+@wide_option
 @click.option("--hex", "dump", is_flag=True, help="Show a hex dump below each frame.")
 @click.option("--full", is_flag=True, help="With --tree, show every byte and element of long values.")
 @options.side
@@ -72,6 +77,8 @@ def command(
     text: str | None,
     ports: tuple[int, ...],
     styles: tuple[FrameFormat, ...],
+    columns: tuple[RecordColumn, ...] | None,
+    wide: bool,
     dump: bool,
     full: bool,
     side: CapturePlace | None,
@@ -87,11 +94,51 @@ def command(
 
     A line shows number, time, source > destination, transport, direction, serial and reserved. The line
     continues with the function or the result, the command and the arguments. After !!, the line describes
-    problems with the bytes.
+    problems with the bytes. On a terminal, long lines are folded.
 
     Exit codes: 0: everything was read; 2: invalid command line; 3: a capture is damaged or incomplete, and
     everything before the damage was printed; 4: nothing could be read; 6: the output could not be written;
     130: Ctrl-C.
+    """
+    style = _choose_format(styles, columns is not None, dump, full)
+    reading = CaptureReader(paths, ports, interface, text, words, side=side)
+    palette = choose_palette(color)
+    if columns is not None:
+        renderer = frame_columns(reading, columns, palette, wide)
+        format_ = None if style is None else ColumnFormat(style.value)
+        lines: Iterable[str] | Iterable[bytes] = renderer.lines(
+            _frames_with_context(reading, wanted), format_
+        )
+    elif style is FrameFormat.JSON:
+        record = _citing(reading, FrameRecordRenderer().record, with_origin)
+        lines = _render_frames(reading, wanted, record)
+    elif style is FrameFormat.CSV:
+        lines = _csv_lines(reading, wanted)
+    else:
+        line = FrameLineRenderer(TimeFormat(clock), palette, brief=text is not None, words=words)
+        reading.on_first_time = line.set_time_origin
+        write_line = _citing(reading, line.line, partial(_line_with_origin, words))
+        if style is FrameFormat.TREE:
+            tree = FrameTreeRenderer(palette, full, dump, words)
+            lines = _with_details(_frames_with_context(reading, wanted), write_line, tree.lines)
+        elif dump:
+            dumped = partial(_hexdump_lines, palette)
+            lines = _with_details(_frames_with_context(reading, wanted), write_line, dumped)
+        elif text is not None:
+            lines = _with_remarks(_frames_with_context(reading, wanted), line)
+        else:
+            lines = folded_lines(_render_frames(reading, wanted, write_line), wide)
+    reading.print_lines(lines)
+    reading.finish()
+
+
+def _choose_format(
+    styles: tuple[FrameFormat, ...], has_columns: bool, dump: bool, full: bool
+) -> FrameFormat | None:
+    """Return the chosen format; None for lines.
+
+    Raises:
+        click.UsageError: the options contradict each other.
     """
     if len(set(styles)) > 1:
         raise click.UsageError(f"{' and '.join(f'--{style}' for style in styles)} exclude each other")
@@ -100,31 +147,21 @@ def command(
         raise click.UsageError("--full has no effect without --tree: add --tree")
     if dump and style in (FrameFormat.CSV, FrameFormat.JSON):
         raise click.UsageError("--hex works with lines and --tree only: leave out --csv and --json")
-    reading = CaptureReader(paths, ports, interface, text, words, side=side)
-    if style is FrameFormat.JSON:
-        record = _citing(reading, FrameRecordRenderer().record, with_origin)
-        lines: Iterable[str] | Iterable[bytes] = _render_frames(reading, wanted, record)
-    elif style is FrameFormat.CSV:
-        table = CsvTableRenderer()
-        rows = _render_frames(reading, wanted, lambda seen, question, _: table.row(seen, question))
-        lines = chain([table.header()], rows)
-    else:
-        colors = choose_palette(color)
-        line = FrameLineRenderer(TimeFormat(clock), colors, brief=text is not None, words=words)
-        reading.on_first_time = line.set_time_origin
-        write_line = _citing(reading, line.line, partial(_line_with_origin, words))
-        if style is FrameFormat.TREE:
-            tree = FrameTreeRenderer(colors, full, dump, words)
-            lines = _with_details(_frames_with_context(reading, wanted), write_line, tree.lines)
-        elif dump:
-            dumped = partial(_hexdump_lines, colors)
-            lines = _with_details(_frames_with_context(reading, wanted), write_line, dumped)
-        elif text is not None:
-            lines = _with_remarks(_frames_with_context(reading, wanted), line)
-        else:
-            lines = _render_frames(reading, wanted, write_line)
-    reading.print_lines(lines)
-    reading.finish()
+    if has_columns and (dump or style is FrameFormat.TREE):
+        raise click.UsageError("--columns excludes --tree and --hex")
+    return style
+
+
+def _csv_lines(reader: CaptureReader, wanted: Filter | None) -> Iterator[str]:
+    """Yield a header and a row per frame; with several captures, also the capture and the packet in it."""
+    table, several = CsvTableRenderer(), len(reader.paths) > 1
+    cite = _citing(
+        reader,
+        lambda seen, call_kind, comments: table.row(seen, call_kind),
+        lambda row, origin: f"{row},{csv_row((csv_cell(origin.path), origin.packet))}",
+    )
+    yield table.header() + (",file,file_packet" if several else "")
+    yield from _render_frames(reader, wanted, cite)
 
 
 def _citing(

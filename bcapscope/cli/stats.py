@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import chain
 
 import click
 
 from bcapscope.analysis.statistics.call_statistics import SlicedStatistics, Statistics, StatisticsBuilder
 from bcapscope.cli.common.call_reading import read_filtered_calls
 from bcapscope.cli.common.figure_command import FigureArguments, figure_command
+from bcapscope.render.statistics_csv import statistics_header, statistics_rows
 from bcapscope.render.statistics_text import statistics_lines, statistics_record
 from bcapscope.traffic.call import Call
 
 
 @click.command(short_help="Show figures by client and command: rates, latencies, retries, refusals.")
-@figure_command("Print one JSON object; with --window, one per window.")
+@figure_command("Print one JSON object; with --window, one per window.", has_csv=True)
 def command(arguments: FigureArguments) -> None:
     """Show figures about the calls in captures, by client and by command.
 
@@ -25,6 +27,10 @@ def command(arguments: FigureArguments) -> None:
     """
     calls = read_filtered_calls(arguments.reader, arguments.call_filter)
     found = _by_window(calls, arguments.window) if arguments.window else _whole_time(calls)
+    if arguments.as_csv:
+        rows = chain.from_iterable(map(statistics_rows, found))
+        arguments.reader.print_lines(chain([statistics_header()], rows))
+        arguments.reader.finish()
     arguments.print_all(found, statistics_record, statistics_lines)
 
 

@@ -16,6 +16,11 @@ Text may be wrapped before and after these characters.
 _CLOSING = "、。，．）」』】：；！？ーぁぃぅぇぉっゃゅょァィゥェォッャュョ"
 """Wide characters that must not begin a line."""
 
+_COLORS = re.compile(r"\x1b\[[0-9;]*m")
+_PIECES = re.compile(r"\x1b\[[0-9;]*m| +|[^ \x1b]+")
+_INDENT = " " * 7
+_NARROWEST_ROW = 40
+
 _WORDS = re.compile(f" *(?:[{_WIDE}][{_CLOSING}]*|[^ {_WIDE}]+[{_CLOSING}]*| +$)")
 """Matches the pieces between which a line may be wrapped: words and single wide characters, with the spaces
 before them.
@@ -34,6 +39,45 @@ def align_columns(rows: Sequence[Sequence[str]], alignments: str) -> Iterator[st
             space = " " * (width - display_width(cell))
             cells.append(space + cell if side == ">" else cell + space)
         yield "  ".join(cells).rstrip()
+
+
+def fit_line(line: str, width: int) -> str:
+    """Return a line cut to `width` columns; a cut line ends with an ellipsis."""
+    if display_width(line) <= width:
+        return line
+    fitted = _prefix(line, width - 1)
+    return f"{fitted}…"
+
+
+def fold_line(line: str, width: int) -> str:
+    """Break a line, which may contain colours, into rows of at most `width` columns, at spaces if possible.
+
+    All rows but the first are indented.
+    """
+    if width < _NARROWEST_ROW or display_width(_COLORS.sub("", line)) <= width:
+        return line
+    rows: list[str] = []
+    row, room = "", width
+    for piece in _PIECES.findall(line):
+        rest = piece
+        while rest and not _COLORS.fullmatch(rest) and display_width(rest) > room:
+            if room == (width - len(_INDENT) if rows else width):  # a word that no row can hold
+                start = _prefix(rest, room)
+                row, rest = row + start, rest[len(start) :]
+            rows.append(row)
+            row, room = _INDENT, width - len(_INDENT)
+            rest = rest.lstrip(" ")
+        row += rest
+        room -= 0 if _COLORS.fullmatch(rest) else display_width(rest)
+    return "\n".join(each.rstrip(" ") for each in (*rows, row))
+
+
+def _prefix(text: str, width: int) -> str:
+    """Return as many characters as `width` columns can hold, at least one."""
+    size = 1
+    while size < len(text) and display_width(text[: size + 1]) <= width:
+        size += 1
+    return text[:size]
 
 
 def wrap_text(text: str, width: int) -> Iterator[str]:

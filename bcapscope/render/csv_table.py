@@ -61,16 +61,24 @@ class _ReturningFile:
         return text
 
 
+_writer = csv.writer(_ReturningFile(), lineterminator="")
+
+
+def csv_row(cells: Iterable[object]) -> str:
+    """Return cells as a row of CSV without a line end. Text from the wire must have passed `csv_cell`."""
+    # `csv.writer.writerow` returns the result of its file's `write` method.
+    return str(_writer.writerow(cells))
+
+
 class CsvTableRenderer:
     """Writes frames as CSV rows without line ends. The caller adds CR LF, as RFC 4180 requires."""
 
     def __init__(self) -> None:
-        self._writer = csv.writer(_ReturningFile(), lineterminator="")
         self._records = FrameRecordRenderer()
 
     def header(self) -> str:
         """Return the header row."""
-        return self._row(COLUMNS)
+        return csv_row(COLUMNS)
 
     def row(self, observation: Observation, call_kind: CallKind | None) -> str:
         """Return the row of a frame or of malformed bytes."""
@@ -78,13 +86,13 @@ class CsvTableRenderer:
         head = (observation.number, epoch_text(observation.time), *_endpoint_cells(flow))
         if isinstance(item, Malformed):
             nothing = ("",) * 8
-            return self._row(
+            return csv_row(
                 (*head, "malformed", len(item.raw), *nothing, *_problem_cells(item.problems, item.raw))
             )
         about = _call_kind_cells(call_kind)
         result = (item.code, hresult_name(item.code)) if flow.direction is Direction.RESPONSE else ("", "")
         frame = (flow.direction.value, item.length, item.serial, item.reserved)
-        return self._row(
+        return csv_row(
             (
                 *head,
                 *frame,
@@ -104,10 +112,6 @@ class CsvTableRenderer:
         record = self._records.record(observation, call_kind)
         start = record.index(_ARGS) + len(_ARGS)
         return record[start : record.index(_PROBLEMS, start)].decode()
-
-    def _row(self, cells: Iterable[object]) -> str:
-        # `csv.writer.writerow` returns the result of its file's `write` method.
-        return str(self._writer.writerow(cells))
 
 
 @lru_cache(maxsize=1024)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.protocol.text_format import display_width
-from bcapscope.render.columns import align_columns, wrap_text
+from bcapscope.render.columns import align_columns, fit_line, fold_line, wrap_text
 
 
 def test_columns_are_as_wide_as_their_widest_cell() -> None:
@@ -61,3 +61,36 @@ def test_wrapping_loses_nothing(text: str, width: int) -> None:
     lines = list(wrap_text(text, width))
     assert " ".join(lines).split() == text.split()
     assert all(display_width(line) <= width or " " not in line for line in lines)
+
+
+WORDS = st.lists(st.text("abcあい", min_size=1, max_size=30), max_size=20)
+
+
+@given(WORDS, st.integers(40, 90), st.booleans())
+def test_a_folded_line_fits_and_loses_nothing(words: list[str], width: int, coloured: bool) -> None:
+    line = " ".join(f"\x1b[1m{word}\x1b[0m" if coloured else word for word in words)
+    folded = fold_line(line, width)
+    plain = folded.replace("\x1b[1m", "").replace("\x1b[0m", "")
+    assert all(display_width(row) <= width for row in plain.split("\n"))
+    assert "".join(plain.split()) == "".join(words)
+    assert folded.count("\x1b[1m") == line.count("\x1b[1m")
+
+
+@pytest.mark.parametrize(
+    ("line", "width", "folded"),
+    [
+        ("short", 40, "short"),
+        ("x" * 41, 10, "x" * 41),  # too narrow to fold
+        (f"{'a' * 30} {'b' * 20}", 40, f"{'a' * 30}\n       {'b' * 20}"),
+        ("c" * 90, 40, f"{'c' * 40}\n       {'c' * 33}\n       {'c' * 17}"),
+    ],
+)
+def test_where_a_line_is_folded(line: str, width: int, folded: str) -> None:
+    assert fold_line(line, width) == folded
+
+
+@given(st.text("abcあい", max_size=60), st.integers(1, 70))
+def test_a_fitted_line_ends_with_an_ellipsis(line: str, width: int) -> None:
+    fitted = fit_line(line, width)
+    assert display_width(fitted) <= max(width, 3)
+    assert fitted == line or (fitted[-1] == "…" and line.startswith(fitted[:-1]))

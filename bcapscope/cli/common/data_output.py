@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 from collections.abc import Callable, Iterable
 from typing import TypeGuard, cast
@@ -12,6 +13,7 @@ import click
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.live.standard_streams import discard_stdout
 from bcapscope.messages.os_errors import os_reason
+from bcapscope.render.columns import fold_line
 
 _BATCH_CHARACTERS = 256 * 1024  # a batch of lines is written when it has this many characters
 
@@ -89,6 +91,17 @@ def require_terminal() -> None:
         return
     if not all(stream is not None and stream.isatty() for stream in (sys.__stdin__, sys.__stderr__)):
         raise click.UsageError("the screen needs a terminal. Use decode, calls or diagnose without one")
+
+
+def line_width(wide: bool) -> int | None:
+    """Return the number of columns of the terminal; None without a terminal, or if lines must not be cut."""
+    return None if wide or not sys.stdout.isatty() else shutil.get_terminal_size().columns
+
+
+def folded_lines(lines: Iterable[str], wide: bool) -> Iterable[str]:
+    """Return lines that are folded at the width of the terminal, if there is one and not `wide`."""
+    width = line_width(wide)
+    return lines if width is None else (fold_line(line, width) for line in lines)
 
 
 def _joined_lines(lines: list[str | bytes]) -> bytes:

@@ -34,6 +34,7 @@ class FigureArguments:
     call_filter: Filter | None
     palette: Palette
     window: int | None
+    as_csv: bool = False
 
     def print_all(
         self,
@@ -62,22 +63,20 @@ def _make_arguments(
     words: MessageFormatter,
     side: CapturePlace | None,
     window: int | None,
+    as_csv: bool = False,
 ) -> FigureArguments:
+    if as_json and as_csv:
+        raise click.UsageError("--json and --csv exclude each other")
     reader = CaptureReader(paths, ports, words=words, side=side, taken_at=taken_at)
-    return FigureArguments(reader, as_json, wanted, choose_palette(color), window)
+    return FigureArguments(reader, as_json, wanted, choose_palette(color), window, as_csv)
 
 
-def figure_command(json_help: str) -> options.Decorator:
+def figure_command(json_help: str, has_csv: bool = False) -> options.Decorator:
     """Return a decorator that adds these arguments to a command and passes them as one `FigureArguments`."""
     as_json = click.option("--json", "as_json", is_flag=True, help=json_help)
     selection = (options.filter_option(RecordKind.CALL), options.color, options.language)
-    added = (
-        options.captures,
-        options.ports,
-        options.side,
-        options.taken_at,
-        as_json,
-        options.window,
-        *selection,
-    )
+    as_csv = click.option("--csv", "as_csv", is_flag=True, help="Print a CSV table with a header.")
+    formats = (as_json, as_csv) if has_csv else (as_json,)
+    source = (options.captures, options.ports, options.side, options.taken_at)
+    added = (*source, *formats, options.window, *selection)
     return options.bundled("arguments", _make_arguments, added)
