@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from bcapscope.live.proxy_options import WatcherSubscriber
-    from bcapscope.proxy.rule_policy import RulePolicy
-    from bcapscope.proxy.script_process import ScriptProcess
 
 
 @click.group(invoke_without_command=True, short_help="Proxy: watch, record and disturb live traffic.")
@@ -228,14 +226,19 @@ class _ProxyRun:
         proxy = opened.enter_context(closing(supervisor))
         for line in self.rules.summary():
             print_stderr(self.words.text(line))
-        recording = _single_recording(proxy_options.record, proxy_options.ring)
+        record = proxy_options.record if proxy_options.ring is None else None
+        recording = None if record is None else str(record.resolve())
         state = {"recording": recording, "listening": listening}
         control = None if policy is None else self.rules.attach_rules(policy, proxy.relay, state)
         if control is not None:
             opened.callback(control.close)
             print_stderr(self.words("rules.control", address=control.address))
         addresses = [proxy.listen(listener, self.forget_ns) for listener in self.listeners]
-        _start_watcher(proxy, policy, scripts)
+        if scripts is None or policy is None:
+            proxy.start_watcher()
+        else:
+            scripts.attach(policy, proxy.relay, proxy.must_end_now)
+            proxy.start_watcher(scripts.load)
         pairs = list(zip(self.listeners, addresses, strict=True))
         listening += [f"{address} > {each.to}" for each, address in pairs]
         greetings = [_greeting(*pair) for pair in pairs]
@@ -244,19 +247,6 @@ class _ProxyRun:
         control_address = control.address if control else ""
         texts = [self.words.text(greeting) for greeting in greetings]
         return proxy, partial(_announce_to_parent, proxy, texts, listening, control_address)
-
-
-def _start_watcher(proxy: ProxySupervisor, policy: RulePolicy | None, scripts: ScriptProcess | None) -> None:
-    if scripts is None or policy is None:
-        proxy.start_watcher()
-    else:
-        scripts.attach(policy, proxy.relay, proxy.must_end_now)
-        proxy.start_watcher(scripts.load)
-
-
-def _single_recording(record: Path | None, ring: RotationLimits | None) -> str | None:
-    """Return the path of the recording, or None without a recording or with a ring of files."""
-    return None if record is None or ring is not None else str(record.resolve())
 
 
 def _print_greetings(proxy: ProxySupervisor, greetings: list[Message]) -> None:

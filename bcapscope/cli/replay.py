@@ -228,10 +228,10 @@ class _PreflightCheck:
         self._limits = limits
         self._renderer = PreflightRenderer(palette, shutil.get_terminal_size().columns, words)
         self._quiet = quiet
-        self.stretches: tuple[SetPointRun, ...] = ()
+        self.runs: tuple[SetPointRun, ...] = ()
         try:
             with_limits(UNKNOWN_ARM, limits)
-            self.stretches = tuple(set_point_runs(script))
+            self.runs = tuple(set_point_runs(script))
         except UnreadableSetPointError as error:
             exit_with(f"bcapscope: {words('replay.nothing-sent', reason=error.message)}", ExitCode.UNFIT)
         except ValueError as error:
@@ -242,7 +242,7 @@ class _PreflightCheck:
 
         The results of unfit set points are printed; with `shown`, all results are printed.
         """
-        found = [preflight_run(stretch, with_limits(limits, self._limits)) for stretch in self.stretches]
+        found = [preflight_run(run, with_limits(limits, self._limits)) for run in self.runs]
         bad = [each for each in found if not each.is_playable]
         for each in bad or (found if shown and not self._quiet else ()):
             print_stderr(str(each.trajectory.source.file_format))
@@ -276,7 +276,7 @@ class _ReplayRunner:
         """
         simulated = False
         needs_arm = any(needs_arming(each.kind.function_id, each.arguments) for each in self.script.calls)
-        if self.preflight.stretches or (needs_arm and not armed):
+        if self.preflight.runs or (needs_arm and not armed):
             simulated = await _is_simulator(target)
             self.preflight.check(SIMULATED_ARM if simulated else UNKNOWN_ARM, shown=True)
             if needs_arm and not (armed or simulated or _confirm_robot(target.host, self.words)):
@@ -286,7 +286,10 @@ class _ReplayRunner:
                 log = None
                 if needs_arm and not simulated:
                     log = stack.enter_context(log_armed_calls("replay", LoggedConnection.of_target(target)))
-                await self._play_script(target, log, longest_pause)
+                async with _session(target, log) as (session, channel):
+                    opener = ObjectOpener(session, target)
+                    player = ScriptPlayer(self.script, opener, channel, longest_pause, self.anywhere)
+                    await player.play(self._on_played)
         except ValueError as error:
             raise BcapError(message_of(error)) from None
         finally:
@@ -294,14 +297,6 @@ class _ReplayRunner:
         if self._unanswered:
             return ExitCode.UNANSWERED
         return ExitCode.REFUSED if self._different else ExitCode.OK
-
-    async def _play_script(
-        self, target: ControllerTarget, log: ArmedCallLogger | None, longest_pause: int
-    ) -> None:
-        async with _session(target, log) as (session, channel):
-            opener = ObjectOpener(session, target)
-            play = ScriptPlayer(self.script, opener, channel, longest_pause, self.anywhere)
-            await play.play(self._on_played)
 
     def _on_played(self, played: PlayedCall) -> bool:
         self._calls += 1

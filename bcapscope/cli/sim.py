@@ -128,15 +128,11 @@ def command(
     now = time.monotonic_ns()
     start = played.initial_state(epoch=time.time_ns() - now)
     simulator = Simulator(played.controller_profile, start, now, serving.log.on_call)
-    stage = (
-        None
-        if scenario is None
-        else ScenarioRunner(played, simulator, now, seed=seed, on_news=serving.log.add_note)
-    )
-    with (
-        exit_on(SimulatorListenError, ExitCode.UNREADABLE),
-        serving.listen(stage or simulator, listen, port) as server,
-    ):
+    served: Simulator | ScenarioRunner = simulator
+    if scenario is not None:
+        served = ScenarioRunner(played, simulator, now, seed=seed, on_news=serving.log.add_note)
+    exits = exit_on(SimulatorListenError, ExitCode.UNREADABLE)
+    with exits, serving.listen(served, listen, port) as server:
         _print_introduction(simulator, server, scenario, words)
         if attended:
             announce_ready(["%s:%d" % server.address])

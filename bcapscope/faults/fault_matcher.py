@@ -35,7 +35,7 @@ class FaultMatcher:
 
     @property
     def needs_pairing(self) -> bool:
-        """Whether the fault needs earlier requests, or the attempt number of a frame."""
+        """Whether matching needs earlier requests, or the attempt number of a frame."""
         when = self.fault.when
         asks = when is not None and not when.filter.getter_names.isdisjoint(_NEEDS_REQUEST)
         return asks or self.fault.attempt is not None

@@ -1,4 +1,4 @@
-"""Add-ons: classes of the user that see each message and may change, drop or answer it.
+"""Add-ons: the user's classes, which see each message and may change, drop or answer it.
 
 A script is a Python file. The proxy creates one object of each class in the file that has a method with one
 of these names, and calls its methods. The class needs a constructor without arguments.

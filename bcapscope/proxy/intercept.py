@@ -93,7 +93,7 @@ class _PastDecision:
     """A decision of the user about a message whose retries may still arrive.
 
     Attributes:
-        data: Bytes that replace the message; None if it is unchanged, empty if it is dropped.
+        data: Bytes that replace the message; None to leave the message unchanged, empty to drop it.
         until: Time in ns after which no retry can arrive any more.
     """
 

@@ -31,7 +31,7 @@ POLL_INTERVAL = 0.05
 """Time in seconds between two ticks. At a tick, the relay writes pending records, and may stop."""
 
 _SWEEP_EVERY = 20
-"""Number of ticks between two checks for silent clients and full buffers, which cause no event."""
+"""Number of ticks between two sweeps. A sweep finds silent clients and full buffers: no event shows them."""
 
 _LONGEST_NOTE = 4096
 """Maximum size of a rule's note, in bytes."""

@@ -190,7 +190,7 @@ def _is_whole(frame: Frame) -> bool:
 
 
 def _reads_one_way(frame: Frame) -> bool:
-    """Return whether a frame cannot be read both as compressed and as plain.
+    """Return whether all readers agree that a frame is compressed, or that it is plain.
 
     A frame that looks compressed must be valid as a compressed frame. As a plain frame it would have at least
     376 arguments, which must not fit into the frame.

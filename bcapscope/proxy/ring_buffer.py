@@ -342,7 +342,7 @@ class RingWriter(_Ring):
     def _remove_unseen_client(self, client: int) -> bool:
         """Discard a client's waiting records, unless the reader has already seen the client open.
 
-        Return whether they were discarded.
+        Return whether the records were discarded.
         """
         if not any(
             kind is RingRecordKind.CLIENT_OPENED and number == client

@@ -82,7 +82,7 @@ class RulePolicy:
         """Number of requests that the guard or `MessageSender.refuse_motion` refused."""
         return self._sender.refused_requests
 
-    # methods of `Policy`
+    # Methods of `Policy`, which describes them.
 
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
         self._clients.add(client, conversation, now)
@@ -118,7 +118,6 @@ class RulePolicy:
         )
 
     def is_full(self, client: int) -> bool:
-        """Return whether rules hold so much data that the client's streams must not be read."""
         return self.shaper.is_full or (self.scripts is not None and self.scripts.is_full(client))
 
     def on_stream_end(

@@ -182,10 +182,9 @@ class ScriptProcess:
         self._relay = relay
         self._is_interrupted = is_interrupted
 
-    # methods of `ScriptLink`
+    # Methods of `ScriptLink`, which describes them.
 
     def send(self, frame: bytes) -> None:
-        """Send an order, at once or as soon as the process accepts it."""
         self._backlog += frame
         self._flush()
 
@@ -198,14 +197,12 @@ class ScriptProcess:
             os.kill(self._process.pid, signal.SIGUSR1)
 
     def end(self) -> tuple[Message, ...]:
-        """End the process at once. Return the exit reason and the place in the scripts, as far as known."""
         code = self._exit_code()
         self._kill()
         found = None if code is None else _exit_message(code), self._script_location()
         return tuple(each for each in found if each is not None)
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
-        """Send the last order and wait until `is_done` accepts received bytes. Return whether it did so."""
         self._unwatch()
         self.send(frame)
         until = time.monotonic() + FINISHES_WITHIN

@@ -102,7 +102,7 @@ class WireSentence(_WireFrame, frozen=True):
 
 
 def wire_sentence(message: Message) -> WireSentence:
-    """Return a message in the form for the wire, in which the places are text."""
+    """Return a message for the wire, with its places as text."""
     places = {name: str(value)[:LONGEST_SENTENCE] for name, value in message.places.items()}
     return WireSentence(message.id, places)
 

@@ -175,7 +175,7 @@ class ScriptQueue:
 
     @property
     def inspects_frames(self) -> bool:
-        """Whether streams must be split into frames: for hooks, or to refuse motion without scripts."""
+        """Whether streams must be split into frames: hooks see frames, or motion is refused."""
         return not self.is_on or not self._hooks.isdisjoint(("request", "reply", "settled"))
 
     def decides(self, direction: Direction) -> bool:

@@ -139,7 +139,6 @@ class TcpSession(RelaySession):
         self._update_masks()
 
     def close(self, reset_both: bool, why: Message) -> None:
-        """Send the held messages that rules release, then close both connections."""
         self._close(reset_both, why, encode_note(why))
 
     def _close(self, reset_both: bool, why: Message, cause: bytes = b"") -> None:
@@ -195,7 +194,6 @@ class TcpSession(RelaySession):
             self._relay.notify(Message(case, client=str(self.conversation.client), size=rest))
 
     def evictable_idle_ns(self, now: int) -> int | None:
-        """Return the idle time in ns if it is long enough to evict the session, else None."""
         quiet = now - self._last_activity
         if self._up.source_ended and self._is_answered:
             return quiet if quiet > ANSWERED_IDLE_NS else None

@@ -181,7 +181,6 @@ class UdpSession(RelaySession):
         return "refused" if self._listener.refused else "open"
 
     def send(self, up: bool, data: bytes) -> int:
-        """Send and count a datagram. Return the time in ns since 1970; 0 if the system refused to send."""
         sent_at = self.forward(up, data)
         if sent_at:
             self._relay.counts[RelayCounter.LEFT_UP if up else RelayCounter.LEFT_DOWN] += 1
@@ -235,12 +234,10 @@ class UdpSession(RelaySession):
         return False
 
     def evictable_idle_ns(self, now: int) -> int | None:
-        """Return how many ns the client has been silent, if that is long enough to evict it; else None."""
         silent = now - self.last_heard
         return silent if silent >= EVICTABLE_AFTER_NS else None
 
     def close(self, reset: bool, why: Message) -> None:
-        """Send the held messages that rules release, then close the socket."""
         self._relay.release_held(self)
         if self._upstream.fileno() < 0:  # a rule closed the session during the release
             return

@@ -70,7 +70,7 @@ class RuleOptions:
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
         """Create the rules, or return None if no option needs rules.
 
-        The times of faults count from this call.
+        The times of the faults start at this call.
         """
         guard = self._make_guard()
         if not (self.faults or guard or self.intercept or self.scripts or self.control):
