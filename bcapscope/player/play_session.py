@@ -21,8 +21,7 @@ from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Measured
 from bcapscope.player.arm_limits import ArmLimits, limits_for_arm, with_limits
-from bcapscope.player.blocking_caller import ABORT_CHECK_INTERVAL, BlockingCaller
-from bcapscope.player.channel import Channel
+from bcapscope.player.blocking_caller import ABORT_CHECK_INTERVAL, BlockingCaller, Channel
 from bcapscope.player.cleanup_stack import CleanupStack
 from bcapscope.player.frame_recorder import FrameRecorder
 from bcapscope.player.monitor import PlayMonitor

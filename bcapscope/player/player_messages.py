@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import msgspec
 
@@ -304,19 +304,9 @@ PlayerMessage: TypeAlias = (
 )
 
 
-def _to_data(value: object) -> object:
-    if isinstance(value, Message):
-        return message_to_data(value)
-    raise NotImplementedError(f"{type(value)} crosses no pipe")  # as msgspec requires
-
-
-def _from_data(kind: type, data: Any) -> object:
-    if kind is Message:
-        return message_from_data(data)
-    raise NotImplementedError(f"{kind} crosses no pipe")
-
-
-encode_message = msgspec.json.Encoder(enc_hook=_to_data).encode
-decode_message = msgspec.json.Decoder(PlayerMessage, dec_hook=_from_data).decode
+encode_message = msgspec.json.Encoder(enc_hook=message_to_data).encode
+decode_message = msgspec.json.Decoder(
+    PlayerMessage, dec_hook=lambda kind, data: message_from_data(data)
+).decode
 decode_plan = msgspec.json.Decoder(PlayPlan).decode
 decode_command = msgspec.json.Decoder(PlayerCommand).decode

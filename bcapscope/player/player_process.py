@@ -55,8 +55,8 @@ _SERIAL_MAX = 0xFFFF
 class PlayerProcess:
     """A running player; `ended` is its last message, None while the player works.
 
-    When `fileno` is readable, `read_messages` returns the messages; `wait_for_messages` waits for messages.
-    Any thread may call either method. A caller that reads too slowly misses only progress reports. The last
+    When `fileno` is readable, `read_messages` returns the messages; `wait_for_messages` waits for them. Any
+    thread may call either method. A caller that reads too slowly misses only progress reports. The last
     message is always `PlayEnded`.
     """
 
@@ -148,8 +148,8 @@ class PlayerProcess:
     def halt(self) -> None:
         """Order the player to halt the robot at once, then clean up.
 
-        The order is a signal, which a full pipe cannot delay. After a crash of the player, the method does
-        nothing: the process that cleans up needs no such order.
+        The order is a signal, which a full pipe cannot delay. A process that cleans up after a crash needs no
+        order.
         """
         if not self._crash:
             with suppress(ProcessLookupError):

@@ -42,9 +42,8 @@ def resample(
         speed: Share of the original speed, above 0, that the rate never exceeds.
         ramp: Duration of the start and of the stop in seconds; 0 if the trajectory begins and ends at rest.
 
-    Raises:
-        TrajectoryError: A number is not finite, times do not increase, or there would be too many set points.
-        InputError: Period, speed or ramp is invalid.
+    Raises TrajectoryError if a number is not finite, times do not increase, or there would be too many set
+    points. Raises InputError if period, speed or ramp is invalid.
     """
     if not (
         isfinite(period) and period > 0 and isfinite(speed) and speed > 0 and isfinite(ramp) and ramp >= 0

@@ -10,7 +10,7 @@ from bcapscope.client.handle_table import first_number
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.errors import BcapError, ControllerError
 from bcapscope.messages import Message
-from bcapscope.player.channel import Channel
+from bcapscope.player.blocking_caller import Channel
 from bcapscope.player.motion_checks import POSITION_TOLERANCE
 from bcapscope.player.robot_adapter import RobotAdapter, pose_distance
 from bcapscope.protocol.codec.variant import VT, Variant

@@ -40,9 +40,8 @@ class UnreadableSetPointError(BcapError):
 class SetPointRun(NamedTuple):
     """Successive set points of a script, between which the client does not leave slave mode.
 
-    Attributes:
-        trajectory: All set points of the run, even refused ones, because a replay sends all of them.
-        sent_at: Time from the first set point of the run to each set point, s.
+    The trajectory has refused set points too, because a replay sends all. `sent_at` is in s from the first
+    one.
     """
 
     first_call: int

@@ -11,8 +11,7 @@ from collections.abc import Iterable, Sequence
 
 from bcapscope.protocol.codec.variant import ARRAY, VT, Value, Variant
 from bcapscope.protocol.tables.hresult import E_INVALIDARG
-from bcapscope.simulator.call_outcome import RefusedError
-from bcapscope.simulator.result_codes import TYPE_MISMATCH
+from bcapscope.simulator.call_outcome import TYPE_MISMATCH, RefusedError
 
 LARGEST_FLOAT = 3.4028234663852886e38
 

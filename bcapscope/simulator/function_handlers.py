@@ -37,18 +37,21 @@ from bcapscope.simulator.argument_values import (
     variant_array,
 )
 from bcapscope.simulator.call_context import CallContext, CommandTable, accept_without_effect
-from bcapscope.simulator.call_outcome import CallResult, HandlerOutcome, RefusedError, RunningCall
-from bcapscope.simulator.equipment_commands import HAND_COMMANDS, HAND_EXTENSION_COMMANDS, LINE_COMMANDS
-from bcapscope.simulator.machine import AUTOMATIC, MANUAL, READY, RUNNING, Alarm
-from bcapscope.simulator.motion_commands import drive, halt, hold, move, unhold
-from bcapscope.simulator.object_table import check_storable
-from bcapscope.simulator.result_codes import (
+from bcapscope.simulator.call_outcome import (
     BAD_INDEX,
     EMERGENCY_STOP,
     INVALID_COMMAND,
     OBJECT_NOT_FOUND,
     OUT_OF_MEMORY,
+    CallResult,
+    HandlerOutcome,
+    RefusedError,
+    RunningCall,
 )
+from bcapscope.simulator.equipment_commands import HAND_COMMANDS, HAND_EXTENSION_COMMANDS, LINE_COMMANDS
+from bcapscope.simulator.machine import AUTOMATIC, MANUAL, READY, RUNNING, Alarm
+from bcapscope.simulator.motion_commands import drive, halt, hold, move, unhold
+from bcapscope.simulator.object_table import check_storable
 from bcapscope.simulator.robot_commands import PALLET_COMMANDS, ROBOT_COMMANDS
 
 _DAY_0 = datetime(1899, 12, 30)

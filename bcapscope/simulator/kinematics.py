@@ -16,8 +16,7 @@ from typing import NamedTuple, TypeAlias
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.protocol.tables.hresult import E_INVALIDARG
-from bcapscope.simulator.call_outcome import RefusedError
-from bcapscope.simulator.result_codes import POSITION_LIMIT
+from bcapscope.simulator.call_outcome import POSITION_LIMIT, RefusedError
 
 Joints: TypeAlias = tuple[float, ...]
 """Eight joints in degrees; the arm lacks the last two joints, which stay 0."""
@@ -187,8 +186,8 @@ def rotation(pose: PoseNumbers) -> Matrix:
 def _combined_angles(pose: PoseNumbers, other: PoseNumbers, first: Matrix, second: Matrix) -> PoseNumbers:
     """Return the angles of first·second.
 
-    If the second rotation is zero, return the angles of `pose` unchanged, so that set points do not jump by a
-    full turn.
+    If the second rotation is zero, the angles of `pose` do not change, so that set points do not jump by a
+    turn.
     """
     if not any(other[3:6]):
         return pose[3:6]

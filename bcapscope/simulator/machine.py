@@ -15,12 +15,7 @@ from typing import NamedTuple, NoReturn
 from bcapscope.protocol.slave_mode.modes import PERIOD_NS
 from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_FAIL, E_NOT_IN_SLAVE_MODE, describe_hresult
 from bcapscope.simulator.arm import MS, Arm, TimedMove
-from bcapscope.simulator.call_outcome import RefusedError
-from bcapscope.simulator.equipment import Equipment
-from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, Joints, axis_beyond_limit
-from bcapscope.simulator.object_table import ObjectTable
-from bcapscope.simulator.profile import Profile
-from bcapscope.simulator.result_codes import (
+from bcapscope.simulator.call_outcome import (
     EMERGENCY_STOP,
     ERROR_IS_ACTIVE,
     HAND_DEVIATION,
@@ -29,8 +24,13 @@ from bcapscope.simulator.result_codes import (
     NOT_AUTOMATIC,
     POSITION_LIMIT,
     SOFTWARE_LIMIT,
+    RefusedError,
     error_level,
 )
+from bcapscope.simulator.equipment import Equipment
+from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, Joints, axis_beyond_limit
+from bcapscope.simulator.object_table import ObjectTable
+from bcapscope.simulator.profile import Profile
 from bcapscope.simulator.slave_drive import SlaveDrive
 from bcapscope.simulator.variable_memory import VariableMemory
 

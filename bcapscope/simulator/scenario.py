@@ -30,11 +30,10 @@ from bcapscope.protocol.slave_mode.modes import Generation
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.simulator.argument_values import boolean, bstr, float_array, r8
-from bcapscope.simulator.call_outcome import RefusedError
+from bcapscope.simulator.call_outcome import BAD_INDEX, RefusedError
 from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, axis_beyond_limit, pad_joints
 from bcapscope.simulator.machine import MOTOR_ON_TIME, ROBOT_TYPE, ROBSLAVE, InitialState
 from bcapscope.simulator.profile import PROFILES, NoArgument, Profile
-from bcapscope.simulator.result_codes import BAD_INDEX
 from bcapscope.simulator.scenario_event import LONGEST_NAME, AnyEvent, Joints6, OperatingMode, Percent
 from bcapscope.simulator.simulator import MAX_CLIENTS
 from bcapscope.simulator.system_variables import variable_names

@@ -11,8 +11,7 @@ import struct
 
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.simulator import argument_values
-from bcapscope.simulator.call_outcome import RefusedError
-from bcapscope.simulator.result_codes import BAD_INDEX, OUT_OF_MEMORY, OVERFLOW, TYPE_MISMATCH
+from bcapscope.simulator.call_outcome import BAD_INDEX, OUT_OF_MEMORY, OVERFLOW, TYPE_MISMATCH, RefusedError
 
 VARIABLES_PER_LETTER = 100
 """Variables of each letter."""
