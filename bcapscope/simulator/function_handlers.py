@@ -202,13 +202,8 @@ def _get_message(context: CallContext, arguments: Arguments) -> Variant:
     active = context.machine.active_alarms
     if not active:
         raise RefusedError(OBJECT_NOT_FOUND)
-    made = context.objects.open(ObjectClass.MESSAGE, "", context.object)
-    made.values = _message_values(active[0], context)
-    return i4(made.handle)
-
-
-def _message_values(alarm: Alarm, context: CallContext) -> dict[str, Variant]:
-    return {
+    made, alarm = context.objects.open(ObjectClass.MESSAGE, "", context.object), active[0]
+    made.values = {
         "Message_GetNumber": i4(alarm.code),
         "Message_GetDescription": bstr(alarm.text),
         "Message_GetDateTime": Variant(VT.DATE, context.machine.date(alarm.time)),
@@ -217,6 +212,7 @@ def _message_values(alarm: Alarm, context: CallContext) -> dict[str, Variant]:
         "Message_GetSerialNumber": i4(1),
         "Message_GetValue": i4(alarm.code),
     }
+    return i4(made.handle)
 
 
 def command_runner(commands: CommandTable) -> FunctionHandler:

@@ -120,11 +120,6 @@ def _convert_work(context: CallContext, parameter: Variant) -> Variant:
     return _real_array(context, (*relative_to(target, moved_in_tool(source, pose)), _fig(pose)))
 
 
-def _tool_definition(context: CallContext, parameter: Variant) -> Variant:
-    tools = context.machine.equipment.tools
-    return _real_array(context, tools.get(frame_number(integer_of(parameter)), ZERO_FRAME))
-
-
 def _define(context: CallContext, parameter: Variant, frames: FrameTable) -> None:
     items = items_of(parameter)
     context.machine.check_arm(context.client)
@@ -297,7 +292,9 @@ ROBOT_COMMANDS: CommandTable = {
     "dev": partial(_move, move=moved_in_base),
     "devh": partial(_move, move=moved_in_tool),
     "convertposwork": _convert_work,
-    "gettooldef": _tool_definition,
+    "gettooldef": lambda context, number: _real_array(
+        context, context.machine.equipment.tools.get(frame_number(integer_of(number)), ZERO_FRAME)
+    ),
     "settooldef": partial(_define, frames=FRAMES["TOOL"]),
     "setworkdef": partial(_define, frames=FRAMES["WORK"]),
     "takearm": _take_arm,
