@@ -46,8 +46,7 @@ class ArmLimits:
     """Limits of one arm; `axis_count` is the number of joints, or None if unknown.
 
     Attributes:
-        axes: Limits of each known axis by its name, in the axis's unit and seconds; unknown ones are
-            infinite.
+        axes: Limits of each known axis by its name, in the axis's unit and seconds; infinite if unknown.
         to_joints: Computes the joints of a pose of P or T type, or raises if it is out of reach; None if the
             arm's kinematics are unknown.
     """

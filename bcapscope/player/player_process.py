@@ -1,8 +1,7 @@
 """Starting a player: a separate process that receives a plan and sends messages.
 
 In a separate process, no Python code of the parent can delay a set point. However the parent ends, the player
-brings the motion to an orderly end. If the player itself is killed, a second process takes the cleanup steps
-of the first.
+brings the motion to an orderly end. If the player itself is killed, a second process cleans up.
 """
 
 from __future__ import annotations
@@ -148,8 +147,7 @@ class PlayerProcess:
     def halt(self) -> None:
         """Order the player to halt the robot at once, then clean up.
 
-        The order is a signal, which a full pipe cannot delay. A process that cleans up after a crash needs no
-        order.
+        The order is a signal, which a full pipe cannot delay. A cleanup after a crash needs no such order.
         """
         if not self._crash:
             with suppress(ProcessLookupError):

@@ -34,8 +34,7 @@ def resample(
 ) -> Trajectory:
     """Return a finite trajectory with other times, and the same first and last point.
 
-    A trajectory without a period needs increasing times. A trajectory with neither gets `period` as its
-    period.
+    A trajectory without a period needs increasing times. Without either, `period` becomes its period.
 
     Args:
         period: Seconds between the set points of the result.

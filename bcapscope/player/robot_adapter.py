@@ -55,8 +55,7 @@ _FACTS = (
 class RobotAdapter:
     """A controller with its robot. Every method raises the exceptions of `Session.call`.
 
-    RC7 is recognised by joints as VT_R4, as DENSO's slides show. `facts` are what the controller reports
-    about itself.
+    RC7 is recognised by joints as VT_R4, as DENSO's slides show. `facts` are the controller's own reports.
     """
 
     robot: Robot

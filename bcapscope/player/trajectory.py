@@ -78,8 +78,7 @@ class Trajectory:
 
     Attributes:
         points: Read-only array, one row per set point, one column per axis in the order of slvMove: 1 to 8
-            joints, 6 or 7 numbers of P type, 9 or 10 of T type. Units are mm and degrees, except for Fig and
-            cosines.
+            joints, 6 or 7 numbers of P type, 9 or 10 of T type. Units are mm and degrees.
         period: Seconds between two set points according to the file; None if the file does not say.
         times: Read-only array: seconds from the first set point to each one; None if the file has no times.
     """
@@ -116,8 +115,7 @@ class Trajectory:
     def completed(self, current_pose: Sequence[float]) -> Trajectory:
         """Fill in the axes that the file lacks with the robot's current pose, so that these axes do not move.
 
-        The result has 7 columns for P type, 8 for J type, 10 for T type. Axes beyond the end of the pose get
-        0; controllers also report 0 for joints that a robot lacks.
+        The result has 7 columns for P type, 8 for J type, 10 for T type. Axes that the pose lacks get 0.
         """
         have, width = self.points.shape[1], len(AXES[self.kind])
         missing = np.zeros(width - have)

@@ -43,9 +43,7 @@ class ReplayScript(NamedTuple):
 
 
 def scripts_of(calls: Iterable[Call]) -> tuple[ReplayScript, ...]:
-    """Return one script per client. The script with the most calls comes first. Calls with a damaged request
-    are left out.
-    """
+    """Return one script per client, the longest first, without calls with a damaged request."""
     by_client: dict[Conversation, list[Call]] = {}
     for call in calls:
         if not call.request.item.problems:

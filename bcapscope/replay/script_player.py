@@ -50,8 +50,7 @@ class PlayedCall(NamedTuple):
 
     @property
     def values_differ(self) -> bool:
-        """Whether the returned values differ, beyond the tolerance, although the result codes are the
-        same."""
+        """Whether the returned values differ beyond the tolerance, although the result codes are equal."""
         call, result = self.script_call, self.result
         if isinstance(result, CallTimedOut) or result.reply.code != call.hresult:
             return False

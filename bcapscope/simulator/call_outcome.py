@@ -71,8 +71,7 @@ class CallResult(msgspec.Struct, frozen=True):
 class RunningCall:
     """A call that is not finished; both functions get the current time in ns.
 
-    `poll` returns the result, or None while the call runs. `due` returns the latest time for the next poll in
-    ns.
+    `poll` returns the result, or None while the call runs. `due` returns the time in ns of the next poll.
     """
 
     poll: Callable[[int], CallResult | None]

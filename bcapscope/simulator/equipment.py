@@ -30,8 +30,7 @@ SECOND = 1_000_000_000
 class HandLimits(NamedTuple):
     """Limits of a hand: widths in mm, speeds in mm/s, acceleration in mm/s², forces in N.
 
-    `speed` is the speed at 100 %, `grip_speed` that of a grip without speed parameter, `slowest` is in
-    percent.
+    `speed` is reached at 100 %, `grip_speed` in a grip without speed parameter; `slowest` is in percent.
     """
 
     narrowest: float

@@ -294,8 +294,8 @@ class Machine:
         would push the error that ended slave mode out of the list.
 
         A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). It is
-        assumed that an RC7 does the same: any result other than S_OK stops RobSlave and ends slave mode
-        (DENSO Wave 2009).
+        assumed that an RC7 does the same: a result other than S_OK stops RobSlave and slave mode (DENSO Wave
+        2009).
         """
         if all(alarm.code != code for alarm in self.active_alarms):
             self.raise_error(code, now, is_reported=True)

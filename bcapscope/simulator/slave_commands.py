@@ -1,8 +1,8 @@
 """The commands of slave mode: slvChangeMode, slvGetMode, slvMove and the two formats.
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core
-(formats). It is assumed that slvMove returns a pose of the mode's type before slvRecvFormat, as in the
-samples of 2009.
+(formats). It is assumed that slvMove returns a pose of the mode's type before slvRecvFormat, as in that
+guide.
 """
 
 from __future__ import annotations

@@ -2,8 +2,7 @@
 
 Sources for slots, pacing and errors: DENSO Wave 2009, How to use the Slave mode (RC7); the table of slave
 modes in ShoheiKobata/orin_bcap_python_samples and issues of DENSORobot/denso_robot_ros (RC8). Two facts are
-assumed: the `MOVING_THRESHOLD` above which an axis counts as moving, and that the 8 ms cycle does not follow
-the client.
+assumed: the `MOVING_THRESHOLD` of an axis, and that the 8 ms cycle does not follow the client.
 """
 
 from __future__ import annotations
