@@ -34,8 +34,14 @@ from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.places import Count
 from bcapscope.player.arm_limits import SIMULATED_ARM, UNKNOWN_ARM, ArmLimits, with_limits
-from bcapscope.player.blocking_caller import BlockingCaller, FrameCallback, ignore_frame, run_blocking
-from bcapscope.player.channel import Channel, open_channel
+from bcapscope.player.blocking_caller import (
+    BlockingCaller,
+    Channel,
+    FrameCallback,
+    ignore_frame,
+    open_channel,
+    run_blocking,
+)
 from bcapscope.player.realtime import realtime_priority
 from bcapscope.protocol.guard import needs_arming
 from bcapscope.render.color_palette import Palette

@@ -281,15 +281,11 @@ def _hex(raw: bytes) -> dict[str, object]:
     return shown if len(raw) <= _MAX_BYTES else {**shown, "bytes": len(raw)}
 
 
-def _typed_json(variant: Variant, left: list[int]) -> object:
-    return {"type": vt_name(variant.vt), "value": _value_json(variant.value, left)}
-
-
 def _value_json(value: Value, left: list[int]) -> object:
     """Convert a value to JSON types; `left` is the number of values that may still be logged for the call."""
     left[0] -= 1
     if isinstance(value, Variant):
-        return _typed_json(value, left)
+        return {"type": vt_name(value.vt), "value": _value_json(value.value, left)}
     if isinstance(value, tuple):
         return _elements_json(value, left)
     if isinstance(value, bytes):

@@ -27,8 +27,7 @@ EventListener: TypeAlias = Callable[[RequesterEvent], None]
 class Caller:
     """Makes calls over a link, one after the other, and shows every frame to an observer.
 
-    After every call, received data and timeout, the caller sends the requester's frames, sets the timer and
-    reports the events.
+    After each input, the caller sends the requester's frames, sets the timer and reports the events.
     """
 
     def __init__(
@@ -89,8 +88,7 @@ class Caller:
     async def send_raw(self, raw: bytes, timeout: float) -> bool:
         """Send bytes unchanged and without retries, even invalid bytes; return whether data arrived in time.
 
-        `raw` is one datagram, or bytes of a stream. `timeout` is in s. The observer receives what arrives.
-        Raises ConnectionError if the link is lost.
+        `raw` is one datagram, or bytes of a stream. `timeout` is in s. Raises ConnectionError.
         """
         async with self._one_at_a_time:
             if self._lost_reason is not None:

@@ -27,8 +27,7 @@ class RetryPolicies(NamedTuple):
     Attributes:
         others: Policy for all calls but slvMove. In an Async mode, the default policy has one retry less.
         sync: Policy for slvMove in a mode that is not Async: 2 ms and 7 retries, together two cycle times.
-        asynchronous: Policy for slvMove in an Async mode: no retry, because the next set point follows
-            anyway.
+        asynchronous: Policy for slvMove in an Async mode: no retry, because the next set point follows.
     """
 
     others: RetryPolicy = RetryPolicy(1000 * _MS, 4)

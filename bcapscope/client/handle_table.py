@@ -11,12 +11,9 @@ from bcapscope.protocol.tables.function_table import Function, ObjectClass
 
 
 class ObjectHandle(NamedTuple):
-    """An object in the controller for which the client holds a handle.
+    """An object in the controller for which the client holds a handle; `parent` is None for a controller.
 
-    Attributes:
-        opened_with: String arguments of the opening call, such as name and option. For a controller, the four
-            strings of Controller_Connect.
-        parent: Object through which the client opened this object; None for a controller.
+    `opened_with` are the string arguments of the opening call, such as name and option.
     """
 
     kind: ObjectClass

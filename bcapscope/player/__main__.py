@@ -19,8 +19,7 @@ from bcapscope.errors import BcapError
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Enumeration
-from bcapscope.player.blocking_caller import run_blocking
-from bcapscope.player.channel import Channel, open_channel
+from bcapscope.player.blocking_caller import Channel, open_channel, run_blocking
 from bcapscope.player.control_log import open_new_file, read_control_log, write_control_log
 from bcapscope.player.frame_recorder import FrameRecorder, open_recording
 from bcapscope.player.play_session import PlaySession

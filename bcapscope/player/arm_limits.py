@@ -43,14 +43,12 @@ _EXAMPLES = "J1=-170..170, J1.speed=300, J1..J3.acceleration=6000"
 
 @dataclass(frozen=True, slots=True)
 class ArmLimits:
-    """Limits of one arm.
+    """Limits of one arm; `axis_count` is the number of joints, or None if unknown.
 
     Attributes:
-        axes: Limits of each known axis by its name (`J1`, `X`, ...), in the axis's unit and seconds; an
-            unknown limit is infinite.
-        to_joints: Function that computes the joints of a pose of P or T type, and raises for a pose out of
-            reach; None if the arm's kinematics are unknown.
-        axis_count: Number of joints; None if unknown.
+        axes: Limits of each known axis by its name, in the axis's unit and seconds; infinite if unknown.
+        to_joints: Computes the joints of a pose of P or T type, or raises if it is out of reach; None if the
+            arm's kinematics are unknown.
     """
 
     arm_name: Message
@@ -132,8 +130,7 @@ def _axis_range(text: str, first: str, last: str) -> tuple[str, ...]:
 class TrajectoryMotion:
     """The motion of some axes in mm or degrees, with `period` seconds between two rows.
 
-    There is one row per set point, and rotations continue beyond half a turn. The row of a point out of reach
-    is NaN.
+    Each set point has a row, NaN if it is out of reach. Rotations continue beyond half a turn.
     """
 
     axes: tuple[Axis, ...]

@@ -46,8 +46,7 @@ def read_capture(
 ) -> tuple[Trajectory, ...]:
     """Read the set points of each slave-mode session.
 
-    Raises TrajectoryError if there are none of the wanted type, or CaptureError for damage before the first
-    one.
+    Raises TrajectoryError if there are none of the wanted type, or CaptureError for damage before them.
     """
     sessions: dict[int, _SlaveSessionPoints] = {}
     extractor = TrajectoryExtractor()

@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
 from bcapscope.messages import Message
-from bcapscope.player.channel import Channel
+from bcapscope.player.blocking_caller import Channel
 from bcapscope.player.player_messages import CleanupTask, PendingCleanup, PlayerProblem
 from bcapscope.player.player_pipe import PlayerPipe
 from bcapscope.player.robot_adapter import RobotAdapter
@@ -21,8 +21,7 @@ _BUSY_PAUSE = 20_000_000
 class CleanupStack:
     """Undoes steps, newest first; reports the steps that remain, so that another process can undo them.
 
-    If the controller stops answering, `is_controller_gone` is True and the remaining cleanup tasks are
-    skipped.
+    If the controller stops answering (`is_controller_gone`), the remaining cleanup tasks are skipped.
     """
 
     def __init__(self, robot: RobotAdapter, pipe: PlayerPipe, channel: Channel) -> None:

@@ -340,7 +340,8 @@ def read_title(text: str) -> ColumnTitle | None:
     axis: str | None = None
     role, unit = ColumnRole.UNMARKED, None
     for word in words:
-        found = _axis_name(word)
+        joint = _JOINT.fullmatch(word)
+        found = f"J{joint[1]}" if joint else _AXIS.get(word) or _OTHER_COLUMNS.get(word)
         if found and axis is None:
             axis = found
         elif word in _ROLES:
@@ -360,8 +361,3 @@ def _words(text: str) -> list[str]:
         joins = words and word.isdecimal() and words[-1] in ("j", "joint", "axis", "軸", "関節")
         words = [*words[:-1], words[-1] + word] if joins else [*words, word]
     return words
-
-
-def _axis_name(word: str) -> str | None:
-    joint = _JOINT.fullmatch(word)
-    return f"J{joint[1]}" if joint else _AXIS.get(word) or _OTHER_COLUMNS.get(word)

@@ -17,8 +17,7 @@ from bcapscope.client.controller_target import DEFAULT_RETRY_POLICIES, Controlle
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.remote_objects import Robot
 from bcapscope.client.session import Session
-from bcapscope.player.blocking_caller import BlockingCaller, run_blocking
-from bcapscope.player.channel import open_channel
+from bcapscope.player.blocking_caller import BlockingCaller, open_channel, run_blocking
 from bcapscope.protocol.codec.variant import Value
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.text_format import is_spreadsheet_formula

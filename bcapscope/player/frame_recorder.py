@@ -13,7 +13,7 @@ from operator import itemgetter
 from pathlib import Path
 
 from bcapscope.capture.rotating_recording import RotatingRecording
-from bcapscope.player.channel import Channel
+from bcapscope.player.blocking_caller import Channel
 from bcapscope.player.player_messages import FrameMessage
 
 MAX_FRAMES = 2_000_000

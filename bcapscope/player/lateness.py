@@ -62,7 +62,8 @@ class Lateness:
         filled = [(self._bins[number], number) for number in np.flatnonzero(self._counts).tolist()]
         if len(filled) > MAX_REPORTED_BINS:
             filled = sorted(filled, reverse=True)[:MAX_REPORTED_BINS]
-        return tuple(sorted((_lower_edge(number), _upper_edge(number), count) for count, number in filled))
+        edges = ((_upper_edge(number - 1) + 1, _upper_edge(number), count) for count, number in filled)
+        return tuple(sorted(edges))
 
     def exact_spread(self) -> Spread:
         """Return exact percentiles, which is slow; if not all values were kept, return estimated ones."""
@@ -83,10 +84,6 @@ def _bin_of(value: int) -> int:
         return max(value, 0)
     shift = value.bit_length() - 5
     return min((shift << 4) + (value >> shift), _BINS - 1)
-
-
-def _lower_edge(number: int) -> int:
-    return _upper_edge(number - 1) + 1 if number else 0
 
 
 def _upper_edge(number: int) -> int:

@@ -113,8 +113,7 @@ class Pacer:
     """Sends the set points of a sequence in time.
 
     Attributes:
-        lateness: Recorded times from each set point's deadline to its sending.
-        cycle: Recorded cycle times, each from one set point to the next.
+        lateness: Recorded times from each set point's deadline to its sending; `cycle`: recorded cycle times.
         started_at: Time in ns of the first set point; None before that set point is sent.
     """
 

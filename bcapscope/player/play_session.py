@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
+from math import isfinite
 
 import numpy as np
 
@@ -21,11 +22,9 @@ from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Measured
 from bcapscope.player.arm_limits import ArmLimits, limits_for_arm, with_limits
-from bcapscope.player.blocking_caller import ABORT_CHECK_INTERVAL, BlockingCaller
-from bcapscope.player.channel import Channel
+from bcapscope.player.blocking_caller import ABORT_CHECK_INTERVAL, BlockingCaller, Channel
 from bcapscope.player.cleanup_stack import CleanupStack
 from bcapscope.player.frame_recorder import FrameRecorder
-from bcapscope.player.monitor import PlayMonitor
 from bcapscope.player.motion_checks import POSITION_TOLERANCE
 from bcapscope.player.pacer import HaltedError, Pacer, SlvMoveCall
 from bcapscope.player.player_messages import (
@@ -50,6 +49,7 @@ from bcapscope.player.robot_adapter import RobotAdapter, pose_distance
 from bcapscope.player.set_point_sequence import SetPointSequence
 from bcapscope.player.smooth_curve import FIG_COLUMN, matches_posture
 from bcapscope.player.trajectory import Trajectory, TrajectorySource
+from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.slave_mode.modes import (
     PERIOD_NS,
@@ -58,21 +58,69 @@ from bcapscope.protocol.slave_mode.modes import (
     SlaveMode,
     slave_mode_by_number,
 )
+from bcapscope.protocol.slave_mode.poses import pose_numbers
 from bcapscope.protocol.tables.function_table import ObjectClass
+
+PROGRESS_INTERVAL = 50_000_000
+"""Time in ns from one progress report to the next."""
+
+YES, NO, CLEAR, AGAIN = "yes", "no", "clear", "again"
+"""Answers to questions."""
 
 _ROBOT_EXECUTE = 64
 _LATENESS_CAPACITY = 1_000_000  # number of set points whose lateness is kept: two hours at 8 ms
 
-_MODES = {
-    (SlaveModePacing.SYNC, Generation.RC7): 0x000,
-    (SlaveModePacing.SYNC, Generation.RC8): 0x200,
-    (SlaveModePacing.ASYNC, Generation.RC7): 0x100,
-    (SlaveModePacing.ASYNC, Generation.RC8): 0x100,
-}
-_KINDS = {PoseType.P: 1, PoseType.J: 2, PoseType.T: 3}
 
-YES, NO, CLEAR, AGAIN = "yes", "no", "clear", "again"
-"""Answers to questions."""
+class PlayMonitor:
+    """Polls for orders and reports the progress of `pacer`; no method waits."""
+
+    pacer: Pacer
+
+    def __init__(
+        self, pipe: PlayerPipe, recorder: FrameRecorder, sequence: SetPointSequence, period: int
+    ) -> None:
+        self._pipe = pipe
+        self._recorder = recorder
+        self._sequence = sequence
+        self._period = period
+        self._next_report = 0
+
+    def on_idle(self, now: int) -> None:
+        """Poll for an order, and report progress if due; an order to halt raises HaltedError."""
+        order = self._pipe.poll_order()
+        if order is Order.HALT:
+            raise HaltedError
+        if order is Order.STOP:
+            self._sequence.stop()
+        if now >= self._next_report:
+            self._next_report = now + PROGRESS_INTERVAL
+            self._pipe.try_send(self.progress(now))
+
+    def progress(self, now: int) -> PlayProgress:
+        pacer, sequence = self.pacer, self._sequence
+        left = max(0, sequence.total - sequence.index) * self._period / 1e9 if sequence.total else None
+        return PlayProgress(
+            PlayState.STOPPING if sequence.is_stopping else PlayState.PLAYING,
+            sequence.index,
+            sequence.total,
+            0.0 if pacer.started_at is None else (now - pacer.started_at) / 1e9,
+            None if sequence.is_stopping else left,
+            pacer.lateness.estimated_spread(),
+            pacer.counts,
+            pacer.commanded,
+            _pose_in(pacer.last_reply),
+            self._recorder.last_sent,
+            self._recorder.last_received,
+            pacer.cycle.bins(),
+        )
+
+
+def _pose_in(reply: Frame | None) -> SetPointValues:
+    """Return the pose in a reply; () if there is none, or if it holds NaN, which JSON cannot carry."""
+    if reply is None or not reply.arguments:
+        return ()
+    row = pose_numbers(reply.arguments[0].variant) or ()
+    return row if all(map(isfinite, row)) else ()
 
 
 class PlayAbortedError(Exception):
@@ -197,8 +245,8 @@ class PlaySession:
     async def _prepare(self, trajectory: Trajectory) -> None:
         """Bring the robot to a state from which it can enter slave mode.
 
-        If the robot is in slave mode already, another client controls the robot. Most calls would cause an
-        error that ends that client's motion (issue 42 of DENSORobot/denso_robot_ros).
+        If slave mode is on already, another client controls the robot. Most calls would cause an error that
+        ends that client's motion (issue 42 of DENSORobot/denso_robot_ros).
         """
         robot, cleanup = self._robot, self._cleanup
         self._report_state(PlayState.PREPARING)
@@ -255,16 +303,11 @@ class PlaySession:
         sequence = SetPointSequence(trajectory, plan.period / 1e9, self._stop_limits(), plan.rounds, hold)
         handle = robot.robot.handle
         probe = (Variant(VT.I4, handle), Variant(VT.BSTR, "slvMove"))
-        move = SlvMoveCall(
-            handle,
-            robot.real_type,
-            mode,
-            self._session.retry_policy_for(_ROBOT_EXECUTE, probe),
-            plan.period,
-        )
+        retry_policy = self._session.retry_policy_for(_ROBOT_EXECUTE, probe)
+        move = SlvMoveCall(handle, robot.real_type, mode, retry_policy, plan.period)
         self._retries_expected = mode.paces_client and self._channel.datagrams
-        capacity = (
-            min(_LATENESS_CAPACITY, sequence.total + 2 * hold) if sequence.total else _LATENESS_CAPACITY
+        capacity = min(
+            _LATENESS_CAPACITY, sequence.total + 2 * hold if sequence.total else _LATENESS_CAPACITY
         )
         monitor = PlayMonitor(self._pipe, self._recorder, sequence, plan.period)
         pacer = self._pacer = monitor.pacer = Pacer(self._caller, move, sequence, monitor.on_idle, capacity)
@@ -300,7 +343,7 @@ class PlaySession:
     async def _offer_to_clear_errors(self, error: ControllerError) -> None:
         """Report the controller's errors and offer to clear them; return if the user wants to play again.
 
-        If the user orders a stop instead of answering, the session ends with the error as its reason.
+        If the user orders a stop instead, the session ends with the error as its reason.
         """
         latest = error
         while True:
@@ -378,7 +421,9 @@ def _refuse_unconfirmed_call() -> None:
 
 def _slave_mode_for(plan: PlayPlan, generation: Generation) -> SlaveMode:
     """Return the slave mode to play in; raise PlayAbortedError if the mode does not fit the plan."""
-    value = plan.mode if isinstance(plan.mode, int) else _MODES[plan.mode, generation] | _KINDS[plan.kind]
+    sync = 0x000 if generation is Generation.RC7 else 0x200
+    family = 0x100 if plan.mode is SlaveModePacing.ASYNC else sync
+    value = plan.mode if isinstance(plan.mode, int) else family | " PJT".index(plan.kind)
     mode = slave_mode_by_number(value, generation)
     if mode is None or mode.pose_type is None:
         raise PlayAbortedError(

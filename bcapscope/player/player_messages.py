@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import msgspec
 
@@ -59,8 +59,7 @@ class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         debts: Cleanup tasks that remain, oldest first.
-        port: Local port of the player, by which a controller knows a UDP client. A process that cleans up
-            uses the same port.
+        port: Local port of the player. It identifies a UDP client, so a cleanup uses the same port.
     """
 
     debts: tuple[CleanupTask, ...]
@@ -76,8 +75,7 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
         task: Name of the program that RC7 needs for slave mode.
         mode: Kind of slave mode, or the exact number for slvChangeMode.
         period: Time in ns between set points in the modes where the player sets the pace.
-        points: Set points of the trajectory, which begins and ends at rest. Axes that the set points lack do
-            not move.
+        points: Set points of the trajectory, which begins and ends at rest. Other axes do not move.
         limits: Limits of the arm as `arm_limits.with_limits` accepts them; a stop keeps within them.
         rounds: Number of times to play the set points without a pause; 0 to play until an order to stop.
         approach: Speed, in percent, of the ordinary motion to the first point.
@@ -304,19 +302,9 @@ PlayerMessage: TypeAlias = (
 )
 
 
-def _to_data(value: object) -> object:
-    if isinstance(value, Message):
-        return message_to_data(value)
-    raise NotImplementedError(f"{type(value)} crosses no pipe")  # as msgspec requires
-
-
-def _from_data(kind: type, data: Any) -> object:
-    if kind is Message:
-        return message_from_data(data)
-    raise NotImplementedError(f"{kind} crosses no pipe")
-
-
-encode_message = msgspec.json.Encoder(enc_hook=_to_data).encode
-decode_message = msgspec.json.Decoder(PlayerMessage, dec_hook=_from_data).decode
+encode_message = msgspec.json.Encoder(enc_hook=message_to_data).encode
+decode_message = msgspec.json.Decoder(
+    PlayerMessage, dec_hook=lambda kind, data: message_from_data(data)
+).decode
 decode_plan = msgspec.json.Decoder(PlayPlan).decode
 decode_command = msgspec.json.Decoder(PlayerCommand).decode

@@ -39,8 +39,7 @@ PARENT_GONE = Message("play.parent-gone")
 class PlayerPipe:
     """Receives orders and sends messages through the file descriptors of two pipes.
 
-    `order` is the most serious order so far, and `reason` says why it was given; both are None without an
-    order.
+    `order` is the most serious order so far, and `reason` says why it was given; at first, both are None.
     """
 
     def __init__(self, commands: int, messages: int) -> None:

@@ -1,8 +1,7 @@
 """Starting a player: a separate process that receives a plan and sends messages.
 
 In a separate process, no Python code of the parent can delay a set point. However the parent ends, the player
-brings the motion to an orderly end. If the player itself is killed, a second process takes the cleanup steps
-of the first.
+brings the motion to an orderly end. If the player itself is killed, a second process cleans up.
 """
 
 from __future__ import annotations
@@ -55,8 +54,8 @@ _SERIAL_MAX = 0xFFFF
 class PlayerProcess:
     """A running player; `ended` is its last message, None while the player works.
 
-    When `fileno` is readable, `read_messages` returns the messages; `wait_for_messages` waits for messages.
-    Any thread may call either method. A caller that reads too slowly misses only progress reports. The last
+    When `fileno` is readable, `read_messages` returns the messages; `wait_for_messages` waits for them. Any
+    thread may call either method. A caller that reads too slowly misses only progress reports. The last
     message is always `PlayEnded`.
     """
 
@@ -148,8 +147,7 @@ class PlayerProcess:
     def halt(self) -> None:
         """Order the player to halt the robot at once, then clean up.
 
-        The order is a signal, which a full pipe cannot delay. After a crash of the player, the method does
-        nothing: the process that cleans up needs no such order.
+        The order is a signal, which a full pipe cannot delay. A cleanup after a crash needs no such order.
         """
         if not self._crash:
             with suppress(ProcessLookupError):

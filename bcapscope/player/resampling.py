@@ -34,17 +34,15 @@ def resample(
 ) -> Trajectory:
     """Return a finite trajectory with other times, and the same first and last point.
 
-    A trajectory without a period needs increasing times. A trajectory with neither gets `period` as its
-    period.
+    A trajectory without a period needs increasing times. Without either, `period` becomes its period.
 
     Args:
         period: Seconds between the set points of the result.
         speed: Share of the original speed, above 0, that the rate never exceeds.
         ramp: Duration of the start and of the stop in seconds; 0 if the trajectory begins and ends at rest.
 
-    Raises:
-        TrajectoryError: A number is not finite, times do not increase, or there would be too many set points.
-        InputError: Period, speed or ramp is invalid.
+    Raises TrajectoryError if a number is not finite, times do not increase, or there would be too many set
+    points. Raises InputError if period, speed or ramp is invalid.
     """
     if not (
         isfinite(period) and period > 0 and isfinite(speed) and speed > 0 and isfinite(ramp) and ramp >= 0

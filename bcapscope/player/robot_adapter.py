@@ -55,9 +55,7 @@ _FACTS = (
 class RobotAdapter:
     """A controller with its robot. Every method raises the exceptions of `Session.call`.
 
-    Attributes:
-        generation: RC7 if the controller sends joints as VT_R4, as DENSO's slides show; else RC8.
-        facts: Facts that the controller reports about itself, by name.
+    RC7 is recognised by joints as VT_R4, as DENSO's slides show. `facts` are the controller's own reports.
     """
 
     robot: Robot

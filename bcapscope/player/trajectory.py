@@ -38,13 +38,12 @@ class TrajectoryError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Column or element of a file that holds the numbers of one axis, or the times.
+    """Column or element of a file that holds the numbers of one axis, or the times; without name or unit, "".
 
     Attributes:
         axis: Name of the axis, such as `J1`, or `time`.
         position: Number of the column or element in the file, from 1.
-        name: Name of the column in the file; empty if the file has no names.
-        unit: Unit of the numbers in the file: `deg`, `rad`, `mm`, `m`, `s`, `ms`, or empty.
+        unit: Unit of the numbers in the file: `deg`, `rad`, `mm`, `m`, `s`, `ms`.
         factor: Factor that converts the file's numbers to mm, degrees or seconds.
     """
 
@@ -57,10 +56,10 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class TrajectorySource:
-    """Where a trajectory comes from and how it was read.
+    """Where a trajectory comes from and how it was read; without a file, `file_format` is None.
 
     Attributes:
-        file_format: Kind of the file, or the encoding of its text; None if there is no file.
+        file_format: Kind of the file, or the encoding of its text.
         part: Name of the trajectory among several in the file; None if the file has only one.
         columns: Columns in the order of `Trajectory.axes`, then those of times and counter, if any.
         notes: Assumptions, omissions and conversions, one clause each.
@@ -78,9 +77,8 @@ class Trajectory:
     """Set points of one pose type; an array whose shape does not fit raises ValueError.
 
     Attributes:
-        points: Read-only array, one row per set point, one column per axis in the order of slvMove. Units are
-            mm and degrees; Fig and direction cosines have no unit. A file has 1 to 8 joints, 6 or 7 numbers
-            of P type, 9 or 10 of T type.
+        points: Read-only array, one row per set point, one column per axis in the order of slvMove: 1 to 8
+            joints, 6 or 7 numbers of P type, 9 or 10 of T type. Units are mm and degrees.
         period: Seconds between two set points according to the file; None if the file does not say.
         times: Read-only array: seconds from the first set point to each one; None if the file has no times.
     """
@@ -117,8 +115,7 @@ class Trajectory:
     def completed(self, current_pose: Sequence[float]) -> Trajectory:
         """Fill in the axes that the file lacks with the robot's current pose, so that these axes do not move.
 
-        The result has 7 columns for P type, 8 for J type, 10 for T type. Axes beyond the end of the pose get
-        0; controllers also report 0 for joints that a robot lacks.
+        The result has 7 columns for P type, 8 for J type, 10 for T type. Axes that the pose lacks get 0.
         """
         have, width = self.points.shape[1], len(AXES[self.kind])
         missing = np.zeros(width - have)
@@ -194,8 +191,8 @@ def find_gaps(times: Array) -> NDArray[np.bool_]:
 def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
     """Use a counter to find the runs of records without gaps; also return its growth per record.
 
-    A run is a pair: the index of its first record, from 0, and the index after its last record. If the
-    counter does not grow evenly enough, return one run of all records, and None.
+    A run is a pair: the index of its first record, and the index after its last record. If the counter does
+    not grow evenly enough, return one run of all records, and None.
     """
     whole = ((0, len(counter)),)
     steps = np.diff(counter)

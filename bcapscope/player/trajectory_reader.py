@@ -4,8 +4,7 @@ This is the only module of the player that opens files to read set points. The c
 trusted: sizes are limited, and any content gives either trajectories or one `TrajectoryError`.
 
 No public source describes how a project of WINCAPS III stores a log itself. bcapscope does not guess, and
-looks for exported logs in the project. If there are none, the error lists the project's files and says what
-to export.
+looks for exported logs in the project. Without any, the error lists the files and says what to export.
 """
 
 from __future__ import annotations
@@ -199,8 +198,7 @@ def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
     because its meaning is unknown. A capture is not read either, because WINCAPS III exports no captures.
 
     Raises:
-        TrajectoryError: There is no control log; the message lists the project's files and says what to
-            export.
+        TrajectoryError: There is no control log; the message lists the files and says what to export.
         OSError: The folder cannot be read.
     """
     folder = path if path.is_dir() else path.parent

@@ -13,12 +13,12 @@ from bcapscope.traffic.observation import Conversation
 
 
 class ScriptCall(NamedTuple):
-    """One call, without its retries.
+    """One call, without its retries; times are in ns.
 
     Attributes:
-        offset: Time from the first call of the script to the first attempt of this call, ns.
-        duration: Time from the answered attempt to its reply, ns; 0 if no reply was captured.
-        notice_offsets: Time from the first attempt to each S_EXECUTING notice, ns.
+        offset: Time from the first call of the script to the first attempt of this call.
+        duration: Time from the answered attempt to its reply; 0 if no reply was captured.
+        notice_offsets: Time from the first attempt to each S_EXECUTING notice.
     """
 
     number: int
@@ -43,9 +43,7 @@ class ReplayScript(NamedTuple):
 
 
 def scripts_of(calls: Iterable[Call]) -> tuple[ReplayScript, ...]:
-    """Return one script per client. The script with the most calls comes first. Calls with a damaged request
-    are left out.
-    """
+    """Return one script per client, the longest first, without calls with a damaged request."""
     by_client: dict[Conversation, list[Call]] = {}
     for call in calls:
         if not call.request.item.problems:

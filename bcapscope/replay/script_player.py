@@ -10,7 +10,7 @@ from bcapscope.client.handle_table import first_number
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.errors import BcapError, ControllerError
 from bcapscope.messages import Message
-from bcapscope.player.channel import Channel
+from bcapscope.player.blocking_caller import Channel
 from bcapscope.player.motion_checks import POSITION_TOLERANCE
 from bcapscope.player.robot_adapter import RobotAdapter, pose_distance
 from bcapscope.protocol.codec.variant import VT, Variant
@@ -50,8 +50,7 @@ class PlayedCall(NamedTuple):
 
     @property
     def values_differ(self) -> bool:
-        """Whether the returned values differ, beyond the tolerance, although the result codes are the
-        same."""
+        """Whether the returned values differ beyond the tolerance, although the result codes are equal."""
         call, result = self.script_call, self.result
         if isinstance(result, CallTimedOut) or result.reply.code != call.hresult:
             return False

@@ -40,9 +40,7 @@ class UnreadableSetPointError(BcapError):
 class SetPointRun(NamedTuple):
     """Successive set points of a script, between which the client does not leave slave mode.
 
-    Attributes:
-        trajectory: All set points of the run, even refused ones, because a replay sends all of them.
-        sent_at: Time from the first set point of the run to each set point, s.
+    The trajectory has refused set points too, because a replay sends all. `sent_at` is in s.
     """
 
     first_call: int
@@ -77,8 +75,7 @@ def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
 
 
 def preflight_run(run: SetPointRun, limits: ArmLimits) -> PreflightResult:
-    """Return the results of the pre-flight check for a run of set points at its recorded pace, including
-    pauses."""
+    """Check a run of set points at its recorded pace, including pauses."""
     trajectory = run.trajectory
     found = run_preflight(trajectory, trajectory.period or _SHORTEST, limits)
     pauses = _pause_problems(np.asarray(run.sent_at))

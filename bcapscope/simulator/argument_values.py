@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 
 from bcapscope.protocol.codec.variant import ARRAY, VT, Value, Variant
 from bcapscope.protocol.tables.hresult import E_INVALIDARG
-from bcapscope.simulator.call_outcome import RefusedError
-from bcapscope.simulator.result_codes import TYPE_MISMATCH
+from bcapscope.simulator.call_outcome import TYPE_MISMATCH, RefusedError
 
 LARGEST_FLOAT = 3.4028234663852886e38
 
@@ -72,8 +72,9 @@ def number_of(variant: Variant) -> float | int:
     found = _plain(variant.value)
     if isinstance(found, tuple | bytes) and found:
         found = _plain(found[0])
-    if isinstance(found, str):
-        found = _from_text(found)
+    if isinstance(found, str) and len(found) <= 40:
+        with suppress(ValueError):
+            found = float(found)
     if isinstance(found, int | float) and math.isfinite(found):
         return found
     raise RefusedError(TYPE_MISMATCH)
@@ -126,12 +127,3 @@ def argument_at(items: Sequence[Variant], index: int) -> Variant:
 
 def _plain(value: Value) -> Value:
     return value.value if isinstance(value, Variant) else value
-
-
-def _from_text(text: str) -> float | None:
-    if len(text) > 40:
-        return None
-    try:
-        return float(text)
-    except ValueError:
-        return None

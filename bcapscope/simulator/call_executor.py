@@ -136,16 +136,13 @@ class CallExecutor:
         if self._next_notice is None or now < self._next_notice or self.session.wdt is None:
             return []
         if now - self._request[2] >= self.session.invoke_timeout:
-            return self._time_out()
+            self._is_timed_out = True
+            self._next_notice = None
+            frames = [self._responder.reply_unremembered(frame, E_BUSY) for frame in self._waiting]
+            self._waiting.clear()
+            return frames
         self._next_notice += self.session.wdt * ((now - self._next_notice) // self.session.wdt + 1)
         return [self._responder.executing_notice()]
-
-    def _time_out(self) -> list[bytes]:
-        self._is_timed_out = True
-        self._next_notice = None
-        frames = [self._responder.reply_unremembered(frame, E_BUSY) for frame in self._waiting]
-        self._waiting.clear()
-        return frames
 
     def _answer(self, answer: CallResult, now: int) -> bytes:
         function_id, arguments, began = self._request

@@ -1,4 +1,9 @@
-"""The outcome of a call to the simulated controller: a result now, or later."""
+"""The outcome of a call to the simulated controller: a result now, or later; and the codes of refusals.
+
+Sources for the meanings of the codes: the public list of controller errors in
+nkawa/Denso_CobottaPro900_MQTT_Control; symbols of CAO: orin_bcap CSharp ORiNDefine.cs. For a code that
+depends on the axis, the constant is the code for axis 0; add the axis number 1..8.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +18,48 @@ from bcapscope.messages import Message
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import S_OK
 
+OBJECT_NOT_FOUND = 0x80000204
+NOT_WRITABLE = 0x8000020A
+INVALID_COMMAND = 0x80010005
+OUT_OF_MEMORY = 0x8007000E
+TYPE_MISMATCH = 0x80020005
+OVERFLOW = 0x8002000A
+BAD_INDEX = 0x8002000B
+
+MOTOR_IS_OFF = 0x81501003
+ERROR_IS_ACTIVE = 0x81501025
+NOT_AUTOMATIC = 0x81501017
+EMERGENCY_STOP = 0x8150101A
+NO_TOKEN = 0x83501028
+
+SPEED_LIMIT = 0x84204050
+ACCELERATION_LIMIT = 0x84204040
+POSITION_LIMIT = 0x83204230
+SOFTWARE_LIMIT = 0x83204070
+
+
+HAND_IS_MOVING = 0x83500301
+HAND_SETTING = 0x83500314
+HAND_STOPPED = 0x835002FF
+HAND_DEVIATION = 0x8450031C
+GRIP_BEYOND_LIMIT = 0x83500362
+RELATIVE_GRIP_BEYOND_LIMIT = 0x83500363
+NOTHING_GRIPPED = 0x8350048F
+BRACKET_IS_OPEN = {"time": 0x83500189, "move": 0x83500190}
+BRACKET_IS_CLOSED = {"time": 0x83500191, "move": 0x83500192}
+
+
+def error_level(code: int) -> int:
+    """Return the error level of a controller code, its second hex digit; 0 for other codes."""
+    return code >> 24 & 0xF if code >> 28 == 8 else 0
+
 
 # Every call makes one object of this class. A struct takes 0.1 µs to make, a named tuple 0.4 µs, and a frozen
 # dataclass 0.9 µs. Unlike a named tuple, a struct never equals an object of another class.
 class CallResult(msgspec.Struct, frozen=True):
-    """The result of a call.
+    """The result of a call; if `value` is None, the profile decides between no argument and EMPTY.
 
-    Attributes:
-        value: Value of the result; if None, the profile decides between no argument and EMPTY.
-        reason: Why the call was refused, for the simulator's user; empty if the result code is enough.
+    `reason` says to the simulator's user why the call was refused; it is empty if the result code is enough.
     """
 
     hresult: int = S_OK
@@ -33,9 +71,7 @@ class CallResult(msgspec.Struct, frozen=True):
 class RunningCall:
     """A call that is not finished; both functions get the current time in ns.
 
-    Attributes:
-        poll: Returns the result, or None while the call runs.
-        due: Returns the latest time for the next poll in ns.
+    `poll` returns the result, or None while the call runs. `due` returns the time in ns of the next poll.
     """
 
     poll: Callable[[int], CallResult | None]

@@ -163,8 +163,7 @@ def is_allowed_in_slave_mode(
 ) -> bool:
     """Return whether slave mode accepts a call; `is_other` means that another client has the arm.
 
-    A call that no source names is accepted only if it reads. Unknown commands are accepted here and refused
-    later.
+    A call that no source names is accepted only if it reads. Unknown commands are accepted and refused later.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:

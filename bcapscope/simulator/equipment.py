@@ -12,7 +12,7 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.simulator.result_codes import HAND_STOPPED
+from bcapscope.simulator.call_outcome import HAND_STOPPED
 
 CoordinateFrame: TypeAlias = tuple[float, ...]
 """Position and orientation of a coordinate frame: X, Y, Z [mm], Rx, Ry, Rz [deg]."""
@@ -30,10 +30,7 @@ SECOND = 1_000_000_000
 class HandLimits(NamedTuple):
     """Limits of a hand: widths in mm, speeds in mm/s, acceleration in mm/s², forces in N.
 
-    Attributes:
-        speed: Speed at 100 %.
-        grip_speed: Speed of a grip without speed parameter.
-        slowest: Lowest speed in percent.
+    `speed` is reached at 100 %, `grip_speed` in a grip without speed parameter; `slowest` is in percent.
     """
 
     narrowest: float
@@ -101,10 +98,9 @@ class HandMotion(NamedTuple):
 
 
 class Hand:
-    """The two fingers of a hand, and an object that may be between the fingers.
+    """The two fingers of a hand, and an object of a width in mm that may be between the open fingers.
 
     Attributes:
-        object_width: Width in mm of the object between the open fingers; None without an object.
         motion_count: Number of motions and stops so far.
         stopped_by: Result of the last stop.
         ends: Time in ns at which the last motion ended or will end.

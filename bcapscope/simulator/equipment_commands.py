@@ -35,12 +35,11 @@ from bcapscope.simulator.argument_values import (
     variant_array,
 )
 from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable, accept_without_effect
-from bcapscope.simulator.call_outcome import DONE, CallResult, HandlerOutcome, RefusedError, RunningCall
-from bcapscope.simulator.equipment import MAX_AREAS, MAX_LINES, Hand
-from bcapscope.simulator.result_codes import (
+from bcapscope.simulator.call_outcome import (
     BAD_INDEX,
     BRACKET_IS_CLOSED,
     BRACKET_IS_OPEN,
+    DONE,
     GRIP_BEYOND_LIMIT,
     HAND_IS_MOVING,
     HAND_SETTING,
@@ -48,7 +47,12 @@ from bcapscope.simulator.result_codes import (
     MOTOR_IS_OFF,
     NOTHING_GRIPPED,
     RELATIVE_GRIP_BEYOND_LIMIT,
+    CallResult,
+    HandlerOutcome,
+    RefusedError,
+    RunningCall,
 )
+from bcapscope.simulator.equipment import MAX_AREAS, MAX_LINES, Hand
 
 _STORED_SPEED, _STORED_FORCE = 0.5, 10.0
 """Assumed data that the controller stores for a grip: share of the top speed, and COBOTTA's force in N."""

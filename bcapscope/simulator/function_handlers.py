@@ -37,18 +37,21 @@ from bcapscope.simulator.argument_values import (
     variant_array,
 )
 from bcapscope.simulator.call_context import CallContext, CommandTable, accept_without_effect
-from bcapscope.simulator.call_outcome import CallResult, HandlerOutcome, RefusedError, RunningCall
-from bcapscope.simulator.equipment_commands import HAND_COMMANDS, HAND_EXTENSION_COMMANDS, LINE_COMMANDS
-from bcapscope.simulator.machine import AUTOMATIC, MANUAL, READY, RUNNING, Alarm
-from bcapscope.simulator.motion_commands import drive, halt, hold, move, unhold
-from bcapscope.simulator.object_table import check_storable
-from bcapscope.simulator.result_codes import (
+from bcapscope.simulator.call_outcome import (
     BAD_INDEX,
     EMERGENCY_STOP,
     INVALID_COMMAND,
     OBJECT_NOT_FOUND,
     OUT_OF_MEMORY,
+    CallResult,
+    HandlerOutcome,
+    RefusedError,
+    RunningCall,
 )
+from bcapscope.simulator.equipment_commands import HAND_COMMANDS, HAND_EXTENSION_COMMANDS, LINE_COMMANDS
+from bcapscope.simulator.machine import AUTOMATIC, MANUAL, READY, RUNNING, Alarm
+from bcapscope.simulator.motion_commands import drive, halt, hold, move, unhold
+from bcapscope.simulator.object_table import check_storable
 from bcapscope.simulator.robot_commands import PALLET_COMMANDS, ROBOT_COMMANDS
 
 _DAY_0 = datetime(1899, 12, 30)
@@ -199,13 +202,8 @@ def _get_message(context: CallContext, arguments: Arguments) -> Variant:
     active = context.machine.active_alarms
     if not active:
         raise RefusedError(OBJECT_NOT_FOUND)
-    made = context.objects.open(ObjectClass.MESSAGE, "", context.object)
-    made.values = _message_values(active[0], context)
-    return i4(made.handle)
-
-
-def _message_values(alarm: Alarm, context: CallContext) -> dict[str, Variant]:
-    return {
+    made, alarm = context.objects.open(ObjectClass.MESSAGE, "", context.object), active[0]
+    made.values = {
         "Message_GetNumber": i4(alarm.code),
         "Message_GetDescription": bstr(alarm.text),
         "Message_GetDateTime": Variant(VT.DATE, context.machine.date(alarm.time)),
@@ -214,6 +212,7 @@ def _message_values(alarm: Alarm, context: CallContext) -> dict[str, Variant]:
         "Message_GetSerialNumber": i4(1),
         "Message_GetValue": i4(alarm.code),
     }
+    return i4(made.handle)
 
 
 def command_runner(commands: CommandTable) -> FunctionHandler:

@@ -3,7 +3,7 @@
 No public source gives the link lengths of the real arms, so the simulated arm has lengths of its own and is
 no model of any DENSO robot. J1 turns about the vertical. J2 and J3 move two links of equal length in a
 vertical plane. The wrist has no length: J4, J5 and J6 are Rx, Ry and Rz themselves. The conversion is exact
-in both directions. The rotation of a pose is Rz·Ry·Rx. A pose holds X, Y, Z in mm, then Rx, Ry, Rz in
+both ways. The rotation of a pose is Rz·Ry·Rx. A pose holds X, Y, Z in mm, then Rx, Ry, Rz in
 degrees.
 """
 
@@ -16,8 +16,7 @@ from typing import NamedTuple, TypeAlias
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.protocol.tables.hresult import E_INVALIDARG
-from bcapscope.simulator.call_outcome import RefusedError
-from bcapscope.simulator.result_codes import POSITION_LIMIT
+from bcapscope.simulator.call_outcome import POSITION_LIMIT, RefusedError
 
 Joints: TypeAlias = tuple[float, ...]
 """Eight joints in degrees; the arm lacks the last two joints, which stay 0."""
@@ -187,8 +186,7 @@ def rotation(pose: PoseNumbers) -> Matrix:
 def _combined_angles(pose: PoseNumbers, other: PoseNumbers, first: Matrix, second: Matrix) -> PoseNumbers:
     """Return the angles of first·second.
 
-    If the second rotation is zero, return the angles of `pose` unchanged, so that set points do not jump by a
-    full turn.
+    If the second rotation is zero, the angles of `pose` stay equal, so that set points do not jump by a turn.
     """
     if not any(other[3:6]):
         return pose[3:6]

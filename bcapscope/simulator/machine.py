@@ -15,12 +15,7 @@ from typing import NamedTuple, NoReturn
 from bcapscope.protocol.slave_mode.modes import PERIOD_NS
 from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_FAIL, E_NOT_IN_SLAVE_MODE, describe_hresult
 from bcapscope.simulator.arm import MS, Arm, TimedMove
-from bcapscope.simulator.call_outcome import RefusedError
-from bcapscope.simulator.equipment import Equipment
-from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, Joints, axis_beyond_limit
-from bcapscope.simulator.object_table import ObjectTable
-from bcapscope.simulator.profile import Profile
-from bcapscope.simulator.result_codes import (
+from bcapscope.simulator.call_outcome import (
     EMERGENCY_STOP,
     ERROR_IS_ACTIVE,
     HAND_DEVIATION,
@@ -29,8 +24,13 @@ from bcapscope.simulator.result_codes import (
     NOT_AUTOMATIC,
     POSITION_LIMIT,
     SOFTWARE_LIMIT,
+    RefusedError,
     error_level,
 )
+from bcapscope.simulator.equipment import Equipment
+from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, Joints, axis_beyond_limit
+from bcapscope.simulator.object_table import ObjectTable
+from bcapscope.simulator.profile import Profile
 from bcapscope.simulator.slave_drive import SlaveDrive
 from bcapscope.simulator.variable_memory import VariableMemory
 
@@ -294,8 +294,8 @@ class Machine:
         would push the error that ended slave mode out of the list.
 
         A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). It is
-        assumed that an RC7 does the same: any result other than S_OK stops RobSlave and ends slave mode
-        (DENSO Wave 2009).
+        assumed that an RC7 does the same: a result other than S_OK stops RobSlave and slave mode (DENSO Wave
+        2009).
         """
         if all(alarm.code != code for alarm in self.active_alarms):
             self.raise_error(code, now, is_reported=True)

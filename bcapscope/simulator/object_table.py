@@ -13,8 +13,7 @@ from bcapscope.errors import LocalProtocolError
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant, encode_variant
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import E_HANDLE, E_MAX_OBJECT
-from bcapscope.simulator.call_outcome import RefusedError
-from bcapscope.simulator.result_codes import OUT_OF_MEMORY, TYPE_MISMATCH
+from bcapscope.simulator.call_outcome import OUT_OF_MEMORY, TYPE_MISMATCH, RefusedError
 
 MAX_OBJECTS = 1000
 LONGEST_NAME = 255
@@ -26,10 +25,9 @@ _HANDLE_TYPES = (VT.I4, VT.UI4, VT.I2)  # VARIANT types that the C server accept
 
 @dataclass(slots=True)
 class ControllerObject:
-    """One object of a client.
+    """One object of a client, opened from its `parent`; a controller has no parent.
 
     Attributes:
-        parent: Object from which this one was opened; None for a controller.
         tag: Value that the client stored with PutTag.
         id: Value that the client stored with PutID, such as the number of a variable whose name ends in `*`.
         values: Other values that objects of this class hold, such as a command's parameters.

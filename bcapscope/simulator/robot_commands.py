@@ -33,7 +33,7 @@ from bcapscope.simulator.argument_values import (
 )
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable, accept_without_effect
-from bcapscope.simulator.call_outcome import RefusedError, RunningCall, succeed_at
+from bcapscope.simulator.call_outcome import BAD_INDEX, RefusedError, RunningCall, succeed_at
 from bcapscope.simulator.equipment import MAX_FRAMES, CoordinateFrame
 from bcapscope.simulator.equipment_commands import EQUIPMENT_COMMANDS
 from bcapscope.simulator.kinematics import (
@@ -49,7 +49,6 @@ from bcapscope.simulator.kinematics import (
 )
 from bcapscope.simulator.motion_commands import MOTION_COMMANDS
 from bcapscope.simulator.pose_notation import parse_pose, parse_target
-from bcapscope.simulator.result_codes import BAD_INDEX
 from bcapscope.simulator.slave_commands import SLAVE_COMMANDS, currents
 
 _P, _J, _T = PoseType.P, PoseType.J, PoseType.T
@@ -121,11 +120,6 @@ def _convert_work(context: CallContext, parameter: Variant) -> Variant:
     return _real_array(context, (*relative_to(target, moved_in_tool(source, pose)), _fig(pose)))
 
 
-def _tool_definition(context: CallContext, parameter: Variant) -> Variant:
-    tools = context.machine.equipment.tools
-    return _real_array(context, tools.get(frame_number(integer_of(parameter)), ZERO_FRAME))
-
-
 def _define(context: CallContext, parameter: Variant, frames: FrameTable) -> None:
     items = items_of(parameter)
     context.machine.check_arm(context.client)
@@ -154,9 +148,8 @@ def _pallet_position(context: CallContext, parameter: Variant) -> Variant:
     """Run CalcPos of the extension Pallet.
 
     The parameter holds rows, columns, layer height in mm, the four corners, the number of the place and
-    optionally the layer. Place and layer count from 1. Places are counted from the first corner to the
-    second, then row by row towards the third. This order is assumed, because the samples do not show the
-    order.
+    optionally the layer, both from 1. Places are counted from the first corner to the second, then row by row
+    towards the third. This order is assumed, because the samples do not show it.
     """
     items = items_of(parameter)
     rows, columns = (_count(argument_at(items, index)) for index in (0, 1))
@@ -268,9 +261,8 @@ def _servo_data(context: CallContext, parameter: Variant) -> Variant:
 def _log_record(context: CallContext, parameter: Variant) -> Variant:
     """Run GetLogRecord, for which index 0 is the oldest record.
 
-    The 39 values of a record and their order are those of ShoheiKobata/orin_bcap_python_samples
-    others/Get_Syslog.py. The counter in ms, and current and load computed from the encoders' lag, are
-    assumptions of bcapscope.
+    Source for the 39 values: ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py. The counter in ms,
+    and current and load computed from the encoders' lag, are assumptions of bcapscope.
     """
     index, machine = integer_of(parameter), context.machine
     if not 0 <= index < len(machine.log.records):
@@ -300,7 +292,9 @@ ROBOT_COMMANDS: CommandTable = {
     "dev": partial(_move, move=moved_in_base),
     "devh": partial(_move, move=moved_in_tool),
     "convertposwork": _convert_work,
-    "gettooldef": _tool_definition,
+    "gettooldef": lambda context, number: _real_array(
+        context, context.machine.equipment.tools.get(frame_number(integer_of(number)), ZERO_FRAME)
+    ),
     "settooldef": partial(_define, frames=FRAMES["TOOL"]),
     "setworkdef": partial(_define, frames=FRAMES["WORK"]),
     "takearm": _take_arm,

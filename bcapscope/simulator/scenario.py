@@ -30,11 +30,10 @@ from bcapscope.protocol.slave_mode.modes import Generation
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.simulator.argument_values import boolean, bstr, float_array, r8
-from bcapscope.simulator.call_outcome import RefusedError
+from bcapscope.simulator.call_outcome import BAD_INDEX, RefusedError
 from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, axis_beyond_limit, pad_joints
 from bcapscope.simulator.machine import MOTOR_ON_TIME, ROBOT_TYPE, ROBSLAVE, InitialState
 from bcapscope.simulator.profile import PROFILES, NoArgument, Profile
-from bcapscope.simulator.result_codes import BAD_INDEX
 from bcapscope.simulator.scenario_event import LONGEST_NAME, AnyEvent, Joints6, OperatingMode, Percent
 from bcapscope.simulator.simulator import MAX_CLIENTS
 from bcapscope.simulator.system_variables import variable_names
@@ -177,8 +176,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         title: One sentence that says what the scenario shows.
         story: Text that says what happens, how the controller reacts, and which users met the same failure.
-        shows: Rule that `bcapscope diagnose` reports as the root cause; None if the scenario leaves this
-            open.
+        shows: Rule that `bcapscope diagnose` reports as the root cause; None for no rule.
         then: Other rules that `bcapscope diagnose` reports, among the rules that depend on the client.
         client: Client that the scenario is made for.
         defects: Defects of DENSO's C server that the controller has; None for the defects of the profile.

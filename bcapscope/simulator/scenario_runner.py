@@ -56,8 +56,7 @@ class ScenarioRunner:
     ) -> None:
         """Begin to play; `simulator` has the scenario's profile and initial state.
 
-        Without a `seed`, the scenario's seed is used. `on_news` gets the name of each event and fault that
-        takes effect.
+        Without a `seed`, the scenario's seed is used. `on_news` gets the name of each event and fault.
         """
         self.simulator = simulator
         self._scenario = scenario

@@ -15,8 +15,7 @@ from contextlib import suppress
 from typing import Protocol, TypeAlias
 
 from bcapscope.protocol.first_frame import first_frame_stops
-from bcapscope.simulator.datagram_queue import DatagramQueue, Sender
-from bcapscope.simulator.listening_sockets import open_sockets
+from bcapscope.simulator.listening_sockets import DatagramQueue, Sender, open_sockets
 from bcapscope.simulator.simulator import STOP_CLIENTS, Peer, ResetMarker, SimulatorOutput
 from bcapscope.simulator.simulator_clock import ClockedModel, SimulatorClock
 from bcapscope.transport.descriptors import SpareDescriptors, accept_connection

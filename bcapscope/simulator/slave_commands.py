@@ -1,8 +1,8 @@
 """The commands of slave mode: slvChangeMode, slvGetMode, slvMove and the two formats.
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core
-(formats). It is assumed that slvMove returns a pose of the mode's type before slvRecvFormat, as in the
-samples of 2009.
+(formats). It is assumed that slvMove returns a pose of the mode's type before slvRecvFormat, as in that
+guide.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from bcapscope.simulator.arm import MS
 from bcapscope.simulator.call_context import CallContext, CommandTable
 from bcapscope.simulator.call_outcome import (
     DONE,
+    POSITION_LIMIT,
     CallOutcome,
     CallResult,
     HandlerOutcome,
@@ -32,7 +33,6 @@ from bcapscope.simulator.call_outcome import (
     RunningCall,
 )
 from bcapscope.simulator.kinematics import POSE_LENGTHS, Joints, axis_beyond_limit, joints_of, pose_of
-from bcapscope.simulator.result_codes import POSITION_LIMIT
 from bcapscope.simulator.variable_memory import IO_BYTES
 
 PATIENCE = 500 * MS
@@ -210,7 +210,13 @@ def _feedback(context: CallContext, pose_type: PoseType, point: SetPoint) -> Var
         parts.append(i4((context.now - machine.started_at) // (1000 if form.microseconds else MS)))
     if form.poses:
         parts.append(float_array(VT.R8, [value for each in form.poses for value in pose_of(each, actual)]))
-    parts += _words(context, form, point)
+    if form.mini_io:
+        parts.append(i4(machine.memory.word(MINI_IO)))
+    if form.user_io:
+        start, stop = _run(point.user_read) if point.user_read else (0, 0)
+        parts.append(Variant.array(VT.UI1, bytes(machine.memory.io[start:stop])))
+    if form.hand_io:
+        parts.append(i4(machine.memory.word(HAND_IO)))
     if form.current:
         parts.append(float_array(VT.R8, currents(context)))
     return variant_array(*parts)
@@ -219,19 +225,6 @@ def _feedback(context: CallContext, pose_type: PoseType, point: SetPoint) -> Var
 def _pose(context: CallContext, pose_type: PoseType, joints: Joints) -> Variant:
     pose = pose_of(pose_type, joints)
     return Variant(ARRAY | context.machine.profile.real, pose, len(pose))
-
-
-def _words(context: CallContext, form: ReceiveFormat, point: SetPoint) -> list[Variant]:
-    memory = context.machine.memory
-    parts = []
-    if form.mini_io:
-        parts.append(i4(memory.word(MINI_IO)))
-    if form.user_io:
-        start, stop = _run(point.user_read) if point.user_read else (0, 0)
-        parts.append(Variant.array(VT.UI1, bytes(memory.io[start:stop])))
-    if form.hand_io:
-        parts.append(i4(memory.word(HAND_IO)))
-    return parts
 
 
 def currents(context: CallContext) -> tuple[float, ...]:

@@ -2,8 +2,7 @@
 
 Sources for slots, pacing and errors: DENSO Wave 2009, How to use the Slave mode (RC7); the table of slave
 modes in ShoheiKobata/orin_bcap_python_samples and issues of DENSORobot/denso_robot_ros (RC8). Two facts are
-assumed: the `MOVING_THRESHOLD` above which an axis counts as moving, and that the 8 ms cycle does not follow
-the client.
+assumed: the `MOVING_THRESHOLD` of an axis, and that the 8 ms cycle does not follow the client.
 """
 
 from __future__ import annotations
@@ -15,9 +14,8 @@ from bcapscope.protocol.slave_mode.formats import POSE_ONLY_FORMAT, ReceiveForma
 from bcapscope.protocol.slave_mode.modes import PERIOD_NS, ModeKind, SlaveMode
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW
 from bcapscope.simulator.arm import Arm
-from bcapscope.simulator.call_outcome import RefusedError
+from bcapscope.simulator.call_outcome import ACCELERATION_LIMIT, SPEED_LIMIT, RefusedError
 from bcapscope.simulator.kinematics import AXIS_COUNT, AXIS_LIMITS, AxisLimit, Joints
-from bcapscope.simulator.result_codes import ACCELERATION_LIMIT, SPEED_LIMIT
 
 MOVING_THRESHOLD = 0.01
 """Change of an axis, in degrees per 8 ms, above which the axis counts as moving."""

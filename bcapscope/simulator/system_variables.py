@@ -18,11 +18,16 @@ from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE
 from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT, SIMULATOR_VARIABLE
 from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, integer_of, number_of, r4
 from bcapscope.simulator.call_context import CallContext, CommandHandler
-from bcapscope.simulator.call_outcome import HandlerOutcome, RefusedError
+from bcapscope.simulator.call_outcome import (
+    BAD_INDEX,
+    NOT_WRITABLE,
+    OBJECT_NOT_FOUND,
+    HandlerOutcome,
+    RefusedError,
+)
 from bcapscope.simulator.kinematics import pose_of
 from bcapscope.simulator.machine import READY, RUNNING
 from bcapscope.simulator.object_table import ControllerObject
-from bcapscope.simulator.result_codes import BAD_INDEX, NOT_WRITABLE, OBJECT_NOT_FOUND
 from bcapscope.simulator.robot_commands import FRAMES, ZERO_FRAME, frame_number, motor
 from bcapscope.simulator.variable_memory import LETTERS, VARIABLES_PER_LETTER, vector_of
 

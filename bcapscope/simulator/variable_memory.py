@@ -11,8 +11,7 @@ import struct
 
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.simulator import argument_values
-from bcapscope.simulator.call_outcome import RefusedError
-from bcapscope.simulator.result_codes import BAD_INDEX, OUT_OF_MEMORY, OVERFLOW, TYPE_MISMATCH
+from bcapscope.simulator.call_outcome import BAD_INDEX, OUT_OF_MEMORY, OVERFLOW, TYPE_MISMATCH, RefusedError
 
 VARIABLES_PER_LETTER = 100
 """Variables of each letter."""
@@ -85,7 +84,8 @@ class VariableMemory:
             self._check_bit_range(index, 1)
             return argument_values.boolean(bool(self.io[index // 8] >> index % 8 & 1))
         form, size, vt = _IO_WORDS[letter]
-        bits = self._bits(index, size * 8)
+        self._check_bit_range(index, size * 8)
+        bits = int.from_bytes(self.io, "little") >> index & (1 << size * 8) - 1
         raw = bits.to_bytes(struct.calcsize(form), "little")
         return Variant(vt, struct.unpack(form, raw)[0])
 
@@ -98,10 +98,6 @@ class VariableMemory:
         raw = struct.pack("<f", argument_values.clip_to_r4(number)) if form == "<f" else None
         bits = int.from_bytes(raw, "little") if raw else int(number) & (1 << size * 8) - 1
         self._put_bits(index, size * 8, bits)
-
-    def _bits(self, index: int, count: int) -> int:
-        self._check_bit_range(index, count)
-        return int.from_bytes(self.io, "little") >> index & (1 << count) - 1
 
     def _put_bits(self, index: int, count: int, bits: int) -> None:
         self._check_bit_range(index, count)

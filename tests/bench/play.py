@@ -28,7 +28,7 @@ from typing import NamedTuple
 import msgspec
 
 from bcapscope.client.controller_target import ControllerTarget
-from bcapscope.player.channel import Channel
+from bcapscope.player.blocking_caller import Channel
 from bcapscope.player.lateness import Lateness, Spread
 from bcapscope.player.player_messages import PlayerQuestion, PlayOutcome, PlayPlan, SlaveModePacing
 from bcapscope.player.player_process import PlayerProcess

@@ -14,8 +14,8 @@ from bcapscope.protocol.tables.function_table import ObjectClass, function_by_na
 from bcapscope.protocol.tables.hresult import E_NOTIMPL, S_EXECUTING
 from bcapscope.protocol.tables.variables import VARIABLES, VariableKind
 from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, r8, variant_array
+from bcapscope.simulator.call_outcome import INVALID_COMMAND
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.result_codes import INVALID_COMMAND
 
 PATIENCE = 0.3
 """Seconds that the client waits for a reply before it leaves; motions take longer."""

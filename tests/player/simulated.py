@@ -9,8 +9,7 @@ from random import Random
 
 from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.messages import Message
-from bcapscope.player.blocking_caller import run_blocking
-from bcapscope.player.channel import Channel
+from bcapscope.player.blocking_caller import Channel, run_blocking
 from bcapscope.player.frame_recorder import FrameRecorder
 from bcapscope.player.play_session import YES, PlaySession
 from bcapscope.player.player_messages import (

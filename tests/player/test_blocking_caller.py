@@ -8,8 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from bcapscope.player.blocking_caller import BlockingCaller, run_blocking
-from bcapscope.player.channel import Channel, open_channel
+from bcapscope.player.blocking_caller import BlockingCaller, Channel, open_channel, run_blocking
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.retry.requester import CallAnswered, CallRefused, CallTimedOut, RetryPolicy
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from bcapscope.player import channel as channels
-from bcapscope.player.channel import SPIN_TIME, Channel, open_channel
+from bcapscope.player import blocking_caller as channels
+from bcapscope.player.blocking_caller import SPIN_TIME, Channel, open_channel
 from bcapscope.transport.receive_timestamps import kernel_timestamp
 from tests.transport.test_udp_link import two_addresses
 
@@ -154,7 +154,7 @@ def test_a_clock_that_is_set_moves_nothing(monkeypatch: pytest.MonkeyPatch, step
         time_ns = time.time_ns
         monkeypatch.setattr(time, "time_ns", lambda: time_ns() + step)
         monkeypatch.setattr(
-            "bcapscope.player.channel.kernel_timestamp",
+            "bcapscope.player.blocking_caller.kernel_timestamp",
             lambda control, now: kernel_timestamp(control, now) + step,
         )
         assert not is_told(channel, peer)
@@ -162,7 +162,7 @@ def test_a_clock_that_is_set_moves_nothing(monkeypatch: pytest.MonkeyPatch, step
 
 
 def test_nobody_rests_where_nobody_tells_when_something_came(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bcapscope.player.channel.enable_receive_timestamps", lambda sock: None)
+    monkeypatch.setattr("bcapscope.player.blocking_caller.enable_receive_timestamps", lambda sock: None)
     with ends(tcp=False) as (channel, _):
         until = channel.now() + 3_600_000_000_000
         channel.sleep_until(until)

@@ -10,8 +10,7 @@ import pytest
 
 from bcapscope.errors import CallTimeout, ControllerError
 from bcapscope.player.arm_limits import UNKNOWN_ARM
-from bcapscope.player.blocking_caller import BlockingCaller
-from bcapscope.player.channel import Channel
+from bcapscope.player.blocking_caller import BlockingCaller, Channel
 from bcapscope.player.pacer import MIN_PERIOD_SHARE, HaltedError, IdleCallback, Pacer, SlvMoveCall
 from bcapscope.player.player_messages import SetPointValues
 from bcapscope.player.set_point_sequence import SetPointSequence

@@ -8,7 +8,7 @@ from math import nan
 
 import pytest
 
-from bcapscope.player import monitor
+from bcapscope.player import play_session
 from bcapscope.player.play_session import AGAIN, CLEAR, YES
 from bcapscope.player.player_messages import (
     ControllerInfo,
@@ -320,7 +320,7 @@ def test_another_posture_at_the_same_place_is_gone_to_as_well(answer: str) -> No
 def test_what_no_message_can_carry_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     stage = Stage(start=InitialState(type_name="arm \ud800"))
     slv_move = pose_numbers
-    monkeypatch.setattr(monitor, "pose_numbers", lambda variant: (nan, *(slv_move(variant) or ())[1:]))
+    monkeypatch.setattr(play_session, "pose_numbers", lambda variant: (nan, *(slv_move(variant) or ())[1:]))
     assert stage.play(plan(0x202)).outcome is PlayOutcome.DONE
     for message in stage.pipe.messages:
         assert decode_message(encode_message(message)) == message

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.simulator.datagram_queue import MAX_BYTES, MAX_PER_SENDER, DatagramQueue
+from bcapscope.simulator.listening_sockets import MAX_BYTES, MAX_PER_SENDER, DatagramQueue
 
 
 def test_the_oldest_of_each_sender_comes_first() -> None:

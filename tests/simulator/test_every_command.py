@@ -15,9 +15,9 @@ from bcapscope.protocol.tables.hresult import E_NOTIMPL, S_EXECUTING
 from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, r8, variant_array
 from bcapscope.simulator.behaviours import Certainty, read_behaviours
 from bcapscope.simulator.call_context import accept_without_effect
+from bcapscope.simulator.call_outcome import INVALID_COMMAND
 from bcapscope.simulator.function_handlers import CONTROLLER_COMMANDS, TASK_COMMANDS
 from bcapscope.simulator.machine import InitialState
-from bcapscope.simulator.result_codes import INVALID_COMMAND
 from bcapscope.simulator.robot_commands import ROBOT_COMMANDS
 from tests.simulator.simulation import Operator, Simulation, ints
 from tests.strategies import variants as any_variant

@@ -9,8 +9,8 @@ from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE
 from bcapscope.protocol.tables.variables import VARIABLES, VariableKind
 from bcapscope.simulator.argument_values import bstr, float_array, i4, r4, variant_array
+from bcapscope.simulator.call_outcome import BAD_INDEX, NOT_WRITABLE, OBJECT_NOT_FOUND, TYPE_MISMATCH
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.result_codes import BAD_INDEX, NOT_WRITABLE, OBJECT_NOT_FOUND, TYPE_MISMATCH
 from tests.simulator.simulation import Operator, Simulation
 
 ONLY_ON_RC7 = ("TOOL", "WORK", "_ITP")

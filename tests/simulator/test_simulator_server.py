@@ -14,8 +14,7 @@ import pytest
 
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.simulator.argument_values import bstr, i4
-from bcapscope.simulator.datagram_queue import MAX_PER_SENDER
-from bcapscope.simulator.listening_sockets import SimulatorListenError
+from bcapscope.simulator.listening_sockets import MAX_PER_SENDER, SimulatorListenError
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario import read_scenario
 from bcapscope.simulator.scenario_runner import ScenarioRunner
