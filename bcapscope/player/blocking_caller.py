@@ -39,7 +39,7 @@ from bcapscope.transport.receive_timestamps import (
     kernel_timestamp,
     receive_function,
 )
-from bcapscope.transport.udp_link import preferred_address
+from bcapscope.transport.socket_link import preferred_address
 
 SPIN_TIME = 200_000
 """Time in ns before a deadline from which the thread watches the clock; sleeps overrun by less."""
