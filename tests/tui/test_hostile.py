@@ -138,19 +138,19 @@ def test_traffic(text: str, tmp_path: Path) -> None:
         feed.close()
 
 
-class _Told(ProxyScreen):
-    """A proxy that says what it is made to."""
+class _FixedStateScreen(ProxyScreen):
+    """Shows the same state of a proxy all the time."""
 
-    def __init__(self, standing: ProxyState, way: str) -> None:
-        super().__init__("nowhere", way)
-        self._state_to_show = standing
+    def __init__(self, state: ProxyState, route: str) -> None:
+        super().__init__("nowhere", route)
+        self._fixed_state = state
 
     def read_state(self) -> ProxyState:
-        return self._state_to_show
+        return self._fixed_state
 
 
-def standing(text: str) -> ProxyState:
-    """Make up a proxy that has the text wherever one can be."""
+def hostile_state(text: str) -> ProxyState:
+    """Return a state of a proxy with the text in every place for text."""
     string = Variant(VT.BSTR, text)
     message = encode_frame(1, 0, EXECUTE, [Variant(VT.I4, 1), string, string]).hex()
     address = "10.0.0.2:50001"
@@ -169,7 +169,7 @@ def standing(text: str) -> ProxyState:
 
 
 def test_proxy(text: str) -> None:
-    place = _Told(standing(text), text)
+    place = _FixedStateScreen(hostile_state(text), text)
     app = make(ScreenEntry("proxy", "f2", "proxy", lambda: place))
 
     async def act(pilot: Pilot[None]) -> None:
@@ -196,7 +196,7 @@ def test_proxy(text: str) -> None:
 
 
 def test_what_is_proposed_for_a_held_message_is_read_back_as_it_was(text: str) -> None:
-    flow = standing("x").held[0].flow
+    flow = hostile_state("x").held[0].flow
     message = encode_frame(1, 0, EXECUTE, [Variant(VT.I4, 1), Variant(VT.BSTR, text)])
     proposed = proposed_edit(message, len(message) - 10)
     assert proposed.isprintable()

@@ -108,8 +108,10 @@ async def read_position(pilot: Pilot[None]) -> None:
     await go(pilot, "#robot-variable .get")
     await pilot.press("enter")
     joints = pad_joints(tuple(map(float, POINT.split(", "))))
-    told = (await answered(pilot, VALUE, "63")).partition("  ")[0]
-    assert [float(each) for each in told.split(", ")] == pytest.approx(pose_of(PoseType.P, joints), abs=1e-4)
+    shown_values = (await answered(pilot, VALUE, "63")).partition("  ")[0]
+    assert [float(each) for each in shown_values.split(", ")] == pytest.approx(
+        pose_of(PoseType.P, joints), abs=1e-4
+    )
     handle = here.session.status.open_objects[-1].handle
     sent, _ = sent_and_received(pilot)
     assert sent == encode_frame(Frame(sent).serial, 0, GET_VALUE, [Variant(VT.I4, handle)])

@@ -47,8 +47,8 @@ def _same_times(monkeypatch: pytest.MonkeyPatch) -> None:
     The controller was heard just now, however long a picture takes.
     """
 
-    def tamed(**told: Any) -> HistoryRecord:
-        return HistoryRecord(**{**told, "took": 1_234_000, "began": NEW_YEAR + told["number"] * SECOND})
+    def tamed(**fields: Any) -> HistoryRecord:
+        return HistoryRecord(**{**fields, "took": 1_234_000, "began": NEW_YEAR + fields["number"] * SECOND})
 
     monkeypatch.setattr(history_recorder, "HistoryRecord", tamed)
     monkeypatch.setattr(ReplyMonitor, "silence", lambda self, now: 0)

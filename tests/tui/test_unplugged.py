@@ -88,18 +88,20 @@ async def begin_to_move(pilot: Pilot[None]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("tcp", "told"), [(False, "no reply to 5 attempts"), (True, "closed the connection")], ids=["udp", "tcp"]
+    ("tcp", "reason"),
+    [(False, "no reply to 5 attempts"), (True, "closed the connection")],
+    ids=["udp", "tcp"],
 )
-def test_killed_in_the_middle_of_a_call(tmp_path: Path, tcp: bool, told: str) -> None:
+def test_killed_in_the_middle_of_a_call(tmp_path: Path, tcp: bool, reason: str) -> None:
     async def act(pilot: Pilot[None]) -> None:
         with run_builtin_simulator() as simulator:
             here = await join(pilot, simulator.port, tcp=tcp)
             await begin_to_move(pilot)
             simulator.process.kill()
-            await until(pilot, lambda: told in result(pilot, MOVED))
+            await until(pilot, lambda: reason in result(pilot, MOVED))
             await until(pilot, lambda: here.halt_update.state in (HaltState.LOST, HaltState.CLOSED))
             assert here.session.status.is_connected is not tcp  # over UDP, it may come back
-            assert told in sight(pilot)
+            assert reason in sight(pilot)
             if not tcp:
                 here.query_one(PacketPane).show_view("history")
                 await until(pilot, lambda: re.search(r"5 serial \d+, reserved \d+, sent at", sight(pilot)))
@@ -217,7 +219,7 @@ def test_killed_while_the_player_plays(tmp_path: Path, pacing: SlaveModePacing) 
             here.query_one("#mode", Select).value = pacing
             here.query_one("#rounds", Input).value = "0"
             await until(pilot, lambda: isinstance(pilot.app.focused, Input))
-            await write(pilot, str(standing(tmp_path)))
+            await write(pilot, str(motionless_trajectory(tmp_path)))
             await until(pilot, lambda: not here.query_one("#start", Button).disabled)
             await pilot.press("f9")
             await until(pilot, lambda: here.playback is not None and here.playback.samples)
@@ -236,7 +238,7 @@ def test_killed_while_the_player_plays(tmp_path: Path, pacing: SlaveModePacing) 
     drive(make_tester(tmp_path, "127.0.0.1", 9), act, (120, 40), LIMIT)
 
 
-def standing(folder: Path) -> Path:
+def motionless_trajectory(folder: Path) -> Path:
     """Write set points that hold the built-in simulator where it stands, but for a breath of J6."""
     path = folder / "standing.csv"
     axes = ",".join(f"{value:.6f}" for value in START_JOINTS[:5])
@@ -271,22 +273,22 @@ def test_the_terminal_is_closed_while_the_player_plays(tmp_path: Path, way: str)
     try:
         port = simulator.listen_addresses[0].rpartition(":")[2]
         with screen_on_a_terminal(tmp_path, "127.0.0.1", "-p", port) as (process, near):
-            told = Told(near)
-            told.until(b"Enter or F5 connects")
+            screen_output = ScreenOutput(near)
+            screen_output.until(b"Enter or F5 connects")
             os.write(near, b"\r")
-            told.until(b"F12 HALT ")
+            screen_output.until(b"F12 HALT ")
             os.write(near, b"\x1b[20~")  # F9
-            told.until(b"fit to play")
+            screen_output.until(b"fit to play")
             os.write(near, b"\x1b[20~")
-            told.until(b"commanded")
+            screen_output.until(b"commanded")
             if way == "closed":
                 os.close(near)
             else:
                 process.send_signal(signal.SIGHUP)
-                told.drain(process)
+                screen_output.drain(process)
                 os.close(near)
             assert process.wait(LIMIT) == 0
-            assert b"Traceback" not in told.seen
+            assert b"Traceback" not in screen_output.seen
     finally:
         simulator.terminate()
     asked = list(recorded(record))
@@ -321,7 +323,7 @@ def screen_on_a_terminal(home: Path, *words: str) -> Iterator[tuple[subprocess.P
         process.wait()
 
 
-class Told:
+class ScreenOutput:
     """What a screen has drawn.
 
     Attributes:

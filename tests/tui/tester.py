@@ -107,10 +107,10 @@ async def add_gundam(pilot: Pilot[None]) -> None:
 async def errors_read(pilot: Pilot[None]) -> None:
     """Wait until what to do after an error tells which error it was."""
 
-    def told() -> list[str]:
+    def error_lines() -> list[str]:
         return [str(each.content) for each in pilot.app.screen.query("#errors").results(InkedText)]
 
-    await until(pilot, lambda: any("0x8420405" in each for each in told()))
+    await until(pilot, lambda: any("0x8420405" in each for each in error_lines()))
 
 
 def sight(pilot: Pilot[None]) -> str:

@@ -54,10 +54,10 @@ def read(folder: Path, path: Path, own: bool = False) -> list[ReadProgress | Tra
     reports = BytesIO()
     job = ReadJob(folder=str(folder), path=str(path), own_clients=own)
     TrafficReader(job, reports, threading.Event(), threading.Event()).run()
-    return told(reports)
+    return sent_reports(reports)
 
 
-def told(reports: BytesIO) -> list[ReadProgress | TrafficAnalysis]:
+def sent_reports(reports: BytesIO) -> list[ReadProgress | TrafficAnalysis]:
     reports.seek(0)
     return list(
         receive_messages(
@@ -91,9 +91,9 @@ def test_what_is_read_is_what_the_command_line_tells(tmp_path: Path, name: str) 
     assert verdict.slave_sessions
 
 
-@pytest.mark.parametrize(("own", "told"), [(False, ["unclean-quit"]), (True, [])])
+@pytest.mark.parametrize(("own", "rules"), [(False, ["unclean-quit"]), (True, [])])
 def test_a_session_of_our_own_that_is_idle_has_not_vanished(
-    tmp_path: Path, own: bool, told: list[str]
+    tmp_path: Path, own: bool, rules: list[str]
 ) -> None:
     """HALT has a line of its own, opened anew for the robot, and only that one speaks while nobody calls."""
     story = Story()
@@ -105,7 +105,7 @@ def test_a_session_of_our_own_that_is_idle_has_not_vanished(
     path.write_bytes(story.capture())
     verdict, _ = read(tmp_path, path, own)[-2:]
     assert isinstance(verdict, TrafficAnalysis)
-    assert [cause.rule for cause in verdict.findings] == told
+    assert [cause.rule for cause in verdict.findings] == rules
 
 
 @pytest.mark.parametrize("goes_on_for", [500, 2_000, 11_000])
@@ -118,8 +118,8 @@ def test_packets_of_other_protocols_tell_the_screen_too_how_long_a_capture_goes_
     assert isinstance(verdict, TrafficAnalysis)
     severities = [cause.severity for cause in verdict.findings]
     assert verdict_line(severities, verdict.examined) == run("diagnose", path).lines[-1]
-    stays = [strip_styles(line) for line in verdict.slave_sessions]
-    assert stays == run("slave", path).lines[: len(stays)]
+    session_lines = [strip_styles(line) for line in verdict.slave_sessions]
+    assert session_lines == run("slave", path).lines[: len(session_lines)]
 
 
 def test_damage_and_missing_files_are_told(tmp_path: Path) -> None:
@@ -154,7 +154,7 @@ def test_a_growing_capture_is_judged_again_and_again(tmp_path: Path, monkeypatch
     finally:
         ended.set()
         thread.join(LIMIT)
-    found = told(reports)
+    found = sent_reports(reports)
     assert isinstance(found[-1], ReadProgress)
     assert found[-1].ended
     assert len({verdict.examined for verdict in found if isinstance(verdict, TrafficAnalysis)}) >= 2
@@ -175,7 +175,7 @@ def test_what_is_open_in_a_capture_of_long_ago_is_not_given_up_for_its_age(tmp_p
     path.write_bytes(captured(story, 100))
     job = ReadJob(folder=str(tmp_path), path=str(path), follow=True)
     TrafficReader(job, reports, _OverSoon(), threading.Event()).run()
-    verdict = told(reports)[-2]
+    verdict = sent_reports(reports)[-2]
     assert isinstance(verdict, TrafficAnalysis)
     severities = [cause.severity for cause in verdict.findings]
     assert verdict_line(severities, verdict.examined) == run("diagnose", path).lines[-1]

@@ -36,9 +36,9 @@ class Ear:
         self._news = threading.Condition()
         feed.subscribe(self.take)
 
-    def take(self, told: FeedUpdate) -> None:
+    def take(self, update: FeedUpdate) -> None:
         with self._news:
-            self.heard.append(told)
+            self.heard.append(update)
             self._news.notify_all()
 
     def wait(self, true: Callable[[FeedUpdate], bool]) -> None:
@@ -46,8 +46,8 @@ class Ear:
             assert self._news.wait_for(lambda: any(map(true, self.heard)), LIMIT)
 
 
-def ended(told: FeedUpdate) -> bool:
-    return isinstance(told, ReadProgress) and told.ended
+def ended(update: FeedUpdate) -> bool:
+    return isinstance(update, ReadProgress) and update.ended
 
 
 def test_a_feed_reads_searches_saves_and_leaves_nothing_behind(tmp_path: Path, cache: Path) -> None:
@@ -60,7 +60,9 @@ def test_a_feed_reads_searches_saves_and_leaves_nothing_behind(tmp_path: Path, c
     assert feed.journal.refresh() == 6
     generation = feed.search("frame", "kind == response")
     ear.wait(
-        lambda told: isinstance(told, SearchMatches) and told.generation == generation and told.searched == 6
+        lambda update: (
+            isinstance(update, SearchMatches) and update.generation == generation and update.searched == 6
+        )
     )
     wanted = feed.make_save_job(str(tmp_path / "new.pcapng"), {1: "x"})
     assert feed.save(wanted) == ""
@@ -87,7 +89,7 @@ def test_a_reader_that_dies_is_told_of() -> None:
         ear = Ear(feed)
         assert feed._reader is not None
         feed._reader.kill()
-        ear.wait(lambda told: isinstance(told, ReadProgress) and bool(told.problem))
+        ear.wait(lambda update: isinstance(update, ReadProgress) and bool(update.problem))
     finally:
         feed.close()
 
@@ -102,7 +104,7 @@ def test_a_search_that_died_is_begun_anew() -> None:
         feed._searcher.kill()
         feed._searcher.wait(LIMIT)
         generation = feed.search("frame", "frame > 2")
-        ear.wait(lambda told: isinstance(told, SearchMatches) and told.generation == generation)
+        ear.wait(lambda update: isinstance(update, SearchMatches) and update.generation == generation)
     finally:
         feed.close()
 
@@ -140,7 +142,7 @@ def test_what_a_watcher_publishes_is_shown_and_searched_without_a_reader(tmp_pat
         assert feed.journal is not None
         assert feed.journal.refresh() == 6
         generation = feed.search("frame", "kind == response")
-        ear.wait(lambda told: isinstance(told, SearchMatches) and told.generation == generation)
+        ear.wait(lambda update: isinstance(update, SearchMatches) and update.generation == generation)
     finally:
         feed.close()
     assert tmp_path.exists()
