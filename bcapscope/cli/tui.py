@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import click
-from click.core import ParameterSource
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.data_output import require_terminal
@@ -26,7 +25,10 @@ _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
 
 
 class TesterTarget(NamedTuple):
-    """The controller to test, in the fields of `tui.screens.tester_screen.TesterOptions`."""
+    """The controller to test, in the fields of `tui.screens.tester_screen.TesterOptions`.
+
+    `profile` is "" for the default profile.
+    """
 
     host: str
     port: int
@@ -73,9 +75,7 @@ class TesterTarget(NamedTuple):
 @click.option(
     "--profile",
     type=click.Choice(["rc7", "rc8", "rc9", "cserver"]),
-    default="rc7",
-    show_default=True,
-    help="Let the built-in simulator imitate this kind of controller. With --sim, the default is that of "
+    help="Let the built-in simulator, or that of --sim, imitate this kind of controller. Default: as for "
     "`bcapscope sim`.",
 )
 @click.option(
@@ -96,7 +96,7 @@ def command(
     ports: tuple[int, ...],
     tcp: bool,
     option: str,
-    profile: str,
+    profile: str | None,
     requests: Path | None,
     proxy: str | None,
     listen: tuple[str, ...],
@@ -138,7 +138,7 @@ def command(
             show_proxy(ProxyScreenOptions(proxy, listen, to, record, rules))
         return
     if sim:
-        _show_simulator(context, _server_port(ports), profile, scenario)
+        _show_simulator(_server_port(ports), profile, scenario)
         return
     is_file = bool(path) and Path(path or "").exists()
     if path and not is_file and (os.sep in path or Path(path).suffix in _SUFFIXES):
@@ -147,12 +147,11 @@ def command(
         if is_file or interface:
             _show_traffic(path or "", interface or "", ports)
         else:
-            _show_tester(TesterTarget(path or "", _server_port(ports), tcp, option, profile), requests)
+            _show_tester(TesterTarget(path or "", _server_port(ports), tcp, option, profile or ""), requests)
 
 
-def _show_simulator(context: click.Context, port: int, profile: str, scenario: str | None) -> None:
-    is_typed = context.get_parameter_source("profile") is ParameterSource.COMMANDLINE
-    arguments = ["--profile", profile] if is_typed else []
+def _show_simulator(port: int, profile: str | None, scenario: str | None) -> None:
+    arguments = ["--profile", profile] if profile else []
     arguments += ["--scenario", scenario] if scenario else []
     with _exit_without_folder():
         show_simulator(port, arguments)
@@ -183,6 +182,7 @@ def _show_tester(wanted: TesterTarget, requests: Path | None) -> None:
     from bcapscope.client.action_log import default_folder
     from bcapscope.live.background_recorder import BackgroundRecorder
     from bcapscope.live.recorder import Recorder
+    from bcapscope.simulator.profile import DEFAULT_PROFILE
     from bcapscope.tui.app import BcapApp, ScreenEntry
     from bcapscope.tui.controller_access import saved_requests
     from bcapscope.tui.screens.tester_screen import TesterOptions, TesterScreen
@@ -196,7 +196,7 @@ def _show_tester(wanted: TesterTarget, requests: Path | None) -> None:
         start = TesterOptions(
             requests or saved_requests.default_requests_folder(),
             default_folder(),
-            *wanted,
+            *wanted._replace(profile=wanted.profile or DEFAULT_PROFILE),
             recorder.on_observation,
         )
         tester = ScreenEntry("tester", "f2", "tester.name.screen", lambda: TesterScreen(start))
