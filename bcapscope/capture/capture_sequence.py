@@ -15,8 +15,6 @@ from typing import NamedTuple, Protocol, TypeAlias
 from bcapscope.capture.capture_file import CaptureFile
 from bcapscope.capture.packet import Packet
 from bcapscope.errors import CaptureError
-from bcapscope.traffic.observation import Observation
-from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_RUNS = 2_000_000
 """Maximum number of runs of packets or frames whose origin is remembered; they take 40 MB. The origin of
@@ -91,7 +89,7 @@ class CaptureSequence:
         self._open: dict[int, CaptureFile] = {}
         self._bytes_finished = 0
         self._counts: list[int] = []
-        self._runs = _RunTable()
+        self._runs = RunTable()
         self._names = names
 
     @property
@@ -101,6 +99,9 @@ class CaptureSequence:
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
         """Return where a packet is found, by its number among all packets; None if it is not known."""
+        if len(self.paths) == 1 and packet > 0:  # spares a search for each frame
+            path = self.paths[0]
+            return PacketOrigin(path, self._names[path], packet)
         found = self._runs.find(packet)
         if found is None:
             return None
@@ -108,7 +109,7 @@ class CaptureSequence:
         return PacketOrigin(path, self._names[path], found[1])
 
     def __iter__(self) -> Iterator[Packet]:
-        """Yield the packets of all captures."""
+        """Return an iterator over the packets of all captures."""
         inputs = self._in_order()
         self.paths = [each.path for each in inputs]
         self._counts = [0] * len(inputs)
@@ -116,8 +117,10 @@ class CaptureSequence:
         self.size = sum(sizes) if len(sizes) == len(inputs) else None
         if len(inputs) == 1:
             self._runs.add(1, 0, 1)
-            yield from self._packets_of(0)
-            return
+            return self._packets_of(0)
+        return self._packets_by_time(inputs)
+
+    def _packets_by_time(self, inputs: Sequence[_Input]) -> Iterator[Packet]:
         streams = (index if each.size is None else -1 for index, each in enumerate(inputs))
         for _, part in groupby(zip(streams, enumerate(inputs), strict=True), lambda each: each[0]):
             yield from self._merged(deque((index, each.began) for _, (index, each) in part))
@@ -195,27 +198,7 @@ class PacketOrigins(Protocol):
         """Return where a packet is found, by its number among all packets; None if it is not known."""
 
 
-class FrameOrigins(PipelineSubscriber):
-    """Remembers which packet of which capture completed each frame."""
-
-    def __init__(self, packets: PacketOrigins) -> None:
-        self._packets = packets
-        self._runs = _RunTable()
-        self._distance: int | None = None
-
-    def on_frame(self, observation: Observation) -> None:
-        number, packet = observation.number, observation.packet
-        if packet - number != self._distance:
-            self._distance = packet - number
-            self._runs.add(number, 0, packet)
-
-    def origin_of(self, frame: int) -> PacketOrigin | None:
-        """Return where a frame is found, by its number; None if it is not known."""
-        found = self._runs.find(frame)
-        return None if found is None else self._packets.origin_of(found[1])
-
-
-class _RunTable:
+class RunTable:
     """Runs of successive numbers that belong to successive numbers of a source."""
 
     def __init__(self) -> None:

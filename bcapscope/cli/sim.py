@@ -24,7 +24,7 @@ from bcapscope.live.server_runner import ServerRunner, reachability
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import Message, MessageFormatter
 from bcapscope.simulator.listening_sockets import SimulatorListenError
-from bcapscope.simulator.profile import PROFILES, NoArgument
+from bcapscope.simulator.profile import DEFAULT_PROFILE, PROFILES, NoArgument
 from bcapscope.simulator.scenario import ProfileName, Scenario, ServerDefect
 from bcapscope.simulator.scenario_runner import ScenarioRunner
 from bcapscope.simulator.simulator import Simulator
@@ -35,7 +35,8 @@ from bcapscope.simulator.simulator_server import SimulatorServer
 @click.option(
     "--profile",
     type=click.Choice(list(PROFILES)),
-    help="Simulate this kind of controller. Default: the profile of the scenario, otherwise rc8.",
+    help="Simulate this kind of controller. Default: the profile of the scenario, otherwise "
+    f"{DEFAULT_PROFILE}.",
 )
 @click.option(
     "--scenario",
@@ -168,7 +169,7 @@ def _played_scenario(
     """Return the scenario to play. Without --scenario, return a scenario without events."""
     if scenario is not None and profile not in (None, scenario.profile):
         raise click.UsageError(f"the scenario needs profile {scenario.profile}: leave out --profile")
-    chosen = scenario or Scenario(title="", profile=ProfileName(profile or ProfileName.RC8))
+    chosen = scenario or Scenario(title="", profile=ProfileName(profile or DEFAULT_PROFILE))
     own = tuple(map(ServerDefect, defects)) or chosen.defects
     bare = chosen.no_argument if no_argument is None else NoArgument(no_argument)
     return msgspec.structs.replace(chosen, defects=own, no_argument=bare)

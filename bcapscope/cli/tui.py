@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 
 import click
-from click.core import ParameterSource
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.exit_codes import ExitCode, exit_with
@@ -62,8 +61,7 @@ _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
 @click.option(
     "--profile",
     type=click.Choice(["rc7", "rc8", "rc9", "cserver"]),
-    default="rc7",
-    help="Let the built-in simulator imitate this kind of controller. With --sim, the default is that of "
+    help="Let the built-in simulator, or that of --sim, imitate this kind of controller. Default: as for "
     "`bcapscope sim`.",
 )
 @click.option(
@@ -84,7 +82,7 @@ def command(
     ports: tuple[int, ...],
     tcp: bool,
     option: str,
-    profile: str,
+    profile: str | None,
     requests: Path | None,
     proxy: str | None,
     listen: tuple[str, ...],
@@ -128,13 +126,14 @@ def command(
         if proxy is not None:
             show_proxy(proxy, listen, to, record, rules)
         elif sim:
-            is_typed = context.get_parameter_source("profile") is ParameterSource.COMMANDLINE
-            arguments = ["--profile", profile] if is_typed else []
+            arguments = ["--profile", profile] if profile else []
             show_simulator(_server_port(ports), [*arguments, *(("--scenario", scenario) if scenario else ())])
         elif is_file or interface:
             _show_traffic(path or "", interface or "", ports)
         else:
-            _show_tester(requests, path or "", _server_port(ports), tcp=tcp, option=option, profile=profile)
+            _show_tester(
+                requests, path or "", _server_port(ports), tcp=tcp, option=option, profile=profile or ""
+            )
 
 
 def _server_port(ports: tuple[int, ...]) -> int:
@@ -164,6 +163,7 @@ def _show_tester(
     from bcapscope.client.action_log import default_folder
     from bcapscope.live.background_recorder import BackgroundRecorder
     from bcapscope.live.recorder import Recorder
+    from bcapscope.simulator.profile import DEFAULT_PROFILE
     from bcapscope.tui.app import ScreenEntry
     from bcapscope.tui.controller_access import saved_requests
     from bcapscope.tui.screens.tester_screen import TesterOptions, TesterScreen
@@ -173,6 +173,7 @@ def _show_tester(
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
     folder, log_folder = requests or saved_requests.default_requests_folder(), default_folder()
+    profile = profile or DEFAULT_PROFILE
     with TemporaryFolder() as temporary:
         own = temporary.path / "own.pcapng"
         with closing(BackgroundRecorder(Recorder(own, lambda message: None))) as recorder:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import lru_cache
 from typing import TypeAlias
 
 import orjson
@@ -10,7 +11,7 @@ import orjson
 from bcapscope.capture.capture_sequence import PacketOrigin
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult
-from bcapscope.render.json_values import packet_objects, result_object, text_fragment, time_fragment
+from bcapscope.render.json_values import json_text, result_object, text_fragment, time_fragment
 from bcapscope.render.timestamp import epoch_text
 from bcapscope.traffic.call import Call, FrameObservation
 from bcapscope.traffic.call_kind import CallKind
@@ -86,9 +87,21 @@ def with_call_packets(record: bytes, call: Call, origin_of: Callable[[int], Pack
 
     `origin_of` returns the origin of a packet by its number among all packets that were read.
     """
-    seen = [event.observation for event in call.frames]
-    packets = {each.number: origin_of(each.packet) for each in seen}
-    return b'%b,"packets":%b}' % (record[:-1], orjson.dumps(packet_objects(packets, packets.__getitem__)))
+    reply = call.reply
+    if reply is not None and call.is_plain:  # nearly all calls
+        seen: Iterable[FrameObservation] = (call.request, reply)
+    else:
+        seen = [event.observation for event in call.frames]
+    packets = []
+    for each in seen:
+        origin = origin_of(each.packet)
+        if origin is not None:
+            packets.append(_PACKET % (each.number, _json_path(origin.path), origin.packet))
+    return b'%b,"packets":[%b]}' % (record[:-1], b",".join(packets))
+
+
+_PACKET = b'{"frame":%d,"file":%b,"packet":%d}'
+_json_path = lru_cache(maxsize=1024)(json_text)
 
 
 def _call_object(call: Call, subject: TrackedObject | None) -> dict[str, object]:

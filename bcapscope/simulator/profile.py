@@ -132,3 +132,6 @@ _CSERVER = replace(
 
 PROFILES: Mapping[str, Profile] = {profile.name: profile for profile in (_RC7, _RC8, _RC9, _CSERVER)}
 """Every profile by its name."""
+
+DEFAULT_PROFILE = "rc8"
+"""Name of the profile of every simulator for which the user chose none."""

@@ -33,7 +33,7 @@ from bcapscope.simulator.argument_values import boolean, bstr, float_array, r8
 from bcapscope.simulator.call_outcome import BAD_INDEX, RefusedError
 from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, axis_beyond_limit, pad_joints
 from bcapscope.simulator.machine import MOTOR_ON_TIME, ROBOT_TYPE, ROBSLAVE, InitialState
-from bcapscope.simulator.profile import PROFILES, NoArgument, Profile
+from bcapscope.simulator.profile import DEFAULT_PROFILE, PROFILES, NoArgument, Profile
 from bcapscope.simulator.scenario_event import LONGEST_NAME, AnyEvent, Joints6, OperatingMode, Percent
 from bcapscope.simulator.simulator import MAX_CLIENTS
 from bcapscope.simulator.system_variables import variable_names
@@ -191,7 +191,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     shows: Name | None = None
     then: Names = ()
     client: ScenarioClient = ScenarioClient()
-    profile: ProfileName = ProfileName.RC8
+    profile: ProfileName = ProfileName(DEFAULT_PROFILE)
     defects: tuple[ServerDefect, ...] | None = None
     no_argument: NoArgument | None = None
     start: InitialSettings = InitialSettings()

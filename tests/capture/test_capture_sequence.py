@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from bcapscope.capture import capture_sequence
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.capture_sequence import CaptureSequence, PacketOrigin, capture_names
+from bcapscope.capture.frame_origins import FrameOrigins
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.errors import CaptureError
 from tests.capture.packets import from_client, pcap_header, pcap_record, request
@@ -67,7 +68,7 @@ def test_a_frame_has_the_origin_of_the_packet_that_completed_it(tmp_path: Path) 
     other.write_bytes(pcap_header() + pcap_record(b"no IP at all", 1_700_000_005))
     paths = [*sequence.paths, str(other)]
     sequence = CaptureSequence(paths, capture_names(paths), open_capture, lambda path, error: None)
-    origins = capture_sequence.FrameOrigins(sequence)
+    origins = FrameOrigins(sequence)
     for observation in PacketDecoder().decode(sequence):
         origins.on_frame(observation)
     found = [origins.origin_of(frame) for frame in range(5)]

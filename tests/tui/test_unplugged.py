@@ -94,7 +94,7 @@ async def begin_to_move(pilot: Pilot[None]) -> None:
 )
 def test_killed_in_the_middle_of_a_call(tmp_path: Path, tcp: bool, reason: str) -> None:
     async def act(pilot: Pilot[None]) -> None:
-        with run_builtin_simulator() as simulator:
+        with run_builtin_simulator("rc7") as simulator:
             here = await join(pilot, simulator.port, tcp=tcp)
             await begin_to_move(pilot)
             simulator.process.kill()
@@ -210,7 +210,7 @@ def test_the_built_in_simulator_is_killed_and_started_anew(tmp_path: Path) -> No
 @pytest.mark.parametrize("pacing", SlaveModePacing)
 def test_killed_while_the_player_plays(tmp_path: Path, pacing: SlaveModePacing) -> None:
     async def act(pilot: Pilot[None]) -> None:
-        with run_builtin_simulator() as simulator:
+        with run_builtin_simulator("rc7") as simulator:
             await join(pilot, simulator.port)
             await pilot.press("f9")
             await until(pilot, lambda: isinstance(pilot.app.screen, SlaveScreen))

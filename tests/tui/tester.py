@@ -32,7 +32,7 @@ PLAYED = 100.0
 
 def make_tester(folder: Path, host: str = "", port: int = 5007, *, japanese: bool = False) -> BcapApp:
     """Make the application with the Tester alone; everything it writes goes to `folder`."""
-    start = TesterOptions(folder / "requests", folder / "log", host, port)
+    start = TesterOptions(folder / "requests", folder / "log", host, port, profile="rc7")
     language = Language.JAPANESE if japanese else Language.ENGLISH
     spot = ScreenEntry("tester", "f2", "tester.name.screen", lambda: TesterScreen(start))
     return make(spot, language=language, settings=folder / "screen.yaml")

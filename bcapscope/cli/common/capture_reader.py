@@ -11,21 +11,15 @@ import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
-from typing import BinaryIO, NoReturn, TextIO, TypeVar, cast
+from typing import TYPE_CHECKING, BinaryIO, NoReturn, TextIO, TypeVar, cast
 
 import click
 
 from bcapscope.capture.capture_file import CaptureFile, open_capture
 from bcapscope.capture.capture_folder import expand_folders
-from bcapscope.capture.capture_sequence import (
-    STDIN,
-    CaptureSequence,
-    FrameOrigins,
-    PacketOrigin,
-    capture_names,
-)
+from bcapscope.capture.capture_sequence import STDIN, CaptureSequence, PacketOrigin, capture_names
 from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import PacketDecoder
@@ -54,6 +48,9 @@ from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 
+if TYPE_CHECKING:
+    from bcapscope.capture.frame_origins import FrameOrigins
+
 R = TypeVar("R")
 
 _MAX_SERVERS_LISTED = 8
@@ -70,8 +67,6 @@ class CaptureReader:
         on_idle: Function that is called several times per second while a live capture delivers no frames,
             with the time up to which all packets were read, ns since 1970.
         is_live: Whether the input may never end: an interface or a pipe.
-        frame_origins: Subscriber of a pipeline, which knows the capture and the packet of each frame that
-            it received.
     """
 
     def __init__(
@@ -127,7 +122,6 @@ class CaptureReader:
         else:
             self._captures = self._sequence(capture_names(expanded), expanded)
             self._observer = PacketDecoder(known_ports)
-        self.frame_origins = FrameOrigins(self._captures)
 
     def observations(self) -> Iterator[Observation]:
         """Yield all frames of the input, or those of one side.
@@ -197,6 +191,13 @@ class CaptureReader:
     def paths(self) -> Sequence[str]:
         """Paths of the captures in the order in which they are read, without folders."""
         return self._captures.paths
+
+    @cached_property
+    def frame_origins(self) -> FrameOrigins:
+        """Subscriber of a pipeline, which knows the capture and the packet of each frame that it received."""
+        from bcapscope.capture.frame_origins import FrameOrigins  # loads the pipeline
+
+        return FrameOrigins(self._captures)
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
         """Return where a packet is found, by its number among all packets of the input.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 from collections.abc import Callable, Iterable
 from typing import TypeGuard, cast
@@ -95,7 +94,11 @@ def require_terminal() -> None:
 
 def line_width(wide: bool) -> int | None:
     """Return the number of columns of the terminal; None without a terminal, or if lines must not be cut."""
-    return None if wide or not sys.stdout.isatty() else shutil.get_terminal_size().columns
+    if wide or not sys.stdout.isatty():
+        return None
+    import shutil  # loads compression libraries, which takes 10 ms
+
+    return shutil.get_terminal_size().columns
 
 
 def folded_lines(lines: Iterable[str], wide: bool) -> Iterable[str]:

@@ -15,13 +15,10 @@ from typing import NamedTuple
 from bcapscope.player.realtime import realtime_priority
 from bcapscope.simulator.kinematics import Joints
 from bcapscope.simulator.machine import InitialState
-from bcapscope.simulator.profile import PROFILES
+from bcapscope.simulator.profile import DEFAULT_PROFILE, PROFILES
 from bcapscope.simulator.simulator import Simulator
 from bcapscope.simulator.simulator_server import SimulatorServer
 from bcapscope.tui.reader_language import label
-
-DEFAULT_PROFILE = "rc7"
-"""Default profile, as on screenshots of b-CAP Tester (DENSO Wave 2009, How to use the Slave mode)."""
 
 START_JOINTS: Joints = (
     12.422607421875,

@@ -34,6 +34,7 @@ from bcapscope.live.controller.session_updates import (
 )
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.render.escape import printable
+from bcapscope.simulator.profile import DEFAULT_PROFILE
 from bcapscope.traffic.observation import Observation
 from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.builtin_simulator import BuiltInSimulator, run_builtin_simulator
@@ -81,7 +82,7 @@ class TesterOptions(NamedTuple):
     port: int = 5007
     tcp: bool = False
     option: str = ""
-    profile: str = "rc7"
+    profile: str = DEFAULT_PROFILE
     tap: Callable[[Observation], None] = lambda seen: None
 
 

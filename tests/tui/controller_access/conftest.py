@@ -12,5 +12,5 @@ from bcapscope.tui.controller_access.builtin_simulator import BuiltInSimulator, 
 @pytest.fixture(scope="module")
 def simulator() -> Iterator[BuiltInSimulator]:
     """Run the built-in simulator."""
-    with run_builtin_simulator() as place:
+    with run_builtin_simulator("rc7") as place:
         yield place

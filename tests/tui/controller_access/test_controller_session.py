@@ -307,7 +307,7 @@ def test_nobody_there(tmp_path: Path) -> None:
 @pytest.mark.parametrize("tcp", [False, True], ids=["udp", "tcp"])
 def test_the_controller_goes_away(tmp_path: Path, tcp: bool) -> None:
     with open_tester(tmp_path) as (session, received):
-        with run_builtin_simulator() as place:
+        with run_builtin_simulator("rc7") as place:
             target = ControllerTarget("127.0.0.1", place.port, tcp, timeout=100.0, retries=1)
             assert asyncio.run(session.run_in_loop(connect(session, target, AUTOMATIC_PROVIDERS, "Arm", "")))
             assert not session.reply_monitor.is_reply_overdue(session.now())
