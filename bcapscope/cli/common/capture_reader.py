@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO, NoReturn, cast
+from typing import TYPE_CHECKING, BinaryIO, NoReturn, cast
 
 import click
 
@@ -18,8 +18,6 @@ from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.capture.pasted_text import PastedText
-from bcapscope.capture.place_decoder import PlaceDecoder
-from bcapscope.capture.place_plan import plan_places
 from bcapscope.capture.role_detection import BCAP_PORTS
 from bcapscope.capture.text_lines import text_lines
 from bcapscope.cli.common.data_output import DataOutput
@@ -33,12 +31,15 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Count
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
-from bcapscope.render.place_text import place_plan_text
-from bcapscope.traffic.handle_tracker import HandleTracker
 from bcapscope.traffic.joining.joined_observation import CapturePlace
-from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Observation
-from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
+
+if TYPE_CHECKING:
+    from bcapscope.capture.place_decoder import PlaceDecoder
+    from bcapscope.capture.place_plan import PlacePlan
+    from bcapscope.traffic.handle_tracker import HandleTracker
+    from bcapscope.traffic.joining.joiner import Joiner
+    from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 
 STDIN = "-"
 _MAX_SERVERS_LISTED = 8
@@ -82,12 +83,11 @@ class CaptureReader:
         self._joiner: Joiner | None = None
         self._pasted = None if text is None else PastedText(self._text_lines(text))
         known_ports = frozenset(ports) or BCAP_PORTS
-        self._plans = plan_places(paths, known_ports) if len(paths) > 1 and STDIN not in paths else []
-        self._observer = (
-            PlaceDecoder(paths, self._plans, known_ports, self._file_packets)
-            if self._plans
-            else PacketDecoder(known_ports)
-        )
+        self._plans: list[PlacePlan] = []
+        self._places: PlaceDecoder | None = None
+        if len(paths) > 1 and STDIN not in paths:
+            self._plan_places(known_ports)
+        self._observer = self._places or PacketDecoder(known_ports)
         self._progress = ReadProgressBar()
         self._file: CaptureFile | None = None
         self._lost_packets = 0
@@ -98,11 +98,15 @@ class CaptureReader:
 
         Read errors do not raise an exception; `print_summary` prints them.
         """
-        if self._side is None:
-            yield from self._all_observations()
-            return
-        joiner = Joiner(only=self._side)
-        for observation in self._all_observations():
+        observations = self._all_observations()
+        return observations if self._side is None else self._of_side(observations, self._side)
+
+    @staticmethod
+    def _of_side(observations: Iterator[Observation], side: CapturePlace) -> Iterator[Observation]:
+        from bcapscope.traffic.joining.joiner import Joiner
+
+        joiner = Joiner(only=side)
+        for observation in observations:
             yield from joiner.add(observation)
         yield from joiner.close()
 
@@ -120,12 +124,15 @@ class CaptureReader:
 
     def pipeline(self, *subscribers: PipelineSubscriber, handles: HandleTracker | None = None) -> Pipeline:
         """Return a pipeline for the input, which joins the conversations that several places captured."""
+        from bcapscope.traffic.joining.joiner import Joiner
+        from bcapscope.traffic.pipeline import Pipeline
+
         self._joiner = Joiner(self.comments) if self._side is None else None
         return Pipeline(*subscribers, handles=handles, joiner=self._joiner)
 
     def _decode(self) -> Iterator[Observation]:
-        if isinstance(self._observer, PlaceDecoder):
-            return self._observer.observations()
+        if self._places is not None:
+            return self._places.observations()
         packets = self._live_packets() if self._interface else self._file_packets(self._paths)
         return self._observer.decode(packets)
 
@@ -164,8 +171,8 @@ class CaptureReader:
         words = self._words
         for trouble in self._problems:
             print_stderr(trouble)
-        for plan in self._plans:
-            print_stderr(words.text(place_plan_text(plan)))
+        if self._plans:
+            self._print_plans()
         recognised = [c for c in self._observer.conversations if not c.server_known_by.startswith("port ")]
         for conversation in recognised[:_MAX_SERVERS_LISTED]:
             server, transport = str(conversation.server), str(conversation.transport)
@@ -181,6 +188,21 @@ class CaptureReader:
         counts = self._observer.counts
         if counts.packets or self.exit_code is not ExitCode.UNREADABLE:
             print_stderr(capture_counts_text(counts, words))
+
+    def _plan_places(self, ports: frozenset[int]) -> None:
+        """Find out which captures hold the same conversation, and prepare to decode these together."""
+        from bcapscope.capture.place_decoder import PlaceDecoder
+        from bcapscope.capture.place_plan import plan_places
+
+        self._plans = plan_places(self._paths, ports)
+        if self._plans:
+            self._places = PlaceDecoder(self._paths, self._plans, ports, self._file_packets)
+
+    def _print_plans(self) -> None:
+        from bcapscope.render.place_text import place_plan_text
+
+        for plan in self._plans:
+            print_stderr(self._words.text(place_plan_text(plan)))
 
     def _text_lines(self, path: str) -> Iterator[str]:
         """Yield the lines of a text file, and keep a read error for `print_summary`."""
