@@ -198,6 +198,9 @@ class PlaceMerger:
         )
         if is_sender_side or _serial_of(observation) in self._own_serials:
             return True  # a frame passes its sender's side first
+        closing = self.conversation.connection_end
+        if self._is_relayed and closing is not None and closing.ends_replies:
+            return True  # nothing more can pass
         if is_at_end or (other.ends is not None and time > other.ends - JOIN_WITHIN_NS):
             return time < self._latest_joined[observation.flow.direction]
         return True
