@@ -24,8 +24,6 @@ from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.capture.pasted_text import PastedText
-from bcapscope.capture.place_decoder import PlaceDecoder
-from bcapscope.capture.place_plan import plan_places
 from bcapscope.capture.role_detection import BCAP_PORTS
 from bcapscope.capture.text_lines import text_lines
 from bcapscope.cli.common.data_output import DataOutput
@@ -39,17 +37,19 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Count, joined_clauses
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
-from bcapscope.render.place_text import place_plan_text
 from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
-from bcapscope.traffic.handle_tracker import HandleTracker
 from bcapscope.traffic.joining.joined_observation import CapturePlace
-from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Observation
-from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 
 if TYPE_CHECKING:
     from bcapscope.capture.frame_origins import FrameOrigins
+    from bcapscope.capture.place_decoder import PlaceDecoder
+    from bcapscope.capture.place_plan import PlacePlan
+    from bcapscope.traffic.handle_tracker import HandleTracker
+    from bcapscope.traffic.joining.joiner import Joiner
+    from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
+
 
 R = TypeVar("R")
 
@@ -111,28 +111,29 @@ class CaptureReader:
         self._problems: list[str] = []
         known_ports = frozenset(ports) or BCAP_PORTS
         expanded = list(expand_folders(paths, self._add_problem))
-        self._plans = plan_places(expanded, known_ports) if len(expanded) > 1 else []
-        self._captures: CaptureSequence | PlaceDecoder
-        self._observer: PacketDecoder | PlaceDecoder
-        if self._plans:
-            names = capture_names(expanded)
-            self._captures = self._observer = PlaceDecoder(
-                expanded, self._plans, known_ports, partial(self._sequence, names)
-            )
-        else:
-            self._captures = self._sequence(capture_names(expanded), expanded)
-            self._observer = PacketDecoder(known_ports)
+        self._plans: list[PlacePlan] = []
+        self._places: PlaceDecoder | None = None
+        if len(expanded) > 1:
+            self._plan_places(expanded, known_ports)
+        self._packet_decoder = PacketDecoder(known_ports)
+        self._sequence = self._sequence_of(capture_names(expanded), expanded)
+        self._decoder: PacketDecoder | PlaceDecoder = self._places or self._packet_decoder
+        self._captures: CaptureSequence | PlaceDecoder = self._places or self._sequence
 
     def observations(self) -> Iterator[Observation]:
         """Yield all frames of the input, or those of one side.
 
         Read errors do not raise an exception; `print_summary` prints them.
         """
-        if self._side is None:
-            yield from self._all_observations()
-            return
-        joiner = Joiner(only=self._side)
-        for observation in self._all_observations():
+        observations = self._all_observations()
+        return observations if self._side is None else self._of_side(observations, self._side)
+
+    @staticmethod
+    def _of_side(observations: Iterator[Observation], side: CapturePlace) -> Iterator[Observation]:
+        from bcapscope.traffic.joining.joiner import Joiner
+
+        joiner = Joiner(only=side)
+        for observation in observations:
             yield from joiner.add(observation)
         yield from joiner.close()
 
@@ -151,16 +152,18 @@ class CaptureReader:
 
     def pipeline(self, *subscribers: PipelineSubscriber, handles: HandleTracker | None = None) -> Pipeline:
         """Return a pipeline for the input, which joins the conversations that several places captured."""
+        from bcapscope.traffic.joining.joiner import Joiner
+        from bcapscope.traffic.pipeline import Pipeline
+
         self._joiner = Joiner(self.comments) if self._side is None else None
         return Pipeline(*subscribers, handles=handles, joiner=self._joiner, taken_at=self._taken_at)
 
     def _decode(self) -> Iterator[Observation]:
-        if isinstance(self._observer, PlaceDecoder):
-            return self._observer.observations()
+        if self._places is not None:
+            return self._places.observations()
         if self._interface:
-            return self._observer.decode(self._live_packets())
-        assert isinstance(self._captures, CaptureSequence)
-        return self._observer.decode(self._file_packets(self._captures))
+            return self._packet_decoder.decode(self._live_packets())
+        return self._packet_decoder.decode(self._file_packets())
 
     @property
     def ended_at(self) -> int:
@@ -168,7 +171,7 @@ class CaptureReader:
 
         This property is valid after all observations were read.
         """
-        return self._observer.end_time
+        return self._decoder.end_time
 
     def counting_test(
         self, wanted: Filter, test: Callable[[R], bool], number_of: Callable[[R], int]
@@ -219,7 +222,7 @@ class CaptureReader:
 
     @property
     def comments(self) -> Mapping[int, tuple[str, ...]]:
-        return self._observer.comments if self._pasted is None else self._pasted.comments
+        return self._decoder.comments if self._pasted is None else self._pasted.comments
 
     def show_progress(self) -> None:
         """Show the progress of reading a file that takes long."""
@@ -249,9 +252,9 @@ class CaptureReader:
         words = self._words
         for trouble in self._problems:
             print_stderr(trouble)
-        for plan in self._plans:
-            print_stderr(words.text(place_plan_text(plan)))
-        recognised = [c for c in self._observer.conversations if not c.server_known_by.startswith("port ")]
+        if self._plans:
+            self._print_plans()
+        recognised = [c for c in self._decoder.conversations if not c.server_known_by.startswith("port ")]
         for conversation in recognised[:_MAX_SERVERS_LISTED]:
             server, transport = str(conversation.server), str(conversation.transport)
             reason = conversation.server_known_by
@@ -263,9 +266,25 @@ class CaptureReader:
         if self._joiner is not None and self._joiner.own_requests:
             own = Count(self._joiner.own_requests, "request")
             print_stderr(words("reading.own-requests", requests=own))
-        counts = self._observer.counts
+        counts = self._decoder.counts
         if counts.packets or self.exit_code is not ExitCode.UNREADABLE:
             print_stderr(capture_counts_text(counts, words))
+
+    def _plan_places(self, paths: Sequence[str], ports: frozenset[int]) -> None:
+        """Find out which captures hold the same conversation, and prepare to decode these together."""
+        from bcapscope.capture.place_decoder import PlaceDecoder
+        from bcapscope.capture.place_plan import plan_places
+
+        self._plans = plan_places(paths, ports)
+        if self._plans:
+            open_sequence = partial(self._sequence_of, capture_names(paths))
+            self._places = PlaceDecoder(paths, self._plans, ports, open_sequence)
+
+    def _print_plans(self) -> None:
+        from bcapscope.render.place_text import place_plan_text
+
+        for plan in self._plans:
+            print_stderr(self._words.text(place_plan_text(plan)))
 
     def _text_lines(self, path: str) -> Iterator[str]:
         """Yield the lines of a text file, and keep a read error for `print_summary`."""
@@ -310,11 +329,11 @@ class CaptureReader:
             print_stderr(f"{printable(name)}: {self._words.text(error.message)}")
             self.exit_code = ExitCode.UNREADABLE
 
-    def _file_packets(self, sequence: CaptureSequence) -> Iterator[Packet]:
+    def _file_packets(self) -> Iterator[Packet]:
         with suppress(_Interrupted):
-            yield from sequence
+            yield from self._sequence
 
-    def _sequence(self, names: Mapping[str, str], paths: Sequence[str]) -> CaptureSequence:
+    def _sequence_of(self, names: Mapping[str, str], paths: Sequence[str]) -> CaptureSequence:
         return CaptureSequence(paths, names, self._open, self._add_problem)
 
     def _open(self, path: str) -> CaptureFile:

@@ -26,14 +26,12 @@ class DeliveryQueue:
             due.append(heapq.heappop(waiting)[2])
         return due
 
-    def of(self, conversation: Conversation) -> list[Observation]:
-        """Return the waiting observations of a conversation, in order of time."""
-        return [each for _, _, each in sorted(self._waiting) if each.flow.conversation is conversation]
-
-    def remove(self, conversation: Conversation) -> None:
-        """Drop the waiting observations of a conversation."""
+    def remove(self, conversation: Conversation) -> list[Observation]:
+        """Remove and return the observations of a conversation, in order of time."""
+        removed = [each for each in self._waiting if each[2].flow.conversation is conversation]
         self._waiting = [each for each in self._waiting if each[2].flow.conversation is not conversation]
         heapq.heapify(self._waiting)
+        return [observation for _, _, observation in sorted(removed)]
 
     def pop_all(self) -> list[Observation]:
         due = [each for _, _, each in sorted(self._waiting)]

@@ -25,7 +25,7 @@ HELD_UNANSWERED_NS = 5_000_000_000
 """The same for a conversation without any reply. Its first requests may be lost in the proxy, and the client
 retries within this time (`conversation_pairing.RETRY_WITHIN_NS`)."""
 
-MAX_WAITING = 65536
+MAX_WAITING = 32768
 """Maximum number of observations that wait for earlier ones. Beyond this limit, all decisions are made at
 once."""
 
@@ -35,6 +35,12 @@ HELD_FRAMES = 512
 OWN_CALLS = 2
 """Number of answered calls after which a conversation has no twin, if no other conversation has the same
 requests. A proxy forwards a request before its reply comes."""
+
+MAX_NEW = 1024
+"""Maximum number of conversations that are held at a time."""
+
+MAX_SUSPECTS = 32
+"""Maximum number of conversations that are compared with a new one."""
 
 MAX_CONVERSATIONS = 4096
 """Maximum number of conversations that are remembered. Beyond this limit, all are forgotten, and recognised
@@ -77,6 +83,10 @@ class _NewConversation:
             self._open.discard(serial)
             self.answered += 1
 
+    def add_suspect(self, conversation: Conversation) -> None:
+        if len(self.suspects) < MAX_SUSPECTS:
+            self.suspects[conversation] = None
+
     def drop_before(self, client_side: _NewConversation) -> None:
         """Drop the first requests, which the client's side has already passed on."""
         waiting = {each.item.raw for each in client_side.held}
@@ -112,10 +122,13 @@ class Joiner:
         self._single: set[Conversation] = set()
         self._new: dict[Conversation, _NewConversation] = {}
         self._senders: dict[bytes, dict[Conversation, None]] = {}
+        self._recent: dict[Conversation, list[Observation]] = {}
+        self._recent_count = 0
         self._mergers: dict[Conversation, tuple[PlaceMerger, CapturePlace]] = {}
         self._captured_twins: dict[CapturedTwins, PlaceMerger] = {}
+        self._busy: dict[PlaceMerger, None] = {}  # mergers that may hold frames
         self._queue = DeliveryQueue()
-        self._now = 0
+        self._now = self._next_due = 0
 
     def add(self, observation: Observation) -> Sequence[Observation]:
         """Add the next observation; return the observations that are due, in order of time."""
@@ -130,11 +143,12 @@ class Joiner:
         if known is not None:
             merger, place = known
             merger.add(observation, place)
+            self._busy[merger] = None
         elif flow.conversation in self._single:
             self._single_flows.add(flow)
             self._queue.add(observation)
-            if self._new and flow.direction is _REQUEST:
-                self._note_sender(observation)
+            if self._new:
+                self._note_recent(observation)
         elif flow.conversation not in self._hidden:
             self._add_new(observation)
         return [*due, *self._pop_due()]
@@ -181,6 +195,7 @@ class Joiner:
         self.passing = set()
         self._mergers[conversation] = merger, side.place
         merger.add(observation, side.place)
+        self._busy[merger] = None
 
     def _add_new(self, observation: Observation) -> None:
         conversation = observation.flow.conversation
@@ -191,7 +206,10 @@ class Joiner:
         if new is None:
             self.passing = set()
             new = self._new[conversation] = _NewConversation(observation)
+            if len(self._new) > MAX_NEW:
+                self._decide(next(iter(self._new.values())))
         new.add(observation)
+        self._next_due = min(self._next_due, new.due_at)
         if observation.flow.direction is _REQUEST:
             self._find_suspects(new, observation)
         if new.answered >= OWN_CALLS and not new.suspects:
@@ -208,9 +226,23 @@ class Joiner:
                 continue
             other = self._new.get(sender)
             if other is not None:
-                other.suspects[new.conversation] = None
+                other.add_suspect(new.conversation)
             if other is not None or sender in self._single:
-                new.suspects[sender] = None
+                new.add_suspect(sender)
+
+    def _note_recent(self, observation: Observation) -> None:
+        """Remember an observation of a conversation without a twin, while new conversations are held."""
+        if self._recent_count >= MAX_WAITING:
+            self._forget_recent()
+        self._recent_count += 1
+        self._recent.setdefault(observation.flow.conversation, []).append(observation)
+        if observation.flow.direction is _REQUEST:
+            self._note_sender(observation)
+
+    def _forget_recent(self) -> None:
+        self._recent.clear()
+        self._senders.clear()
+        self._recent_count = 0
 
     def _note_sender(self, request: Observation) -> list[Conversation]:
         """Remember who sent a request; return the other conversations that have the same request."""
@@ -255,16 +287,15 @@ class Joiner:
             self._mergers[leg] = merger, place
         for each in sorted((*client_side.held, *controller_side.held), key=lambda seen: seen.number):
             merger.add(each, places[each.flow.conversation])
+        self._busy[merger] = None
 
     def _take_over(self, twin: _NewConversation) -> None:
-        """Take a conversation and its traffic out of all other collections."""
+        """Take a conversation, and its traffic that has not come out yet, out of all other collections."""
         conversation = twin.conversation
         if conversation in self._single:
             self._single.remove(conversation)
-            self._single_flows = {
-                flow for flow in self._single_flows if flow.conversation is not conversation
-            }
-            self._queue.remove(conversation)
+            self._single_flows -= {each for each in self._single_flows if each.conversation is conversation}
+            twin.held = self._queue.remove(conversation)
         else:
             self._drop_new(conversation)
 
@@ -292,16 +323,15 @@ class Joiner:
         return outer, inner
 
     def _waiting_traffic(self, conversation: Conversation) -> _NewConversation | None:
-        """Return the traffic of a conversation without a twin that has not come out yet, because a newer
-        conversation is held.
+        """Return the recent traffic of a conversation without a twin. A newer conversation holds it back.
 
         A client whose first request the proxy dropped begins long before the proxy's own leg.
         """
-        waiting = self._queue.of(conversation) if conversation in self._single else []
-        if not waiting:
+        recent = self._recent.get(conversation)
+        if recent is None or conversation not in self._single:
             return None
-        traffic = _NewConversation(waiting[0])
-        traffic.held = waiting
+        traffic = _NewConversation(recent[0])
+        traffic.held = recent[-HELD_FRAMES:]
         return traffic
 
     def _stop_joining(self, merger: PlaceMerger) -> None:
@@ -324,27 +354,33 @@ class Joiner:
     def _drop_new(self, conversation: Conversation) -> None:
         self._new.pop(conversation, None)
         if not self._new:
-            self._senders.clear()
+            self._forget_recent()
 
     def _pop_due(self) -> list[Observation]:
         now = self._now
-        if self._new:
-            for new in [each for each in self._new.values() if each.due_at <= now]:
-                if new.conversation in self._new:
-                    self._decide(new)
+        if self._new and now >= self._next_due:
+            self._decide_due(now)
         if len(self._queue) > MAX_WAITING:
             self._decide_all()
         oldest = next(iter(self._new.values()), None)  # new conversations are in the order of their start
         until = now if oldest is None else min(now, oldest.began - 1)
-        for merger in self._distinct_mergers():
+        for merger in list(self._busy):
             merger.expire(now)
             pending = merger.earliest_pending
-            if pending is not None:
+            if pending is None:
+                del self._busy[merger]
+            else:
                 until = min(until, pending - 1)
         due = self._queue.pop_until(until)
         if not self.passing:
             self._update_passing()
         return due
+
+    def _decide_due(self, now: int) -> None:
+        for new in [each for each in self._new.values() if each.due_at <= now]:
+            if new.conversation in self._new:
+                self._decide(new)
+        self._next_due = min((each.due_at for each in self._new.values()), default=now)
 
     def _decide_all(self) -> None:
         """Make all decisions that wait for further traffic."""

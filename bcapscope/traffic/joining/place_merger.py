@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 
 from bcapscope.traffic.joining.joined_observation import CapturePlace, JoinedObservation, join_sightings
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
@@ -12,6 +13,12 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow, Observa
 JOIN_WITHIN_NS = 1_000_000_000
 """Maximum time in ns between the two sightings of a frame. A frame that the other place has not captured
 after this time counts as lost between the two places. A proxy's delay faults are shorter."""
+
+MAX_PENDING = 65536
+"""Maximum number of frames that wait for the other place. Beyond this limit, the oldest waits no longer."""
+
+MAX_COMPARED = 1024
+"""Maximum number of waiting frames that are compared with a frame, because a proxy may have changed it."""
 
 MAX_OVERDUE = 256
 """Maximum number of frames that counted as lost, and are still recognised if the other place captures them
@@ -113,6 +120,8 @@ class PlaceMerger:
         waiting = _Waiting(place, observation)
         self._pending.append(waiting)
         self._by_bytes.setdefault(key, []).append(waiting)
+        if len(self._pending) > MAX_PENDING and self.earliest_pending is not None:
+            self._give_up(self._pending.popleft(), is_at_end=True)
 
     def expire(self, now: int) -> None:
         """Deliver the frames for which the other place had enough time until `now`, ns since 1970."""
@@ -189,6 +198,9 @@ class PlaceMerger:
         )
         if is_sender_side or _serial_of(observation) in self._own_serials:
             return True  # a frame passes its sender's side first
+        closing = self.conversation.connection_end
+        if self._is_relayed and closing is not None and closing.ends_replies:
+            return True  # nothing more can pass
         if is_at_end or (other.ends is not None and time > other.ends - JOIN_WITHIN_NS):
             return time < self._latest_joined[observation.flow.direction]
         return True
@@ -209,7 +221,7 @@ class PlaceMerger:
         return next(
             (
                 each
-                for each in self._pending
+                for each in islice(self._pending, MAX_COMPARED)
                 if not each.is_resolved
                 and each.place is not waiting.place
                 and each.observation.flow.direction is direction

@@ -8,7 +8,7 @@ from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.joining import joiner as joiner_module
 from bcapscope.traffic.joining.joined_observation import JoinedObservation, sighting_numbers
 from bcapscope.traffic.joining.joiner import Joiner
-from bcapscope.traffic.observation import Endpoint, Observation, Transport
+from bcapscope.traffic.observation import Direction, Endpoint, Observation, Transport
 from bcapscope.traffic.pipeline import CallCollector, Pipeline
 from tests.traffic.joining.two_places import START_SERVICE, ProxiedScript
 from tests.traffic.playbook import MOVE, MS, OTHER, POSE, S_EXECUTING, Script, execute, i4
@@ -326,3 +326,15 @@ def test_the_memory_for_what_waits_is_bounded(monkeypatch: pytest.MonkeyPatch) -
         largest = max(largest, waiting)
     assert largest <= 103
     assert waiting == 0
+
+
+def test_a_reply_that_is_left_when_the_proxy_closes_the_connection_was_not_delivered() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client(transport=Transport.TCP)
+    client.calls(0, 4, MOVE)
+    client.ask(100, 10, 0, OTHER)
+    client.reply(101, 10, lost=True)
+    closed_at = script.seen[-1].time + MS
+    client.near.conversation.record_end(Direction.RESPONSE, reset=False, time=closed_at)
+    call = script.calls()[4]
+    assert (call.reply, len(call.lost_replies), call.outcome) == (None, 1, Outcome.UNANSWERED)
