@@ -308,7 +308,8 @@ def _slave_session_facts(slave_session: SlaveSession, start: int) -> Iterator[tu
         (
             f"{counts.sent:,} sent, {counts.accepted:,} accepted, {refused:,} refused, "
             f"{counts.unanswered:,} never answered, {counts.open:,} open when the capture ended, "
-            f"{counts.not_followed:,} not followed to the end, {counts.after_end:,} after the session ended"
+            f"{counts.not_followed:,} not followed to the end, {counts.not_captured:,} with a reply that was "
+            f"not captured, {counts.after_end:,} after the session ended"
         ),
     )
     yield "Sent again", (Times(counts.retries).text(ENGLISH_WORDS) if counts.retries else "never")
