@@ -192,6 +192,7 @@ def _set_points(slave_session: SlaveSession, writer: CaptionWriter) -> Iterator[
         "unanswered": counts.unanswered,
         "open": counts.open,
         "not-followed": counts.not_followed,
+        "not-captured": counts.not_captured,
         "buffer-full": counts.buffer_full,
         "after-end": counts.after_end,
     }

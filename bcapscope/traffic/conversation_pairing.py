@@ -122,8 +122,14 @@ class ConversationPairing:
             # the first attempt was not captured, and further retries can name its serial
             self._by_serial[reserved] = self._by_serial[serial]
             return True
-        if not reserved and 0 in self._by_serial and self._add_retry_of_serial_zero(observation, frame):
-            return False
+        if not reserved and 0 in self._by_serial:
+            # The reserved field of a retry of serial 0 looks like that of a first attempt. Old clients may
+            # use serial 0 (start-jsk/denso b-Cap.c).
+            call = self._by_serial[0]
+            is_repeated = call.reply is None and call.request.item.raw[9:] == frame.raw[9:]
+            if is_repeated and call is self._newest_call:
+                self._add_retry(call, observation, frame)
+                return False
         if (reserved if self._is_tcp else reserved != 0) != self._first_reserved:
             self._learn_from_first(serial, reserved)
         self._start_call(observation, frame, number)
@@ -295,24 +301,6 @@ class ConversationPairing:
             return False
         self._learn_from_first(frame.serial, frame.reserved)
         self._apply(prior, CallEvent.FIRST_ATTEMPT, observation)
-        return True
-
-    def _add_retry_of_serial_zero(self, observation: FrameObservation, frame: Frame) -> bool:
-        """Add a retry of a call with serial 0.
-
-        The reserved field of a retry of serial 0 looks like that of a first attempt.
-
-        Old clients may use serial 0 (start-jsk/denso b-Cap.c). The frame is considered a retry if it repeats
-        the newest call, and this call is still unanswered.
-        """
-        call = self._by_serial[0]
-        if (
-            call is not self._newest_call
-            or call.reply is not None
-            or call.request.item.raw[9:] != frame.raw[9:]
-        ):
-            return False
-        self._add_retry(call, observation, frame)
         return True
 
     def _add_retry(self, call: Call, observation: FrameObservation, frame: Frame) -> None:

@@ -32,7 +32,7 @@ from bcapscope.protocol.slave_mode.poses import Axis, Pose
 from bcapscope.protocol.slave_mode.slvmove_values import parse_feedback, parse_set_point
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, S_BUF_FULL, is_failure
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.call_verdict import CallVerdict
+from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.observation import Transport
 from bcapscope.traffic.slave_mode_tracker import execute_parameter
 
@@ -143,9 +143,8 @@ class SessionModels:
         self._last_poses = np.full((2, len(self.axes)), np.nan)  # the last two commanded poses
         self._largest_steps = np.zeros(len(self.axes))
         self._last_sent = -1, 0  # first serial and number of retries of the last set point
-        self._sent = self._accepted = self._unanswered = self._open = self._not_followed = (
-            self._buffer_full
-        ) = 0
+        self._sent = self._accepted = self._unanswered = self._open = 0
+        self._not_followed = self._not_captured = self._buffer_full = 0
         self._retries: Counter[int] = Counter()
         self._late_replies = self._lost_replies = 0
         self._refused: Counter[int] = Counter()
@@ -177,8 +176,9 @@ class SessionModels:
             accepted=self._accepted,
             refused=dict(self._refused),
             unanswered=self._unanswered,
-            open=self._open - self._not_followed,
+            open=self._open - self._not_followed - self._not_captured,
             not_followed=self._not_followed,
+            not_captured=self._not_captured,
             buffer_full=self._buffer_full,
             after_end=after_end,
             retries=retries,
@@ -257,6 +257,7 @@ class SessionModels:
         if call.lost_replies and call.verdict is not CallVerdict.CANNOT_TELL:
             self._lost_replies += len(call.lost_replies)
         self._not_followed += call.evicted
+        self._not_captured += call.outcome is Outcome.NOT_CAPTURED
         if self.forbids_retries and len(self.forbidden_retries) < MAX_LISTED:
             self.forbidden_retries += [request.number for request in call.attempts[call.first_attempt_seen :]]
             del self.forbidden_retries[MAX_LISTED:]

@@ -130,6 +130,7 @@ class SetPointCounts:
         unanswered: Number of set points that the client gave up and for which no reply was captured.
         open: Number of set points that waited for a reply when the capture ended.
         not_followed: Number of set points that were evicted from memory before a reply arrived.
+        not_captured: Number of set points whose reply the capture lacks (see `Outcome.NOT_CAPTURED`).
         buffer_full: Number of set points that were answered with S_BUF_FULL; `accepted` includes these set
             points.
         after_end: Number of set points that were refused or unanswered because the session had ended; no
@@ -147,6 +148,7 @@ class SetPointCounts:
     unanswered: int
     open: int
     not_followed: int
+    not_captured: int
     buffer_full: int
     after_end: int
     retries: int

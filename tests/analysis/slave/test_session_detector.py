@@ -17,6 +17,7 @@ from bcapscope.traffic.call import Call, CallState
 from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Transport
 from bcapscope.traffic.pipeline import PipelineSubscriber
+from bcapscope.traffic.tracker import Tracker
 from tests.analysis.driving import (
     BUFFER_FULL,
     ENTER,
@@ -43,6 +44,7 @@ from tests.traffic.playbook import (
     SERVICE_START,
     SERVICE_STOP,
     START,
+    calls_of,
     run_pipeline,
     text,
 )
@@ -367,6 +369,23 @@ def test_a_set_point_that_is_let_go_is_not_unanswered() -> None:
     counts = stay.counts
     assert (counts.sent, counts.unanswered, counts.open, counts.not_followed) == (21, 0, 0, 1)
     assert stay.timing.deadlines[0].late == 0
+
+
+def test_set_points_in_a_capture_of_requests_only_are_not_unanswered() -> None:
+    plan = Plan()
+    driver = plan.driver()
+    driver.change(0, ENTER)
+    driver.moves(PACE)
+    driver.change(200, OFF)
+    plan.track()
+    requests = [seen for seen in plan.script.seen if seen.flow.direction == "request"]
+    tracker, watcher = Tracker(), SlaveSessionDetector()
+    calls = calls_of([item for seen in requests for item in tracker.observe(seen)] + list(tracker.close()))
+    found = [session for call in calls for session in watcher.add_call(call)]
+    (stay,) = [*found, *watcher.remaining_sessions()]
+    counts = stay.counts
+    assert (counts.sent, counts.unanswered, counts.open, counts.not_captured) == (20, 0, 0, 20)
+    assert stay.exit.reason is ExitReason.LEFT
 
 
 def test_a_set_point_that_waits_when_the_capture_ends_is_not_unanswered() -> None:
