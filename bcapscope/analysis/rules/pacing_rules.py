@@ -24,6 +24,7 @@ from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import CallPlace, Count, Duration, FramePlace, HexNumber, Moment, Quantity
+from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, with_rc7_forms
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
@@ -108,13 +109,14 @@ class PacingChecker(RuleChecker):
         )
 
     def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
-        if not session.buffer.overwrites:
+        if not _may_overwrite(session):
             yield from self._underflows(session)
         yield from _pace_occurrences(session)
 
     def _underflows(self, session: SlaveSession) -> Iterator[Occurrence]:
-        listed = [underflow for underflow in session.buffer.underflow_list if underflow.moving is not False]
-        more = max(session.buffer.underflows_in_motion - len(listed), 0)
+        possible = [underflow for underflow in session.buffer.underflow_list if underflow.moving is not False]
+        listed = [underflow for underflow in possible if underflow.moving]
+        more = max(session.buffer.underflows_in_motion - len(possible), 0)
         unreported = [underflow for underflow in listed if underflow.late_frame not in self._reported_gaps]
         for underflow in unreported[:-1]:
             yield _predicted_gap(session, underflow, 1)
@@ -146,12 +148,14 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
     pace = session.pace
     if pace is None or pace.cycles < _FEWEST_CYCLES:
         return
-    off = pace.cycle_ms / session.timing.grid_ms - 1
-    skips = abs(off) <= _TOLERANCE and pace.skipped > pace.cycles * _MAX_SKIPPED_SHARE
-    is_slow = off > _TOLERANCE or skips
-    if off < -_TOLERANCE:
+    grid_ms = session.timing.grid_ms
+    keeps_grid = abs(pace.cycle_ms / grid_ms - 1) <= _TOLERANCE
+    # A client may send faster than the controller executes, but a late set point is late for the controller.
+    skips = grid_ms == PERIOD_MS and keeps_grid and pace.skipped > pace.cycles * _MAX_SKIPPED_SHARE
+    is_slow = pace.cycle_ms / PERIOD_MS - 1 > _TOLERANCE or skips
+    if pace.long_cycle_ms / grid_ms - 1 < -_TOLERANCE:
         yield _off_pace(REPLIES_DO_NOT_PACE if session.buffer.replies_pace else OFF_GRID, session, pace)
-    elif is_slow and (session.buffer.overwrites or session.mode.meaning is None):
+    elif is_slow and _may_overwrite(session):
         case = ".skipped" if skips else ".unknown-mode" if session.mode.meaning is None else ""
         yield _off_pace(SLOW_SET_POINTS, session, pace, case)
     elif is_slow and pace.waits_for_reply:
@@ -160,6 +164,11 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
         in_waiting_mode = Message("rule.off-grid.advice.waiting-mode")
         advice = in_waiting_mode if session.buffer.replies_pace else None
         yield _off_pace(OFF_GRID, session, pace, ".skipped" if skips else "", advice)
+
+
+def _may_overwrite(session: SlaveSession) -> bool:
+    """Return whether a new set point replaces the waiting one, or may do so because the mode is unknown."""
+    return session.mode.meaning is None or session.buffer.overwrites
 
 
 def _off_pace(
@@ -180,7 +189,7 @@ def _off_pace(
         points=Count(pace.cycles, "set-point"),
         mean=interval,
         rate=Quantity(1000 / pace.cycle_ms if pace.cycle_ms else 0),
-        period=Quantity(session.timing.grid_ms, "ms"),
+        period=Quantity(PERIOD_MS if rule is SLOW_SET_POINTS else session.timing.grid_ms, "ms"),
         **skipped,
     )
     clause = Message(f"clause.{rule.id}", mean=interval)

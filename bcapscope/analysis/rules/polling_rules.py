@@ -28,6 +28,7 @@ POLLING = DiagnosisRule(
 
 _FEWEST_READS = 200
 _LEAST_SHARE = 0.5
+_LEAST_TIME_SHARE = 0.1
 _MAX_NAMES = 256
 
 
@@ -37,6 +38,11 @@ class _VariableReads:
         self.count = 0
         self.spent_ns = 0
         self.names: dict[str, int] = {}
+
+    @property
+    def took_ns(self) -> int:
+        """Time in ns from the first read to the last reply."""
+        return last_frame_time(self.last) - self.first.request.time
 
     def add(self, call: Call, name: str) -> None:
         self.last = call
@@ -63,13 +69,14 @@ class PollingChecker(RuleChecker):
 
     def end_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
         reads, calls = self.by_client.get(end.client.conversation), end.client.call_count
-        if reads is not None and reads.count >= max(_FEWEST_READS, calls * _LEAST_SHARE):
+        if reads is None or reads.count < max(_FEWEST_READS, calls * _LEAST_SHARE):
+            return
+        if reads.spent_ns >= reads.took_ns * _LEAST_TIME_SHARE:
             yield _polling(reads, calls)
 
 
 def _polling(reads: _VariableReads, calls: int) -> Occurrence:
     first, last = reads.first, reads.last
-    took = last_frame_time(last) - first.request.time
     top, often = max(reads.names.items(), key=lambda item: item[1])
     fact = Message(
         f"finding.polling{'' if top else '.unnamed'}",
@@ -79,7 +86,7 @@ def _polling(reads: _VariableReads, calls: int) -> Occurrence:
         name=WireText(top),
         often=often,
         each=Duration(reads.spent_ns // reads.count),
-        share=Quantity(round(100 * reads.spent_ns / max(took, 1)), "%"),
+        share=Quantity(round(100 * reads.spent_ns / max(reads.took_ns, 1)), "%"),
     )
     frames = (first.request.number, last.request.number)
     return Occurrence(POLLING, first.request.time, last.request.time, first.conversation, frames, fact)

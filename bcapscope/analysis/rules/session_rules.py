@@ -132,6 +132,10 @@ class SessionChecker(RuleChecker):
     def _unclosed_session(self, client: ClientState) -> Iterator[Occurrence]:
         silent = last_frame_time(client.last_call)
         follower = _successor(client, silent)
+        conversation = client.conversation
+        stays_connected = conversation.transport is Transport.TCP and conversation.connection_end is None
+        if stays_connected and follower is None:
+            return  # the computer of a client that ends also closes its connection
         quiet = max((last_frame_time(each.last_call) for each in self.clients), default=silent) - silent
         patience = max(_SILENT_NS, _USUAL_PAUSES * client.longest_pause_ns)
         if quiet < (_REPLACED_AFTER_NS if follower is not None else patience):

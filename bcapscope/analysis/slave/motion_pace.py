@@ -31,6 +31,7 @@ class MotionPace(NamedTuple):
         cycles: Number of cycles in motion, without pauses.
         cycle_ms: Typical time between set points: the median if most cycles skip a period, else the mean of
             those that do not.
+        long_cycle_ms: Time between set points that nine of ten cycles do not exceed.
         skipped: Number of cycles that are at least one and a half periods long.
         waits_for_reply: Whether the client sent most set points as soon as the previous reply arrived, so
             that the replies set the pace.
@@ -38,6 +39,7 @@ class MotionPace(NamedTuple):
 
     cycles: int
     cycle_ms: float
+    long_cycle_ms: float
     skipped: int
     waits_for_reply: bool
 
@@ -76,4 +78,5 @@ class MotionPaceModel:
             return None
         skipped = every.count - (0 if on_time is None else on_time.count)
         usual = every.p50 if on_time is None or skipped > on_time.count else on_time.mean
-        return MotionPace(every.count, usual, skipped, self._prompt >= _PROMPT_SHARE * every.count)
+        waits = self._prompt >= _PROMPT_SHARE * every.count
+        return MotionPace(every.count, usual, every.p90, skipped, waits)
