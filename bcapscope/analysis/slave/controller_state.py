@@ -38,6 +38,7 @@ class ControllerState:
             there is none.
         reported_mode: Value of the slave mode that slvGetMode reported outside a known slave-mode session,
             and its source.
+        position: Latest position that the controller reported; None if the robot may have moved since.
     """
 
     def __init__(self) -> None:
@@ -49,13 +50,13 @@ class ControllerState:
         self.reported_mode: tuple[int | None, str] = (None, "")
         self._send: AcceptedFormat | None = None
         self._receive: AcceptedFormat | None = None
-        self._position: KnownPosition | None = None
+        self.position: KnownPosition | None = None
 
-    def slave_setup(self, mode: tuple[int | None, str]) -> SlaveSetup:
-        """Return what is known now about formats, position and generation, for a slave-mode session in
-        `mode`."""
+    def slave_setup(self, mode: tuple[int | None, str], position: KnownPosition | None) -> SlaveSetup:
+        """Return what is known now about formats and generation, for a slave-mode session in `mode` that
+        began at `position`."""
         value, known_by = mode
-        return SlaveSetup(value, known_by, self.clue, self._send, self._receive, self._position)
+        return SlaveSetup(value, known_by, self.clue, self._send, self._receive, position)
 
     def remember_call(self, call: Call) -> None:
         """Keep a call that is no set point, and drop the oldest calls beyond the limits."""
@@ -126,7 +127,7 @@ class ControllerState:
         if values:
             frames = call.request.number, reply.number
             known_by = Message("position-by.command", command=WireText(call.kind.command or ""))
-            self._position = KnownPosition(pose_type, values, known_by, frames)
+            self.position = KnownPosition(pose_type, values, known_by, frames)
 
 
 def call_fact(call: Call) -> CallFact:

@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from bcapscope.analysis.slave.column_templates import PoseColumns
-from bcapscope.analysis.slave.session_models import SessionModels, SlaveSetup
+from bcapscope.analysis.slave.session_models import KnownPosition, SessionModels, SlaveSetup
 from bcapscope.analysis.slave.set_point_batch import SetPointBatch
 from bcapscope.analysis.slave.set_point_table import SetPointTable, table_of
 from bcapscope.analysis.slave.slave_session import CallFact, FrameTime, SessionExit, SlaveSession
@@ -37,6 +37,7 @@ class SlaveSessionBuilder:
             its robot's handle.
         mode: Value of the slave mode, and how it is known.
         entry_call: The slvChangeMode call that began the session; None if the call was not captured.
+        position: Position of the robot before the first set point; None if unknown.
         entered_at: Time of the reply to `entry_call`, ns since 1970.
         models: Models that have processed the session's set points; None before the first set point is
             processed.
@@ -60,6 +61,7 @@ class SlaveSessionBuilder:
         self.number = number
         self.key = key
         self.mode = mode
+        self.position: KnownPosition | None = None
         self.entry_call = entry
         self.entered_at: int | None = None if entry is None else entry.reply_time or entry.time
         self.batch = SetPointBatch()

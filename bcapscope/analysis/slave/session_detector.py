@@ -19,6 +19,8 @@ from bcapscope.analysis.slave.session_models import SlaveSetup
 from bcapscope.analysis.slave.set_point_batch import LARGE_FRAME
 from bcapscope.analysis.slave.slave_session import CallFact, ExitReason, SessionExit, SlaveSession
 from bcapscope.protocol.codec.variant import integer_value
+from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
+from bcapscope.protocol.tables.command_catalogue import find_command
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.protocol.tables.hresult import ends_slave_mode, is_failure
 from bcapscope.traffic.call import Call
@@ -222,6 +224,7 @@ class SlaveSessionDetector:
         if len(self._active) >= MAX_SESSIONS:
             silent = min(self._active.values(), key=lambda each: each.last_activity)
             self._end_session(silent, _silent_exit(silent))
+        builder.position, controller.position = controller.position, None
         self._active[key] = builder
         self._recently_ended.pop(key, None)
         return builder
@@ -251,6 +254,8 @@ class SlaveSessionDetector:
         controller = self._controller(call)
         controller.clue = stronger_clue(controller.clue, clue_of_call(call))
         controller.remember_call(call)
+        if _may_move_robot(call):
+            controller.position = None
         function_id, command = call.kind
         if effect is SlaveModeEffect.SESSION_BOUNDARY:
             self._on_disconnect(call, None)
@@ -312,7 +317,8 @@ class SlaveSessionDetector:
     def _end_session(self, builder: SlaveSessionBuilder, exit_: SessionExit) -> None:
         """End a slave-mode session. If an error had already ended the session, the error is the reason."""
         controller = self._controller_of(builder)
-        self._active.pop(builder.key, None)
+        if self._active.pop(builder.key, None) is not None:
+            controller.position = None
         controller.pending_sessions.pop(builder.key, None)
         self._recently_ended[builder.key] = builder
         if len(self._recently_ended) > MAX_SESSIONS:
@@ -356,7 +362,7 @@ class SlaveSessionDetector:
         builder.process_batch(self._slave_setup(builder))
 
     def _slave_setup(self, builder: SlaveSessionBuilder) -> SlaveSetup:
-        return self._controller_of(builder).slave_setup(builder.mode)
+        return self._controller_of(builder).slave_setup(builder.mode, builder.position)
 
     def _controller_of(self, builder: SlaveSessionBuilder) -> ControllerState:
         return self._controllers.get(builder.conversation.server) or ControllerState()
@@ -413,3 +419,11 @@ def _switches_off(call: Call, builder: SlaveSessionBuilder) -> bool:
     """Return whether a call of another client switches slave mode off."""
     foreign = call.conversation is not builder.conversation
     return foreign and call.hresult is not None and not is_failure(call.hresult) and requested_mode(call) == 0
+
+
+def _may_move_robot(call: Call) -> bool:
+    function_id, command = call.kind
+    if command is None:
+        return function_effect(function_id) is CallEffect.MOVES
+    known = find_command(function_id, command)
+    return known is None or known.effect is CallEffect.MOVES
