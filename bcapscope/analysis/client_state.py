@@ -226,7 +226,7 @@ class ClientState:
     def _follow_attempt(self, call: Call) -> None:
         """Update what a call shows whatever its result, so that no rule claims that it was never made."""
         function_id = call.kind.function_id
-        topic = self._topic_of(call)
+        topic = self.topic_of(call)
         if topic in _FOLLOWED_COMMANDS or topic == "robslave":
             self.latest_calls[topic] = call
         elif topic == "getrobottypename" or (function_id == ID["Variable_GetValue"] and topic in _READS_TYPE):
@@ -237,7 +237,7 @@ class ClientState:
         if function is not None and function.creates is not None and not _may_have_succeeded(call):
             self.failed_openings[function.creates] = call
 
-    def _topic_of(self, call: Call) -> str:
+    def topic_of(self, call: Call) -> str:
         """Return what a call is about: its command, or for some calls of objects the object's name."""
         function_id, command = call.kind
         if command is not None:
@@ -337,7 +337,7 @@ class ClientState:
         self.motor_call, self.motor_on = call, requested_motor_state(call)
 
     def _on_put_value(self, call: Call) -> None:
-        if self._topic_of(call) == "motor":
+        if self.topic_of(call) == "motor":
             self._on_motor(call)
 
     def _on_take_arm(self, call: Call) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from bcapscope.analysis.finding import Consequence, Finding, Repetition, Severity
-from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence
+from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence, RobotImpact
 from bcapscope.messages import Message
 
 MAX_KEPT = 32
@@ -230,8 +230,8 @@ class FindingCollector:
 
         Each root cause is followed by its consequences. First comes the client with the gravest problem, with
         all its root causes that are no notes, then the other clients, then all notes. What stopped the robot
-        is graver than any other problem. Otherwise the gravest severity of a root cause and its consequences
-        decides, then the time.
+        is graver than what kept it from moving, and that is graver than any other problem. Otherwise the
+        gravest severity of a root cause and its consequences decides, then the time.
 
         Args:
             provisional: Occurrences that are included in the returned findings, but are not added to the
@@ -264,13 +264,13 @@ class FindingCollector:
     def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
         """Choose the occurrence that each finding describes.
 
-        It is the first occurrence with a consequence, else the first that stopped the robot, else the first.
+        It is the first occurrence with a consequence, else the first with the gravest impact.
         """
         followed = set(self._causes.values())
         for group in groups:
             group.shown = min(
                 group,
-                key=lambda each: (each not in followed, not each.stopped_robot, each.began, each.completed),
+                key=lambda each: (each not in followed, each.impact, each.began, each.completed),
             )
 
 
@@ -350,7 +350,7 @@ class _FindingOrder:
 
     def _ordered_roots(self, roots: list[FindingGroup]) -> list[FindingGroup]:
         """Return root causes, which are sorted by time, with those of the same client together."""
-        graves = {root: (not self._stopped_robot(root), self._worst_severity(root)) for root in roots}
+        graves = {root: (self._impact(root), self._worst_severity(root)) for root in roots}
         notes = [root for root in roots if self._worst_severity(root) == _RANK[Severity.NOTE]]
         problems = sorted((root for root in roots if root not in notes), key=graves.__getitem__)
         clients = list(dict.fromkeys(root.shown.conversation for root in (*problems, *notes)))
@@ -360,9 +360,9 @@ class _FindingOrder:
             *sorted(notes, key=lambda root: rank[root.shown.conversation]),
         ]
 
-    def _stopped_robot(self, group: FindingGroup) -> bool:
+    def _impact(self, group: FindingGroup) -> RobotImpact:
         family = self.with_consequences(group)
-        return any(occurrence.stopped_robot for each in family for occurrence in each)
+        return min(occurrence.impact for each in family for occurrence in each)
 
     def _worst_severity(self, group: FindingGroup) -> int:
         return min(_RANK[each.rule.severity] for each in self.with_consequences(group))

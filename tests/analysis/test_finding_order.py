@@ -1,4 +1,4 @@
-"""What stopped the robot comes first, and findings about one client stand together."""
+"""What stopped the robot comes first, then what kept it from moving. A client's findings stand together."""
 
 from __future__ import annotations
 
@@ -71,3 +71,16 @@ def test_of_one_client_too_the_stop_comes_first() -> None:
     rules = [finding.rule for finding in stage(_two_problems(50)).findings]
     assert rules[:3] == ["set-point-gap", "underflow", "slvmove-outside-slave-mode"]
     assert "unknown-command" in rules[3:]
+
+
+def test_what_kept_the_robot_from_moving_stands_above_a_harmless_refusal() -> None:
+    def play(story: Story) -> None:
+        other, client = story.client(50002, host="192.168.0.11"), story.client()
+        other.open(5)
+        other.execute(100, "CurrJnt", code=_NO_COMMAND)
+        client.open(10)
+        client.execute(200, "Motor", i4s(1, 0), code=0x8150101A)
+        for talker, start in ((client, 300.0), (other, 320.0)):
+            talker.close(start)
+
+    assert [finding.rule for finding in stage(play).findings] == ["emergency-stop", "unknown-command"]

@@ -12,6 +12,7 @@ from bcapscope.analysis.rules.rule_checker import (
     ClientEnd,
     DiagnosisRule,
     Occurrence,
+    RobotImpact,
     RuleChecker,
     last_frame_time,
 )
@@ -75,4 +76,5 @@ def _hung_up(last: Call, closing: ConnectionEnd) -> Occurrence:
         ),
         Message(f"clause.controller-hung-up.{how}", server=server),
         call=last.number,
+        impact=RobotImpact.PREVENTED,
     )

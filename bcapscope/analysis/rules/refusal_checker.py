@@ -15,8 +15,9 @@ from bcapscope.analysis.rules import (
     slave_mode_rules,
 )
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
-from bcapscope.analysis.rules.rule_checker import CallHealth, RuleChecker
+from bcapscope.analysis.rules.rule_checker import CallHealth, DiagnosisRule, RobotImpact, RuleChecker
 from bcapscope.messages import Message
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, ends_slave_mode, rc7_digits_guessed
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
@@ -32,6 +33,16 @@ REFUSALS: tuple[Refusal, ...] = (
     *error_rules.REFUSALS,
 )
 """All kinds of refusal, specific kinds before general kinds. The last kind applies to every refused call."""
+
+
+_NEEDED_OBJECTS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.ROBOT)
+_PREPARATIONS = frozenset(
+    (
+        *("takearm", "motor", "robslave", "slvchangemode", "slvmove", "slvsendformat", "slvrecvformat"),
+        *("clearerror", "manualreset", "manualresetpreparation", "motionpreparation"),
+    )
+)
+"""Calls without which the robot does not move as the client wants (see `ClientState.topic_of`)."""
 
 
 class RefusalChecker(RuleChecker):
@@ -58,18 +69,25 @@ class RefusalChecker(RuleChecker):
                 explaining_calls=why.explaining_calls or _error_to_clear(call, client),
                 group_key=why.group_key,
                 advice=why.advice,
-                stopped_robot=rule is slave_mode_rules.REFUSED_IN_SLAVE_MODE or _stops_robot(call, client),
+                impact=_impact(rule, call, client),
             )
             return
 
 
-def _stops_robot(call: Call, client: ClientState) -> bool:
-    """Return whether a refused call ended a motion, or slave mode with set points."""
-    code = call.hresult or 0
-    if call.kind.folded_command == "slvmove":
-        return bool(client.recent_set_points) and code != E_SLAVE_OVERFLOW
-    moves = call.kind.function_id in MOTION_FUNCTIONS or call.kind.folded_command in MOTION_COMMANDS
-    return ends_slave_mode(code) and (moves or bool(client.recent_set_points))
+def _impact(rule: DiagnosisRule, call: Call, client: ClientState) -> RobotImpact:
+    """Return what a refusal did to the motion of the robot."""
+    code, command = call.hresult or 0, call.kind.folded_command
+    moves = call.kind.function_id in MOTION_FUNCTIONS or command in MOTION_COMMANDS
+    if rule is slave_mode_rules.REFUSED_IN_SLAVE_MODE:
+        return RobotImpact.STOPPED
+    if command == "slvmove" and client.recent_set_points and code != E_SLAVE_OVERFLOW:
+        return RobotImpact.STOPPED
+    if ends_slave_mode(code) and (moves or client.recent_set_points):
+        return RobotImpact.STOPPED
+    function = FUNCTIONS.get(call.kind.function_id)
+    opens = function is not None and function.creates in _NEEDED_OBJECTS
+    prepares = client.topic_of(call) in _PREPARATIONS
+    return RobotImpact.PREVENTED if moves or opens or prepares else RobotImpact.NONE
 
 
 def _error_to_clear(call: Call, client: ClientState) -> tuple[int, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, IntEnum
 from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
@@ -47,6 +47,16 @@ class DiagnosisRule:
         return Message(f"rule.{self.id}.advice")
 
 
+class RobotImpact(IntEnum):
+    """What a problem did to the motion of the robot, the gravest first."""
+
+    STOPPED = 0
+    """It ended slave mode or a motion."""
+    PREVENTED = 1
+    """It kept the robot from moving: the client could not connect, prepare or begin a motion."""
+    NONE = 2
+
+
 @dataclass(slots=True, eq=False)
 class Occurrence:
     """One instance of a problem, as a rule reports it.
@@ -67,7 +77,7 @@ class Occurrence:
         selected: True if the occurrence concerns selected calls; False to report it only as a cause.
         explains: Numbers of calls whose problems follow from this one for certain. The rules found this cause
             after they reported the problems.
-        stopped_robot: Whether the problem ended slave mode or a motion.
+        impact: What the problem did to the motion of the robot.
     """
 
     rule: DiagnosisRule
@@ -85,7 +95,7 @@ class Occurrence:
     is_update: bool = False
     selected: bool = True
     explains: tuple[int, ...] = ()
-    stopped_robot: bool = False
+    impact: RobotImpact = RobotImpact.NONE
 
 
 class ClientEnd(NamedTuple):
@@ -152,7 +162,7 @@ class RuleChecker:
         completed: int = 0,
         group_key: str = "",
         advice: Message | None = None,
-        stopped_robot: bool = False,
+        impact: RobotImpact = RobotImpact.NONE,
     ) -> None:
         """Report a problem of a call. By default, the problem lasts from the request to the last frame.
 
@@ -172,7 +182,7 @@ class RuleChecker:
                 explaining_calls=explaining_calls,
                 group_key=group_key,
                 advice=advice,
-                stopped_robot=stopped_robot,
+                impact=impact,
             )
         )
 

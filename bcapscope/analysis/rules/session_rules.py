@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 
 from bcapscope.analysis.call_arguments import text_argument
-from bcapscope.analysis.client_state import ClientState
+from bcapscope.analysis.client_state import MOTION_FUNCTIONS, ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, call_places, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
@@ -16,6 +16,7 @@ from bcapscope.analysis.rules.rule_checker import (
     ClientEnd,
     DiagnosisRule,
     Occurrence,
+    RobotImpact,
     RuleChecker,
     last_frame_time,
 )
@@ -195,6 +196,7 @@ class SessionChecker(RuleChecker):
             evidence_call=service,
             began=call.request.time,
             completed=call.request.time,
+            impact=RobotImpact.PREVENTED if call.kind.function_id in MOTION_FUNCTIONS else RobotImpact.NONE,
         )
 
 
@@ -213,7 +215,16 @@ def _left_on(session: SlaveSession) -> Occurrence:
         fact = Message("finding.quit-in-slave-mode.call", **places, command=command)
     clause = Message("clause.quit-in-slave-mode", mode=name)
     frames = end.frames or ((session.last_set_point.frame,) if session.last_set_point is not None else ())
-    return Occurrence(QUIT_IN_SLAVE_MODE, end.time, end.time, session.conversation, frames, fact, clause)
+    return Occurrence(
+        QUIT_IN_SLAVE_MODE,
+        end.time,
+        end.time,
+        session.conversation,
+        frames,
+        fact,
+        clause,
+        impact=RobotImpact.STOPPED,
+    )
 
 
 def _unclean_quit(last: Call, time: int, fact: Message, frames: tuple[int, ...]) -> Occurrence:

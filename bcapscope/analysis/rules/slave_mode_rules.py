@@ -16,6 +16,7 @@ from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     DiagnosisRule,
     Occurrence,
+    RobotImpact,
     RuleChecker,
 )
 from bcapscope.analysis.slave.slave_session import CallFact, ExitReason, FrameTime, SlaveSession
@@ -125,7 +126,7 @@ def _ended_by_other(session: SlaveSession, by: CallFact) -> Occurrence:
         fact,
         Message("clause.slave-mode-ended-by-other", other=other, call=call),
         by.call,
-        stopped_robot=True,
+        impact=RobotImpact.STOPPED,
     )
 
 
@@ -152,7 +153,7 @@ def _lost_unseen(session: SlaveSession, last: FrameTime) -> Occurrence:
         (last.frame, *(call.request_frame for call in suspects[-1:]), *exit_.frames[-1:]),
         fact,
         Message("clause.slave-mode-lost-unseen"),
-        stopped_robot=True,
+        impact=RobotImpact.STOPPED,
     )
 
 
