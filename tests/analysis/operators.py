@@ -334,12 +334,16 @@ class Cell:
         return sorted(every, key=lambda packet: packet.time)
 
 
+def diagnose_packets(packets: list[Packet], first: float = 0.0, last: float = 1.0) -> Diagnosed:
+    """Diagnose the share of the packets from `first` to `last`."""
+    kept = packets[round(first * len(packets)) : round(last * len(packets))]
+    return diagnose_bytes(pcap(kept, nanoseconds=True))
+
+
 def diagnose_session(
     session: Session, style: Style = C_UDP, first: float = 0.0, last: float = 1.0
 ) -> Diagnosed:
     """Diagnose the capture of a session, or the share of its packets from `first` to `last`."""
     cell = Cell(style)
     session(cell)
-    packets = cell.packets()
-    kept = packets[round(first * len(packets)) : round(last * len(packets))]
-    return diagnose_bytes(pcap(kept, nanoseconds=True))
+    return diagnose_packets(cell.packets(), first, last)
