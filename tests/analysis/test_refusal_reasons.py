@@ -292,6 +292,14 @@ def test_a_refusal_by_the_robot_in_mid_session_is_not_blamed_on_service_start() 
     assert sentence_of(finding, found.seen).endswith("the capture shows no TakeArm of this client.")
 
 
+def test_a_first_call_that_is_refused_for_a_reason_of_its_own_is_not_blamed_on_service_start() -> None:
+    def play(story: Story) -> None:
+        names = map(text, ("", "CaoProv.DENSO.VRC", "localhost", ""))
+        story.client().call(0, "Controller_Connect", *names, serial=2, code=0x8000020C)
+
+    assert [finding.rule for finding in stage(play).findings] == ["no-licence"]
+
+
 def test_a_long_move_without_wdt_explains_that_the_client_gave_up() -> None:
     def play(story: Story) -> None:
         client = story.client()

@@ -26,9 +26,14 @@ from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, Duration, Moment, Times, WireText
 from bcapscope.protocol.tables.function_table import ID, function_name
 from bcapscope.protocol.tables.hresult import (
+    E_ACCESSDENIED,
     E_BUSY,
     E_CAO_COLLECTION_REGISTERED,
+    E_FAIL,
+    E_HANDLE,
     E_INVALIDARG,
+    E_NOT_CONNECTED,
+    E_UNEXPECTED,
     describe_hresult,
     is_rc7_code,
 )
@@ -92,6 +97,9 @@ LONG_CALL_WITHOUT_WDT = DiagnosisRule("long-call-without-wdt", Severity.WARNING,
 WDT_TOO_SMALL = DiagnosisRule("wdt-too-small", Severity.ERROR, _SERVER)
 
 _OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
+
+_NOT_STARTED_CODES = (E_NOT_CONNECTED, E_HANDLE, E_FAIL, E_UNEXPECTED, E_ACCESSDENIED, 0x80000903)
+"""Result codes that may refuse a call because the session was not started. Others name another reason."""
 
 
 class SessionChecker(RuleChecker):
@@ -269,7 +277,7 @@ def _explain_not_started(call: Call, client: ClientState) -> RefusalReason | Non
         case = "refused" if start.hresult else "serial-zero"
         reason = Message(f"reason.start.{case}", call=call_place(start), at=Moment(start.request.time))
         return RefusalReason(reason, explaining_calls=(start.number,), evidence_call=start)
-    is_first = not client.call_count and call.request.item.serial <= 2
+    is_first = not client.call_count and call.request.item.serial <= 2 and code in _NOT_STARTED_CODES
     return RefusalReason(Message("reason.first-call")) if is_first else None
 
 
