@@ -125,9 +125,9 @@ class CaptureComparison:
     @property
     def is_notable(self) -> bool:
         """Whether any difference is notable, apart from kinds of call that occur in only one capture."""
-        stays = self.session_counts[0] != self.session_counts[1]
+        sessions_differ = self.session_counts[0] != self.session_counts[1]
         rules = any(each.severity is not Severity.NOTE for each in self.rules)
-        return stays or rules or any(each.notable for each in self.differences)
+        return sessions_differ or rules or any(each.notable for each in self.differences)
 
 
 def compare(good: ComparedCapture, bad: ComparedCapture) -> CaptureComparison:
@@ -269,42 +269,44 @@ def _session_differences(good: ComparedCapture, bad: ComparedCapture) -> Iterato
                 yield Difference(number, figure, one, two, judge(one, two, counts))
 
 
-def _mode_text(stay: SlaveSession) -> Value:
-    return None if stay.mode.value is None else f"0x{stay.mode.value:03X}"
+def _mode_text(session: SlaveSession) -> Value:
+    return None if session.mode.value is None else f"0x{session.mode.value:03X}"
 
 
-def _exit_text(stay: SlaveSession) -> Value:
-    code = stay.exit.hresult
-    return stay.exit.reason.value + (f" ({hresult_name(code)})" if code else "")
+def _exit_text(session: SlaveSession) -> Value:
+    code = session.exit.hresult
+    return session.exit.reason.value + (f" ({hresult_name(code)})" if code else "")
 
 
 def _cycle_figure(percentile: str) -> Callable[[SlaveSession], Value]:
-    return lambda stay: None if stay.timing.cycle is None else float(getattr(stay.timing.cycle, percentile))
+    return lambda session: (
+        None if session.timing.cycle is None else float(getattr(session.timing.cycle, percentile))
+    )
 
 
 def _per_set_point(read: Callable[[SlaveSession], int]) -> Callable[[SlaveSession], Value]:
-    return lambda stay: read(stay) / stay.counts.sent if stay.counts.sent else None
+    return lambda session: read(session) / session.counts.sent if session.counts.sent else None
 
 
-def _late_count(stay: SlaveSession) -> int:
-    return sum(deadline.late for deadline in stay.timing.deadlines if deadline.applies)
+def _late_count(session: SlaveSession) -> int:
+    return sum(deadline.late for deadline in session.timing.deadlines if deadline.applies)
 
 
 _SESSION_FIGURES: tuple[tuple[str, Callable[[SlaveSession], Value], _JudgeFigure], ...] = (
     ("mode", _mode_text, _judge_word),
     ("exit", _exit_text, _judge_word),
-    ("set_points", lambda stay: float(stay.counts.sent), _never_notable),
+    ("set_points", lambda session: float(session.counts.sent), _never_notable),
     ("cycle_ms.p50", _cycle_figure("p50"), _judge_ratio(NOTABLE_CYCLE)),
     ("cycle_ms.p99", _cycle_figure("p99"), _judge_ratio(NOTABLE_RATIO)),
     ("cycle_ms.max", _cycle_figure("most"), _judge_ratio(NOTABLE_RATIO)),
     ("late_for_timeout_share", _per_set_point(_late_count), _judge_chance_share),
-    ("gaps", lambda stay: float(stay.timing.gaps), _judge_ratio(NOTABLE_RATIO)),
-    ("predicted_underflows", lambda stay: float(stay.buffer.underflows), _judge_ratio(NOTABLE_RATIO)),
-    ("reported_underflows", lambda stay: float(len(stay.buffer.reported_underflows)), _always_notable),
-    ("reported_overflows", lambda stay: float(len(stay.buffer.reported_overflows)), _always_notable),
-    ("retries_per_set_point", _per_set_point(lambda stay: stay.counts.retries), _judge_chance_share),
-    ("unanswered_share", _per_set_point(lambda stay: stay.counts.unanswered), _judge_share),
-    ("not_followed_share", _per_set_point(lambda stay: stay.counts.not_followed), _never_notable),
+    ("gaps", lambda session: float(session.timing.gaps), _judge_ratio(NOTABLE_RATIO)),
+    ("predicted_underflows", lambda session: float(session.buffer.underflows), _judge_ratio(NOTABLE_RATIO)),
+    ("reported_underflows", lambda session: float(len(session.buffer.reported_underflows)), _always_notable),
+    ("reported_overflows", lambda session: float(len(session.buffer.reported_overflows)), _always_notable),
+    ("retries_per_set_point", _per_set_point(lambda session: session.counts.retries), _judge_chance_share),
+    ("unanswered_share", _per_set_point(lambda session: session.counts.unanswered), _judge_share),
+    ("not_followed_share", _per_set_point(lambda session: session.counts.not_followed), _never_notable),
 )
 
 

@@ -159,8 +159,8 @@ class ClientState:
     @property
     def generation(self) -> Generation | None:
         """Generation of the controller, deduced from the traffic; None if unknown."""
-        asked = self.robslave_start is not None or self.robslave_not_found is not None
-        return Generation.RC7 if asked else self.generation_clue.generation
+        uses_robslave = self.robslave_start is not None or self.robslave_not_found is not None
+        return Generation.RC7 if uses_robslave else self.generation_clue.generation
 
     @property
     def slave_mode(self) -> SlaveMode | None:
@@ -278,15 +278,15 @@ class ClientState:
         function = FUNCTIONS.get(call.kind.function_id)
         if function is None or (function.creates is None and function.releases is None):
             return
-        handle, thing = result_of(call), self.target_object
+        handle, target = result_of(call), self.target_object
         if function.creates is not None and isinstance(handle, int):
             _put_bounded(
                 self.opened_objects, handle, OpenedObject(function.creates, requested_name(call, function))
             )
             self.released_by.pop((function.creates, handle), None)
             self.failed_openings.pop(function.creates, None)
-        elif function.releases is not None and thing is not None:
-            _put_bounded(self.released_by, (thing.kind, thing.handle), call)
+        elif function.releases is not None and target is not None:
+            _put_bounded(self.released_by, (target.kind, target.handle), call)
 
     def _on_failure(self, call: Call, code: int) -> None:
         if self.robslave_not_found is None and gets_robslave(call):
@@ -322,8 +322,7 @@ class ClientState:
         self._learn_generation(call)
 
     def _on_start_task(self, call: Call) -> None:
-        thing = self.target_object
-        if thing is not None and is_robslave_name(thing.name):
+        if self.topic_of(call) == "robslave":
             self.robslave_start = call
 
     def _on_get_value(self, call: Call) -> None:

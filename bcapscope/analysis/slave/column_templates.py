@@ -130,20 +130,20 @@ class ColumnReader:
     def _read_equally_long(
         self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: PoseColumns
     ) -> None:
-        tried = 0
+        index = 0
         while len(rows):
-            forms = self._templates.setdefault(data.shape[1], [])
-            if tried == len(forms) and not self._add_template(data[0].tobytes(), forms):
+            templates = self._templates.setdefault(data.shape[1], [])
+            if index == len(templates) and not self._add_template(data[0].tobytes(), templates):
                 self._read_single(data[0].tobytes(), int(rows[0]), columns)
                 data, rows = data[1:], rows[1:]
                 continue
-            agrees = forms[tried].matching_rows(data)
+            agrees = templates[index].matching_rows(data)
             if agrees is None:
-                forms[tried].read(data, rows, columns)
+                templates[index].read(data, rows, columns)
                 return
-            forms[tried].read(data[agrees], rows[agrees], columns)
+            templates[index].read(data[agrees], rows[agrees], columns)
             data, rows = data[~agrees], rows[~agrees]
-            tried += 1
+            index += 1
 
     def _add_template(self, raw: bytes, templates: list[_ColumnTemplate]) -> bool:
         """Learn a template from a frame; return False if the frame has problems or there are too many

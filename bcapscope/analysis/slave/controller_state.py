@@ -94,19 +94,19 @@ class ControllerState:
         """
         if not self.pending_sessions:
             return None
-        course = self.pending_sessions.pop(key, None) or self.pending_sessions.pop(
+        builder = self.pending_sessions.pop(key, None) or self.pending_sessions.pop(
             next(iter(self.pending_sessions))
         )
-        course.key = key
-        return course
+        builder.key = key
+        return builder
 
     def claim_unanswered_entry(self) -> CallFact | None:
         """Return the unanswered slvChangeMode and forget it, because a set point shows that it succeeded."""
-        tried, self.unanswered_entry = self.unanswered_entry, None
-        if tried is None:
+        entry, self.unanswered_entry = self.unanswered_entry, None
+        if entry is None:
             return None
-        self.reported_mode = requested_mode(tried), "slvChangeMode"
-        return call_fact(tried)
+        self.reported_mode = requested_mode(entry), "slvChangeMode"
+        return call_fact(entry)
 
     def record_format(self, call: Call, command: str) -> None:
         parameter = execute_parameter(call.request.item)

@@ -219,8 +219,8 @@ class SlaveSessionDetector:
             controller.clue = stronger_clue(controller.clue, clue_of_set_point(parameter))
         builder = controller.claim_pending(key)
         if builder is None:
-            tried = controller.claim_unanswered_entry()
-            builder = self._new_builder(key, tried, controller.reported_mode)
+            entry = controller.claim_unanswered_entry()
+            builder = self._new_builder(key, entry, controller.reported_mode)
         if len(self._active) >= MAX_SESSIONS:
             silent = min(self._active.values(), key=lambda each: each.last_activity)
             self._end_session(silent, _silent_exit(silent))
