@@ -39,6 +39,8 @@ arrives."""
 
 # Maximum size in bytes of all frames of a remembered set point; a real frame has a few hundred bytes.
 _LARGEST_POINT = 8192
+# Maximum size in bytes of all frames of an attempt that is remembered in `latest_calls` or `failed_openings`.
+_LARGEST_ATTEMPT = 65_536
 RECENT_SET_POINTS = 64
 """Maximum number of remembered set points, to explain a refused one: half a second at 8 ms."""
 
@@ -227,15 +229,17 @@ class ClientState:
         """Update what a call shows whatever its result, so that no rule claims that it was never made."""
         function_id = call.kind.function_id
         topic = self.topic_of(call)
-        if topic in _FOLLOWED_COMMANDS or topic == "robslave":
+        is_small = call.memory_bytes <= _LARGEST_ATTEMPT
+        if is_small and (topic in _FOLLOWED_COMMANDS or topic == "robslave"):
             self.latest_calls[topic] = call
         elif topic == "getrobottypename" or (function_id == ID["Variable_GetValue"] and topic in _READS_TYPE):
             self.type_was_read = True
         if call.reply is None and function_id in _ENDS_SESSION:
             self.session_end = call
         function = FUNCTIONS.get(function_id)
-        if function is not None and function.creates is not None and not _may_have_succeeded(call):
-            self.failed_openings[function.creates] = call
+        creates = None if function is None else function.creates
+        if is_small and creates is not None and not _may_have_succeeded(call):
+            self.failed_openings[creates] = call
 
     def topic_of(self, call: Call) -> str:
         """Return what a call is about: its command, or for some calls of objects the object's name."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from bcapscope.analysis.rules import error_list_rules
 from bcapscope.protocol.codec.variant import Variant
 from tests.analysis.scenes import CONTROLLER, ROBOT, Diagnosed, Play, Story, Talker, stage
 from tests.samples.calls import i4, mixed, text
@@ -191,3 +192,17 @@ def test_a_reply_that_is_no_error_is_passed_over(result: Variant | None) -> None
         client.close(at + 20)
 
     assert _causes(stage(play)) == [("controller-error", "")]
+
+
+def test_what_is_remembered_of_an_error_list_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(error_list_rules, "_MAX_CODES", 4)
+
+    def play(story: Story) -> None:
+        client = story.client()
+        at = client.drive(20)
+        client.point(at, 1.0, _ABANDONED)
+        codes = tuple(0x83204071 + axis for axis in range(8)) + tuple(0x84204051 + axis for axis in range(8))
+        client.close(_reads(client, at + 20, codes))
+
+    repeated = [finding.repetition for finding in stage(play).findings if finding.rule == "beyond-range"]
+    assert [each and each.count for each in repeated] == [4]

@@ -61,6 +61,9 @@ _MAX_CONTROLLERS = 256
 _MAX_CLIENTS = 32
 _MAX_READS = 64
 _MAX_CLEARS = 16
+_MAX_CODES = 64
+_LARGEST_CALL = 8192
+"""Maximum size in bytes of all frames of a remembered call; a real one has a few hundred bytes."""
 
 
 class _ErrorRead(NamedTuple):
@@ -130,7 +133,7 @@ class ErrorListChecker(RuleChecker):
 
     def on_call(self, call: Call, client: ClientState) -> None:
         code = call.hresult
-        if code is None:
+        if code is None or call.memory_bytes > _LARGEST_CALL:
             return
         errors = self._errors_of(call.conversation.server.host)
         if is_failure(code):
@@ -157,7 +160,8 @@ class ErrorListChecker(RuleChecker):
             return
         refused = errors.refused.get(call.conversation)
         if refused is not None and not errors.cleared_between(refused.first.request.time, call.request.time):
-            refused.codes.add(code)
+            if len(refused.codes) < _MAX_CODES:
+                refused.codes.add(code)
             return
         if len(errors.refused) >= _MAX_CLIENTS:
             del errors.refused[next(iter(errors.refused))]
@@ -179,7 +183,8 @@ class ErrorListChecker(RuleChecker):
             refused.own_code_read = refused.own_code_read or code in refused.codes
             return
         rule = _rule_of(code)
-        if code not in refused.reported and refused.may_follow_from(rule, code):
+        is_new = code not in refused.reported and len(refused.reported) < _MAX_CODES
+        if is_new and refused.may_follow_from(rule, code):
             self._report(refused, read, rule)
 
     def _report(self, refused: _RefusedCalls, read: _ErrorRead, rule: DiagnosisRule) -> None:
