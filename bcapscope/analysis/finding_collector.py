@@ -228,10 +228,10 @@ class FindingCollector:
     def findings(self, provisional: Iterable[Occurrence] = ()) -> tuple[Finding, ...]:
         """Return the findings about selected calls, and their causes.
 
-        Each root cause is followed by its consequences. First comes the client with the gravest problem, with
-        all its root causes that are no notes, then the other clients, then all notes. What stopped the robot
-        is graver than what kept it from moving, and that is graver than any other problem. Otherwise the
-        gravest severity of a root cause and its consequences decides, then the time.
+        Each root cause is followed by its consequences. Root causes of the same client stand together. The
+        client with the gravest root cause comes first, and so does the gravest root cause of each client.
+        What stopped the robot is graver than what kept it from moving, and that is graver than any other
+        problem. Otherwise the gravest severity of a root cause and its consequences decides, then the time.
 
         Args:
             provisional: Occurrences that are included in the returned findings, but are not added to the
@@ -349,16 +349,11 @@ class _FindingOrder:
             yield group
 
     def _ordered_roots(self, roots: list[FindingGroup]) -> list[FindingGroup]:
-        """Return root causes, which are sorted by time, with those of the same client together."""
-        graves = {root: (self._impact(root), self._worst_severity(root)) for root in roots}
-        notes = [root for root in roots if self._worst_severity(root) == _RANK[Severity.NOTE]]
-        problems = sorted((root for root in roots if root not in notes), key=graves.__getitem__)
-        clients = list(dict.fromkeys(root.shown.conversation for root in (*problems, *notes)))
+        """Return root causes, which are sorted by time, by client and by what they did."""
+        ranked = sorted(roots, key=lambda root: (self._impact(root), self._worst_severity(root)))
+        clients = dict.fromkeys(root.shown.conversation for root in ranked)
         rank = {client: number for number, client in enumerate(clients)}
-        return [
-            *sorted(problems, key=lambda root: rank[root.shown.conversation]),
-            *sorted(notes, key=lambda root: rank[root.shown.conversation]),
-        ]
+        return sorted(ranked, key=lambda root: rank[root.shown.conversation])
 
     def _impact(self, group: FindingGroup) -> RobotImpact:
         family = self.with_consequences(group)

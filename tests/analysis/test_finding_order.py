@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tests.analysis.scenes import Play, Story, Talker, stage
-from tests.samples.calls import i4s
+from tests.analysis.scenes import ROBOT, Play, Story, Talker, stage
+from tests.samples.calls import i4, i4s, text
 
 _UNDERFLOW, _OUTSIDE, _BUSY, _NO_COMMAND = 0x84201482, 0x83500121, 0x80010004, 0x80000904
 
@@ -43,18 +43,23 @@ def test_the_stop_of_one_client_stands_above_a_harmless_refusal_of_another() -> 
     ]
 
 
-def test_notes_come_last() -> None:
+def test_the_findings_of_a_client_stand_together_the_gravest_first() -> None:
     def play(story: Story) -> None:
-        first, second = story.client(), story.client(50002)
-        for client, start in ((first, 0.0), (second, 5.0)):
-            client.open(start)
-            client.execute(start + 40, "CurJnt", code=_BUSY)
-        second.execute(100, "CurrJnt", code=_NO_COMMAND)
-        for client, start in ((first, 200.0), (second, 220.0)):
-            client.close(start)
+        first, second = story.client(), story.client(50002, host="192.168.0.11")
+        first.open()
+        first.execute(40, "CurJnt", code=_BUSY)
+        first.execute(100, "CurrJnt", code=_NO_COMMAND)
+        second.call(150, "Service_Start", text(",WDT=400"))
+        second.call(155, "Robot_Move", ROBOT, i4(1), text("@E P1"), text(""))
+        second.execute(160, "Motor", i4s(1, 0), code=0x8150101A)
 
     found = stage(play)
-    assert [finding.rule for finding in found.findings] == ["unknown-command", "robot-busy"]
+    assert [(each.rule, each.conversation.client.port) for each in found.findings] == [
+        ("emergency-stop", 50002),
+        ("type-not-checked", 50002),
+        ("unknown-command", 50001),
+        ("robot-busy", 50001),
+    ]
 
 
 def _two_problems(gap: float) -> Play:
