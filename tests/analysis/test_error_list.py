@@ -100,7 +100,7 @@ def test_the_finding_says_when_the_error_was_read_and_what_it_explains() -> None
     first = found.findings[0]
     sentence = sentence_of(first, found.seen)
     assert sentence.startswith(
-        "Your client read the error 0x8150101A, emergency stop is on, with GetCurErrorInfo 31 at 0.240 s. "
+        "With GetCurErrorInfo 31 at 0.240 s, your client read the error 0x8150101A, emergency stop is on. "
         "This error was probably active when slvMove 28 was sent at 0.210 s."
     )
     assert first.frames == (55, 56, 61, 62)
