@@ -220,6 +220,11 @@ def arm_lost_by_error(cell: Cell) -> None:
     client.enter(0x202, code=NO_ARM).release()
 
 
+def arm_lost_by_cleared_error(cell: Cell) -> None:
+    client = ready(cell).move(code=0x84201414).read_errors(0x84201414).clear()
+    client.enter(0x202, code=NO_ARM).release()
+
+
 def arm_held_by_other(cell: Cell) -> None:
     holder = cell.operator(host="192.168.0.11").open().take_arm()
     client = cell.operator(at=200).open().take_arm(code=NO_ARM)

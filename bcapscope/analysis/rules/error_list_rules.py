@@ -77,8 +77,8 @@ class _RefusedCalls:
     """The refusals of one client since errors were last cleared, and the read errors that explain the first.
 
     Attributes:
-        began: Latest time at which the error behind the first refusal was probably not active yet: that of
-            the set point before, or of the first refusal.
+        began: Time from which the error behind the first refusal may have been active: that of the set point
+            before, or else of the refusal.
         codes: Result codes of the refusals.
         reported: The call that read each reported error, by the error's code.
     """

@@ -233,7 +233,7 @@ def _explain_task(client: ClientState) -> RefusalReason | None:
         return _unsuccessful(f"reason.robslave.{_outcome(attempt)}", attempt)
     if started is None:
         return _explain_never_started(client)
-    stopped = client.uncleared_error or _error_after(started, client)
+    stopped = client.uncleared_error or client.latest_error
     if stopped is None or stopped.number < started.number:
         return None
     return RefusalReason(
@@ -260,12 +260,6 @@ def _explain_never_started(client: ClientState) -> RefusalReason | None:
     if not client.session_start_seen:
         return None
     return RefusalReason(Message("reason.robslave.not-started"))
-
-
-def _error_after(started: Call, client: ClientState) -> Call | None:
-    ended = client.mode_ended_by
-    failed = ended is not None and ended.hresult is not None and is_failure(ended.hresult)
-    return ended if failed and ended is not None and ended.number > started.number else None
 
 
 def _explain_moving(call: Call, client: ClientState) -> RefusalReason | None:
@@ -324,8 +318,8 @@ def _explain_arm_missing(call: Call, client: ClientState) -> RefusalReason | Non
 
 
 def _error_since(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the number of the client's uncleared error, if it is later than a call."""
-    error = client.uncleared_error
+    """Return the number of the client's latest error, cleared or not, if it is later than a call."""
+    error = client.latest_error
     return (error.number,) if error is not None and error.number > call.number else ()
 
 
