@@ -82,6 +82,10 @@ class Driver:
         if takes is not None:
             self._reply(tries[-1] + takes, self._serial, code, results)
 
+    def skip_serial(self) -> None:
+        """Send a request that the capture lacks."""
+        self._serial += 1
+
     def _ask(self, ms: float, serial: int, reserved: int, question: tuple[int, tuple[Variant, ...]]) -> None:
         self._plan.at(ms, lambda: self._client.ask(ms, serial, reserved, question))
 

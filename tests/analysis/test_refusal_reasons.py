@@ -352,3 +352,27 @@ def test_a_session_that_was_closed_without_a_captured_reply_is_not_left_open() -
         client.close(3100)
 
     assert stage(play).of("unclean-quit") == []
+
+
+@pytest.mark.parametrize(("answered", "wanted"), [(False, []), (None, ["quit-in-slave-mode"])])
+def test_a_client_that_may_have_left_slave_mode_did_not_quit_in_it(
+    answered: bool | None, wanted: list[str]
+) -> None:
+    def play(story: Story) -> None:
+        client = story.client()
+        at = client.drive(20)
+        if answered is False:
+            client.ask(at, "Robot_Execute", ROBOT, text("slvChangeMode"), i4(0))
+        client.close(at + 300)
+
+    assert [each.rule for each in stage(play).of("quit-in-slave-mode")] == wanted
+
+
+def test_set_points_that_the_capture_lacks_are_no_gap() -> None:
+    def play(story: Story) -> None:
+        client = story.client()
+        at = client.drive(40)
+        client.serial += 8
+        client.leave(client.move(at + 64, 40, first=48 * 0.05))
+
+    assert stage(play).of("set-point-gap") == []

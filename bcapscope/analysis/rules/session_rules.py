@@ -125,7 +125,7 @@ class SessionChecker(RuleChecker):
             self._check_long_call(call, client.service_start)
 
     def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
-        if session.exit.reason is ExitReason.DISCONNECTED:
+        if session.exit.reason is ExitReason.DISCONNECTED and not _may_have_left(session):
             yield _left_on(session)
 
     def end_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
@@ -206,6 +206,16 @@ class SessionChecker(RuleChecker):
             completed=call.request.time,
             impact=RobotImpact.PREVENTED if call.kind.function_id in MOTION_FUNCTIONS else RobotImpact.NONE,
         )
+
+
+def _may_have_left(session: SlaveSession) -> bool:
+    """Return whether the capture lacks the reply to a slvChangeMode after the client's last set point."""
+    last = session.last_set_point
+    return any(
+        call.reply_frame is None and call.command is not None and call.command.casefold() == "slvchangemode"
+        for call in session.other_calls
+        if call.client == session.conversation.client and last is not None and call.time > last.time
+    )
 
 
 def _left_on(session: SlaveSession) -> Occurrence:

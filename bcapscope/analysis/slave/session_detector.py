@@ -254,6 +254,9 @@ class SlaveSessionDetector:
         controller = self._controller(call)
         controller.clue = stronger_clue(controller.clue, clue_of_call(call))
         controller.remember_call(call)
+        for builder in self._active.values():
+            if builder.conversation is call.conversation:
+                builder.batch.add_other_call(call)
         if _may_move_robot(call):
             controller.position = None
         function_id, command = call.kind

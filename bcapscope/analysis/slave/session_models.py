@@ -43,6 +43,10 @@ _PARAMETER = 2
 _RESULT = 0
 _UNKNOWN = -1
 _STEP = 1
+_SERIALS = 1 << 16
+_MOST_UNCAPTURED = 1000
+"""Largest number of serials that a client can have used without a captured attempt. A larger difference means
+that it counts in another way."""
 _TINY_STEP = 0.02
 """Largest step of an axis that is no motion, as a share of the axis' largest step so far."""
 
@@ -137,6 +141,7 @@ class SessionModels:
         self._result_columns = ColumnReader(NumberPicker(_RESULT, picker.result))
         self._last_poses = np.full((2, len(self.axes)), np.nan)  # the last two commanded poses
         self._largest_steps = np.zeros(len(self.axes))
+        self._last_sent = -1, 0  # first serial and number of retries of the last set point
         self._sent = self._accepted = self._unanswered = self._open = self._not_followed = (
             self._buffer_full
         ) = 0
@@ -149,8 +154,9 @@ class SessionModels:
         returned = self._result_columns.read(batch.results, len(batch), self._axes)
         cycles = self.timing.add(rows)
         steps = self._steps(commanded)
-        slacks = self._add_to_buffer(rows, steps[:-1])
-        in_motion = (steps[:-1] == _STEP) & (steps[1:] == _STEP)
+        seen = self._uncaptured(rows, batch) == 0
+        slacks = self._add_to_buffer(rows, np.where(seen, steps[:-1], _UNKNOWN))
+        in_motion = (steps[:-1] == _STEP) & (steps[1:] == _STEP) & seen
         self.pace.add(rows, cycles, in_motion, self.timing.grid.ms)
         self._count(rows, cycles)
         self._add_motion(rows, commanded, returned)
@@ -185,6 +191,18 @@ class SessionModels:
         if self._slicer is None:
             return (), 0
         return self._slicer.slices()
+
+    def _uncaptured(self, rows: SetPointTable, batch: SetPointBatch) -> NDArray[np.int64]:
+        """Return how many attempts before each set point the capture lacks, as the serials show."""
+        serials = batch.requests.serials(len(batch))
+        last_serial, last_retries = self._last_sent
+        before = np.concatenate(((last_serial,), serials[:-1]))
+        captured = 1 + np.concatenate(((last_retries,), rows.retries[:-1]))
+        for index, attempts in batch.other_attempts.items():
+            captured[index] += attempts
+        self._last_sent = int(serials[-1]), int(rows.retries[-1])
+        skipped = (serials - before) % _SERIALS - captured
+        return np.where((before >= 0) & (skipped > 0) & (skipped <= _MOST_UNCAPTURED), skipped, 0)
 
     def _steps(self, commanded: PoseColumns) -> NDArray[np.int64]:
         """Return whether the robot moves to each set point: 1, 0 or -1 for unknown.

@@ -22,6 +22,8 @@ LATEST_TIME = (1 << 62) - 1
 bits. Later times, which occur only in a damaged capture, are set to this value.
 """
 
+_SERIAL = slice(5, 7)
+
 
 class FrameBytes:
     """The frames of a batch in one direction, stored one after another.
@@ -53,6 +55,16 @@ class FrameBytes:
     def __getitem__(self, index: int) -> bytes:
         found = self.odd_sized.get(index)
         return bytes(self.data[index * self.size : (index + 1) * self.size]) if found is None else found
+
+    def serials(self, count: int) -> NDArray[np.int64]:
+        """Return the serials of `count` frames; 0 for a missing frame."""
+        found = np.zeros(count, np.int64)
+        if self.size >= _SERIAL.stop:
+            rows = np.frombuffer(self.data, np.uint8).reshape(-1, self.size)
+            found[: len(rows)] = np.ascontiguousarray(rows[:, _SERIAL]).view("<u2")[:, 0]
+        for index, raw in self.odd_sized.items():
+            found[index] = int.from_bytes(raw[_SERIAL], "little")
+        return found
 
     def clear(self) -> None:
         """Remove all frames, but keep the common size."""
@@ -86,10 +98,14 @@ class SetPointBatch:
         row_data: The `SetPointRow` of each set point, as 64-bit integers.
         irregular: Index and call of each set point that was retried, was not answered with S_OK, or has a
             frame of another size.
+        other_attempts: Number of attempts of the client's other calls that were captured just before a set
+            point, by its index.
     """
 
     def __init__(self) -> None:
         self.row_data = bytearray()
+        self.other_attempts: dict[int, int] = {}
+        self._attempts_since = 0  # attempts of other calls since the last set point
         self.requests, self.results = FrameBytes(), FrameBytes()
         self.irregular: list[tuple[int, Call]] = []
 
@@ -100,7 +116,17 @@ class SetPointBatch:
         start = (index if index >= 0 else len(self) + index) * _ROW.size
         return SetPointRow(*_ROW.unpack_from(self.row_data, start))
 
+    def add_other_call(self, call: Call) -> None:
+        """Count the attempts of a call of the same client that is no set point."""
+        self._attempts_since += len(call.attempts)
+
+    def _note_other_attempts(self) -> None:
+        if self._attempts_since:
+            self.other_attempts[len(self)] = self._attempts_since
+            self._attempts_since = 0
+
     def add(self, call: Call) -> None:
+        self._note_other_attempts()
         if call.is_plain and call.hresult == 0:
             self.add_run((call,))
         else:
@@ -108,6 +134,7 @@ class SetPointBatch:
 
     def add_run(self, calls: Sequence[Call]) -> None:
         """Add alike set points: each was sent once, was answered with S_OK and has small frames."""
+        self._note_other_attempts()
         requests, results, row_data = self.requests, self.results, self.row_data
         for call in calls:
             frame: int
@@ -150,6 +177,7 @@ class SetPointBatch:
     def clear(self) -> None:
         """Remove all set points. Arrays that `columns` returned stay valid."""
         self.row_data = bytearray()
+        self.other_attempts.clear()
         self.requests.clear()
         self.results.clear()
         self.irregular.clear()

@@ -78,3 +78,18 @@ def test_a_cycle_after_lost_packets_does_not_count() -> None:
     (session,) = plan.stays()
     assert session.pace is not None
     assert session.pace.cycles == 78 - 19
+
+
+@pytest.mark.parametrize("missing", [True, False])
+def test_a_cycle_in_which_the_capture_lacks_a_set_point_does_not_count(missing: bool) -> None:
+    plan = Plan()
+    driver = plan.driver()
+    driver.change(0, 0x202)
+    for index in range(80):
+        late = index % 4 == 3
+        if late and missing:
+            driver.skip_serial()
+        driver.move(10 + index * 8 + index // 4 * 8, joints(index / 10))
+    (session,) = plan.stays()
+    assert session.pace is not None
+    assert (session.pace.cycles, session.pace.skipped) == ((78 - 20, 19) if missing else (78, 19))
