@@ -152,7 +152,11 @@ SCENES = (
         "robslave-not-running",
         _rc7(starts=True, code=0x80004005, fails_between=True),
         (17, 18, 21, 22),
-        ("Task_Start 7 started RobSlave", "the error of slvMove 9 stopped it", "nothing started it again"),
+        (
+            "Task_Start 7 started RobSlave",
+            "the error of slvMove 9 stopped it",
+            "the capture shows no start after that",
+        ),
         _rc7(starts=True, code=0x80004005),
         "controller-error",
     ),
@@ -204,7 +208,10 @@ SCENES = (
         "arm-taken-by-other",
         _arm(True),
         (9, 10, 21, 22),
-        ("client 192.168.0.10:50002 (UDP) took the arm at 0.020 s and has not given it back",),
+        (
+            "client 192.168.0.10:50002 (UDP) took the arm at 0.020 s",
+            "the capture shows no successful GiveArm",
+        ),
         _arm(False),
     ),
     Scene(
