@@ -39,7 +39,7 @@ class LogFiles:
     Attributes:
         path: Path of the file that holds the last line; the folder before the first line.
         max_file_size: Size limit of a file in bytes. Beyond this size, the next file of the day begins.
-        max_total_size: Size limit of all files in bytes. A new file replaces the oldest files.
+        max_total_size: Size limit of all files in bytes. Before a new file begins, the oldest are deleted.
     """
 
     max_file_size = 16 << 20

@@ -54,7 +54,7 @@ sends a hundred replies together. Reading all of them takes longer than the time
 _CONNECT_TIMEOUT = 5.0  # seconds
 
 _CLOCK_TOLERANCE = 100_000
-"""Change of the difference between both clocks, in ns, that shows a set clock or a delayed thread."""
+"""If the difference between the clocks changes by more ns, a clock was set or the thread delayed."""
 
 
 class Channel:

@@ -73,7 +73,7 @@ the caches."""
 _MOTION_ERRORS = 0x8420
 """Upper half of the results that late set points can cause: the buffer ran empty, or an axis was too fast."""
 _GAPS_KEPT = 8
-"""Number of set points, before a refused one, that may be the cause: more than a buffer holds."""
+"""Number of gaps kept to explain a refused set point: more than any controller buffers."""
 _ROBOT_EXECUTE = 64
 _NAME = "Robot_Execute slvMove"
 _BY_CLOCK = (ModeKind.ASYNC, ModeKind.MODE_1)

@@ -45,7 +45,7 @@ _LEAVE_TIMEOUT = 20.0
 waits for a silent controller sends messages more often, because its time-outs are shorter."""
 
 _SERIAL_MARGIN = 5000
-"""More serials than a player can use between two reports, of which it sends about twenty a second."""
+"""More serials than a player can use between two progress reports."""
 
 _SERIAL_MAX = 0xFFFF
 """Largest serial; serials run from 1 to 65535 and then start again at 1."""

@@ -198,7 +198,7 @@ def _force(hand: Hand, part: Variant) -> float:
 
 
 def _has_next_option(rest: tuple[Variant, ...]) -> bool:
-    """Return whether the call returns before the motion ends; the option DetectOn has no effect."""
+    """Return whether NEXT ends the call before its motion ends; the option DetectOn has no effect."""
     return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
 
 
