@@ -215,13 +215,15 @@ def test_no_process_loads_scapy_beside_what_forbids_it(tmp_path: Path, command: 
         argv = [sys.executable, "-m", "bcapscope", command, "-i", "lo", "-p", f"{port}", *words]
         with subprocess.Popen(argv, stdin=pipe, stdout=pipe, stderr=pipe, env=environment) as process:
             assert process.stdout is not None
-            assert process.stderr is not None
-            # `diagnose` has no finding to print, but says on which interface it captures.
-            stream, text = (process.stderr, b"lo") if command == "diagnose" else (process.stdout, b"GetTag")
+            # `diagnose` says nothing about healthy traffic.
+            is_silent = command == "diagnose"
+            output = process.stderr if is_silent else process.stdout
+            wanted = b"capturing on lo" if is_silent else b"GetTag"
+            assert output is not None
             seen = b""
-            while text not in seen:
-                data = os.read(stream.fileno(), 65536)
-                assert data, process.stderr.read()
+            while wanted not in seen:
+                data = os.read(output.fileno(), 65536)
+                assert data, process.stderr and process.stderr.read()
                 seen += data
             if command != "tui":
                 process.send_signal(signal.SIGINT)

@@ -155,13 +155,16 @@ def _choose_format(
 def _csv_lines(reader: CaptureReader, wanted: Filter | None) -> Iterator[str]:
     """Yield a header and a row per frame; with several captures, also the capture and the packet in it."""
     table, several = CsvTableRenderer(), len(reader.paths) > 1
-    cite = _citing(
-        reader,
-        lambda seen, call_kind, comments: table.row(seen, call_kind),
-        lambda row, origin: f"{row},{csv_row((csv_cell(origin.path), origin.packet))}",
-    )
+
+    def row(seen: Observation, call_kind: CallKind | None, comments: tuple[str, ...]) -> str:
+        cells = table.row(seen, call_kind)
+        if not several:
+            return cells
+        origin = reader.origin_of(seen.packet)
+        return f"{cells},{csv_row(('', '') if origin is None else (csv_cell(origin.path), origin.packet))}"
+
     yield table.header() + (",file,file_packet" if several else "")
-    yield from _render_frames(reader, wanted, cite)
+    yield from _render_frames(reader, wanted, row)
 
 
 def _citing(

@@ -13,6 +13,7 @@ T = TypeVar("T")
 class DeferredInterrupts:
     """Delays Ctrl-C while input is processed, so that bcapscope still prints everything that it has read.
 
+    SIGTERM, with which a script ends a program in the background, has the same effect as Ctrl-C.
     The first Ctrl-C takes effect only while the program waits for input. A second Ctrl-C ends the program as
     usual, if it comes before the first took effect. Create the object in the main thread, because only that
     thread handles signals.
@@ -20,7 +21,9 @@ class DeferredInterrupts:
 
     def __init__(self) -> None:
         self._is_waiting = self._is_interrupted = False
-        self._previous_handler = signal.signal(signal.SIGINT, self._on_sigint)
+        self._previous_handlers = {
+            number: signal.signal(number, self._on_signal) for number in (signal.SIGINT, signal.SIGTERM)
+        }
 
     def read_or_stop(self, read: Callable[[], T]) -> T | None:
         """Return the result of `read`, or None if the user pressed Ctrl-C before or during `read`."""
@@ -49,7 +52,8 @@ class DeferredInterrupts:
             raise KeyboardInterrupt
 
     def close(self) -> None:
-        signal.signal(signal.SIGINT, self._previous_handler)
+        for number, handler in self._previous_handlers.items():
+            signal.signal(number, handler)
 
     def __enter__(self) -> Self:
         return self
@@ -57,7 +61,7 @@ class DeferredInterrupts:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _on_sigint(self, number: int, frame: FrameType | None) -> None:
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
         again, self._is_interrupted = self._is_interrupted, True
         if again or self._is_waiting:
             raise KeyboardInterrupt

@@ -163,6 +163,22 @@ def test_json_has_times_client_and_calls() -> None:
     assert (underflow["first"], underflow["last"]) == (None, None)
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_reading_and_the_report_follows(number: signal.Signals) -> None:
+    argv = [sys.executable, "-m", "bcapscope", "diagnose", "-"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(argv, stdin=pipe, stdout=pipe, stderr=pipe) as program:
+        assert program.stdin is not None
+        assert program.stderr is not None
+        program.stdin.write(LOST.read_bytes())
+        program.stdin.flush()
+        program.stderr.readline()  # the first finding; the pipe is still open
+        program.send_signal(number)
+        out, _ = program.communicate()
+    assert program.returncode == ExitCode.OK
+    assert out.decode().splitlines() == run_here("diagnose", LOST).lines
+
+
 def test_on_a_pipe_each_finding_is_printed_when_it_is_made() -> None:
     data = LOST.read_bytes()
     argv = [sys.executable, "-m", "bcapscope", "diagnose", "-", "--fail-on", "error"]

@@ -102,7 +102,8 @@ interface = click.option(
     "-i",
     "--interface",
     metavar="NAME",
-    help="Capture live on this interface until Ctrl-C; `any` means all. Needs permission to capture.",
+    help="Capture live on this interface until Ctrl-C or SIGTERM; `any` means all. Needs permission to "
+    "capture.",
 )
 
 ports = click.option(
