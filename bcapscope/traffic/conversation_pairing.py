@@ -109,8 +109,8 @@ class ConversationPairing:
         """Add a request. Return whether the request starts a new call, which then gets the number
         `number`."""
         serial, reserved = frame.serial, frame.reserved
-        if self._unseen_requests.waiting and self._newest_call is not None:
-            self._unseen_requests.check_next_request(serial, self._newest_call)
+        if self._unseen_requests.waiting:
+            self._unseen_requests.check_next_request(serial)
         prior = self._by_serial.get(serial)
         if prior is not None and self._add_to_prior(prior, observation, frame):
             return False

@@ -49,7 +49,7 @@ class UnseenRequests:
     """
 
     def __init__(self) -> None:
-        self._ahead: list[StrayReply] = []
+        self._ahead: list[tuple[StrayReply, Call]] = []  # with the newest call at that time
         self.waiting = False
 
     def add_stray_reply(self, stray: StrayReply, newest: Call | None) -> None:
@@ -60,15 +60,19 @@ class UnseenRequests:
         stray.request_missed = 0 < (latest - serial) & 0xFFFF <= MAX_RECENT
         if 0 < (serial - latest) & 0xFFFF <= MAX_UNSEEN:
             stray.request_missed = newest.is_guess = self.waiting = True
-            self._ahead.append(stray)
+            self._ahead.append((stray, newest))
             del self._ahead[:-MAX_UNSEEN]
 
-    def check_next_request(self, serial: int, newest: Call) -> None:
-        """Correct what earlier replies seemed to show, if the client uses their serials only now or later."""
-        latest = newest.last_attempt.item.serial
-        step = (serial - latest) & 0xFFFF
-        for stray in self._ahead:
-            if 0 < step <= (stray.observation.item.serial - latest) & 0xFFFF:
+    def check_next_request(self, serial: int) -> None:
+        """Correct what earlier replies seemed to show, if the client uses their serials only now or later.
+
+        A copy of the client's latest frame shows nothing.
+        """
+        for stray, newest in self._ahead:
+            latest = newest.last_attempt.item.serial
+            if serial == latest:
+                return
+            if (serial - latest) & 0xFFFF <= (stray.observation.item.serial - latest) & 0xFFFF:
                 stray.request_missed = newest.is_guess = False
         self._ahead.clear()
         self.waiting = False
