@@ -151,10 +151,11 @@ class ReplyChecker(RuleChecker):
                 self._check_unanswered(call)
         elif verdict is CallVerdict.REPLY_LOST and call.lost_replies:
             self._report_reply_lost(call)
-        elif call.lost_replies:
-            self._report_crossed(call)
         elif call.retries and not _waited_for_room(call, client):
-            self._report_retried(call)
+            if call.lost_replies:
+                self._report_crossed(call)
+            else:
+                self._report_retried(call)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
         seen, conversation = stray.observation, stray.observation.flow.conversation
