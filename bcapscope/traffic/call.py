@@ -321,13 +321,14 @@ class Call:
         return tuple(event.observation for event in self.other_frames if event.role is role)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class StrayReply:
     """A reply or notice that belongs to no open call of its conversation.
 
     Attributes:
         call_number: Number of the settled call that had the same serial; None if no such call is remembered.
-        request_missed: Whether the serials show that the request was sent and not captured.
+        request_missed: Whether the serials show that the request was sent and not captured. This turns False
+            if the client uses the serial only later.
         may_answer_evicted: Whether the reply may belong to a call that was evicted from memory, and so is
             reported neither as late nor as stray.
     """

@@ -29,7 +29,7 @@ from bcapscope.traffic.requests_only import RequestsOnlyEvidence
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
 from bcapscope.traffic.serial_table import SerialTable
 from bcapscope.traffic.unseen_attempts import (
-    answers_unseen_request,
+    UnseenRequests,
     call_of_unseen_attempt,
     skipped_serials,
 )
@@ -99,6 +99,7 @@ class ConversationPairing:
         self._timeouts = ShownTimeouts()
         self._crossing = CrossingWindow(taken_at)
         self._requests_only = RequestsOnlyEvidence()
+        self._unseen_requests = UnseenRequests()
         self._response_seen = False  # besides answered calls: a notice, a stray or damaged reply
         self._reused_serials = self._serials.reused
         self._release_serial = self._serials.release
@@ -107,6 +108,8 @@ class ConversationPairing:
         """Add a request. Return whether the request starts a new call, which then gets the number
         `number`."""
         serial, reserved = frame.serial, frame.reserved
+        if self._unseen_requests.waiting:
+            self._unseen_requests.check_next_request(serial)
         prior = self._by_serial.get(serial)
         if prior is not None and self._add_to_prior(prior, observation, frame):
             return False
@@ -399,13 +402,13 @@ class ConversationPairing:
         self._apply(call, CallEvent.CAPTURED_AGAIN if is_same_packet else CallEvent.COPY, observation)
 
     def _stray_reply(self, observation: FrameObservation, call_number: int | None) -> StrayReply:
-        missed = call_number is None and answers_unseen_request(self._newest_call, observation.item.serial)
-        return StrayReply(
+        stray = StrayReply(
             observation,
             call_number,
             may_answer_evicted=(1 if call_number is None else call_number) <= self._latest_evicted,
-            request_missed=missed,
         )
+        self._unseen_requests.add_stray_reply(stray, self._newest_call)
+        return stray
 
     # settling
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from bcapscope.protocol.codec.frame import Frame
 
 if TYPE_CHECKING:
-    from bcapscope.traffic.call import Call
+    from bcapscope.traffic.call import Call, StrayReply
 
 MAX_UNSEEN = 64
 """Maximum number of successive attempts without a captured one between them. A larger gap in the serials
@@ -37,19 +37,45 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
     return tuple(serial for step in range(1, gap) if (serial := (before + step) & 0xFFFF))
 
 
-def answers_unseen_request(newest: Call | None, serial: int) -> bool:
-    """Return whether a reply that belongs to no known call answers a request that was not captured.
+class UnseenRequests:
+    """The stray replies of one client that answer requests which were not captured.
 
-    Its serial is then one that the client uses next after its latest captured frame, or one that the client
-    skipped before, or used before the capture began. In the first case, the request may be a retry of the
-    client's newest call, which becomes a guess.
+    The serial of such a reply is one that the client skipped, or used before the capture began, or one that
+    follows the client's latest captured frame. In the last case, the request may be a retry of the client's
+    newest call. The next request shows whether the client has used the serial.
+
+    Attributes:
+        waiting: Whether the next request matters.
     """
-    if newest is None:
-        return False
-    latest: int = newest.last_attempt.item.serial
-    is_next = 0 < (serial - latest) & 0xFFFF <= MAX_UNSEEN
-    newest.is_guess |= is_next
-    return is_next or 0 < (latest - serial) & 0xFFFF <= MAX_RECENT
+
+    def __init__(self) -> None:
+        self._ahead: list[tuple[StrayReply, Call]] = []  # with the newest call at that time
+        self.waiting = False
+
+    def add_stray_reply(self, stray: StrayReply, newest: Call | None) -> None:
+        """Set `request_missed` of a reply that belongs to no known call."""
+        if newest is None or stray.call_number is not None:
+            return
+        serial, latest = stray.observation.item.serial, newest.last_attempt.item.serial
+        stray.request_missed = 0 < (latest - serial) & 0xFFFF <= MAX_RECENT
+        if 0 < (serial - latest) & 0xFFFF <= MAX_UNSEEN:
+            stray.request_missed = newest.is_guess = self.waiting = True
+            self._ahead.append((stray, newest))
+            del self._ahead[:-MAX_UNSEEN]
+
+    def check_next_request(self, serial: int) -> None:
+        """Correct what earlier replies seemed to show, if the client uses their serials only now or later.
+
+        A copy of the client's latest frame shows nothing.
+        """
+        for stray, newest in self._ahead:
+            latest = newest.last_attempt.item.serial
+            if serial == latest:
+                return
+            if (serial - latest) & 0xFFFF <= (stray.observation.item.serial - latest) & 0xFFFF:
+                stray.request_missed = newest.is_guess = False
+        self._ahead.clear()
+        self.waiting = False
 
 
 def call_of_unseen_attempt(

@@ -8,7 +8,7 @@ from bcapscope.protocol.codec.variant import Variant
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.reserved_field import ReservedConvention
 from bcapscope.traffic.unseen_attempts import MAX_UNSEEN, skipped_serials
-from tests.traffic.playbook import MOVE, OTHER, POSE, Script, calls_of, play, summaries
+from tests.traffic.playbook import MOVE, OTHER, POSE, Script, calls_of, play, strays_of, summaries
 
 CHAINS = [
     (0, 10, 0, MOVE),
@@ -109,6 +109,15 @@ def test_a_reply_to_an_attempt_that_was_not_captured_may_end_the_call() -> None:
     play(script, [(0, 20, 0, OTHER), (16, -21, 0, POSE), (17, 22, 0, MOVE), (18, -22, 0, POSE)])
     call, _ = calls_of(script.track())
     assert (call.outcome, call.surely_unanswered) == (Outcome.NOT_CAPTURED, False)
+
+
+@pytest.mark.parametrize(("serial", "outcome"), [(21, Outcome.UNANSWERED), (22, Outcome.NOT_CAPTURED)])
+def test_the_next_request_shows_whether_the_serial_of_a_reply_was_used(serial: int, outcome: Outcome) -> None:
+    script = Script()
+    play(script, [(0, 20, 0, OTHER), (16, -21, 0, POSE), (17, serial, 0, MOVE), (18, -serial, 0, POSE)])
+    settled = script.track()
+    assert calls_of(settled)[0].outcome is outcome
+    assert [stray.request_missed for stray in strays_of(settled)] == [serial == 22]
 
 
 def test_a_skipped_serial_before_a_retry_that_names_the_first_attempt() -> None:

@@ -229,6 +229,8 @@ def _pause_message(before: Call, after: Call, slack: int) -> Message:
     reply = before.reply
     if reply is None:
         case = "late-reply" if before.late_replies else "unanswered"
+        if before.reply_not_captured:
+            case = "not-captured"
         return Message(f"finding.set-point-gap.{case}", **places)
     waited, idle = reply.time - before.request.time, after.request.time - reply.time
     places["waited"] = Duration(waited)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import TypedDict
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
@@ -97,6 +98,20 @@ REPLY_TO_NOTHING = DiagnosisRule(
 
 _TURN_NS = PERIOD_MS * MS + 2 * MS
 _MAX_REQUESTING = 65536
+_MAX_STRAYS = 64
+
+
+@dataclass(slots=True)
+class _Pending:
+    """What the further traffic of a client decides.
+
+    Attributes:
+        given_up: Call that the client gave up; the client may have stopped.
+        strays: Replies whose requests were not captured, unless the client uses their serials later.
+    """
+
+    given_up: Call | None = None
+    strays: list[StrayReply] = field(default_factory=list)
 
 
 class ReplyChecker(RuleChecker):
@@ -115,7 +130,7 @@ class ReplyChecker(RuleChecker):
         REPLY_TO_NOTHING,
     )
 
-    by_client: dict[Conversation, Call]
+    by_client: dict[Conversation, _Pending]
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         super().__init__(report_occurrence, clients)
@@ -139,10 +154,11 @@ class ReplyChecker(RuleChecker):
                 self._check_unanswered(call)
         elif verdict is CallVerdict.REPLY_LOST and call.lost_replies:
             self._report_reply_lost(call)
-        elif call.lost_replies:
-            self._report_crossed(call)
         elif call.retries and not _waited_for_room(call, client):
-            self._report_retried(call)
+            if call.lost_replies:
+                self._report_crossed(call)
+            else:
+                self._report_retried(call)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
         seen, conversation = stray.observation, stray.observation.flow.conversation
@@ -151,23 +167,16 @@ class ReplyChecker(RuleChecker):
             if client is not None:
                 client.may_be_answered = True
             return
-        at, receiver = Moment(seen.time), client_place(conversation)
-        serial = seen.item.serial
         if stray.call_number is not None:
-            rule, fact = (
-                VERY_LATE_REPLY,
-                Message(
-                    "finding.very-late-reply", at=at, client=receiver, number=stray.call_number, serial=serial
-                ),
-            )
-        elif stray.request_missed or conversation not in self._requesting:
-            return  # the capture lacks the request, or began after it
-        else:
-            rule, fact = (
-                REPLY_TO_NOTHING,
-                Message("finding.reply-to-nothing", at=at, client=receiver, serial=serial),
-            )
-        self.report_occurrence(Occurrence(rule, seen.time, seen.time, conversation, (seen.number,), fact))
+            self.report_occurrence(_very_late(seen, stray.call_number))
+        elif conversation not in self._requesting:
+            return  # the capture began after the request for this reply
+        elif not stray.request_missed:
+            self.report_occurrence(_to_nothing(seen))
+        else:  # the client's next request may show that no request was missed
+            strays = self.by_client.setdefault(conversation, _Pending()).strays
+            strays.append(stray)
+            del strays[:-_MAX_STRAYS]
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         self._requesting.discard(conversation)
@@ -179,11 +188,14 @@ class ReplyChecker(RuleChecker):
         unanswered = first.surely_unanswered or first.evicted or waits_in_vain(last, end.ended_at)
         if not client.answered_count and unanswered and not last.reply_not_captured:
             yield _controller_silent(first, last, client.call_count, end.ended_at)
-        given_up = self.by_client.get(client.conversation)
-        if given_up is last:
+        pending = self.by_client.get(client.conversation, _Pending())
+        if pending.given_up is last:
             yield _client_stopped(last, end.ended_at - last.last_attempt.time)
-        elif given_up is not None:
-            yield _no_reply(given_up)
+        elif pending.given_up is not None:
+            yield _no_reply(pending.given_up)
+        for stray in pending.strays:
+            if not stray.request_missed:
+                yield _to_nothing(stray.observation)
 
     def _report_late(self, call: Call, reply: FrameObservation) -> None:
         attempts = _AttemptIndex(call)
@@ -221,10 +233,10 @@ class ReplyChecker(RuleChecker):
             self.report_occurrence(_no_reply(call))
             return
         # The client may have stopped. The end of its traffic shows it.
-        earlier = self.by_client.get(call.conversation)
-        if earlier is not None:
-            self.report_occurrence(_no_reply(earlier))
-        self.by_client[call.conversation] = call
+        pending = self.by_client.setdefault(call.conversation, _Pending())
+        if pending.given_up is not None:
+            self.report_occurrence(_no_reply(pending.given_up))
+        pending.given_up = call
 
     def _report_executed_twice(self, call: Call) -> None:
         if call.skipped_handles:
@@ -313,6 +325,29 @@ def _no_reply(call: Call) -> Occurrence:
         group_key="closed" if by_client else group_by_place(call),
         advice=Message("rule.no-reply.advice.closed") if by_client else advice_by_place(call),
     )
+
+
+def _very_late(reply: FrameObservation, call_number: int) -> Occurrence:
+    conversation = reply.flow.conversation
+    fact = Message(
+        "finding.very-late-reply",
+        at=Moment(reply.time),
+        client=client_place(conversation),
+        number=call_number,
+        serial=reply.item.serial,
+    )
+    return Occurrence(VERY_LATE_REPLY, reply.time, reply.time, conversation, (reply.number,), fact)
+
+
+def _to_nothing(reply: FrameObservation) -> Occurrence:
+    conversation = reply.flow.conversation
+    fact = Message(
+        "finding.reply-to-nothing",
+        at=Moment(reply.time),
+        client=client_place(conversation),
+        serial=reply.item.serial,
+    )
+    return Occurrence(REPLY_TO_NOTHING, reply.time, reply.time, conversation, (reply.number,), fact)
 
 
 def _client_stopped(call: Call, quiet: int) -> Occurrence:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from tests.analysis.plays.scene import Scene
 from tests.analysis.scenes import HOME, ROBOT, Play, Story, good
 from tests.samples.calls import r8s, text
+from tests.samples.tcp import Connection
 
 _EMPTY, _OVERFLOW, _FULL, _NOT_IN = 0x84201482, 0x83201483, 0x0F200501, 0x83500121
 _RC7 = "CaoProv.DENSO.NetwoRC"
@@ -46,6 +47,17 @@ def _waits_for_reply(story: Story) -> None:
     client.answer(150, again, pose)
     client.point(157, 0.55, _EMPTY, takes=0.4)
     client.point(165, 0.6, _NOT_IN)
+
+
+def _reply_not_captured(story: Story) -> None:
+    """The capture lacks the reply to the set point before a pause."""
+    client = story.client(tcp=True)
+    client.drive(10)
+    client.ask(130, "Robot_Execute", ROBOT, text("slvMove"), r8s(0.5, *HOME[1:]))
+    assert isinstance(client.network, Connection)
+    client.network.down_unseen(40)
+    client.point(194, 0.55, _EMPTY, takes=0.4)
+    client.point(202, 0.6, _NOT_IN)
 
 
 def _cycle(every: float, mode: int, points: int = 80, takes: float = 0.7, step: float = 0.01) -> Play:
@@ -119,6 +131,13 @@ SCENES = (
         ("slvMove 4711", "for 27 ms"),
         good,
         "late-reply",
+    ),
+    Scene(
+        "set-point-gap",
+        _reply_not_captured,
+        (35, 36, 38),
+        ("sent no set point for 64 ms. The buffer lasts 24 ms. The reply was not captured.",),
+        good,
     ),
     Scene(
         "underflow",

@@ -207,6 +207,20 @@ def _to_nothing(story: Story) -> None:
     client.close(60)
 
 
+def _to_a_later_serial(answers: bool) -> Play:
+    """A reply to the serial after the latest one, which the client uses later or never."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.answer(40, client.serial + 1, i4(1))
+        if not answers:
+            client.serial += 1
+        client.close(50)
+
+    return play
+
+
 def _begins_with_reply(story: Story) -> None:
     client = story.client()
     client.answer(0, 700, i4(1))
@@ -321,5 +335,6 @@ SCENES = (
         _waits_in_slave_mode(7.9),
     ),
     Scene("very-late-reply", _very_late, (90,), ("a reply to call 5 (serial 5)",), _late),
+    Scene("reply-to-nothing", _to_a_later_serial(True), (9,), ("serial 5",), _to_a_later_serial(False)),
     Scene("reply-to-nothing", _to_nothing, (9,), ("serial 700",), _begins_with_reply),
 )
