@@ -14,10 +14,10 @@ from bcapscope.traffic.call import Call, CallFrame, CallState, FrameObservation,
 from bcapscope.traffic.call_kind import CallKinds
 from bcapscope.traffic.capture_point import CapturePoint, CrossingWindow
 from bcapscope.traffic.client_timeout import SHORTEST_TIMEOUT_NS, ShownTimeouts
-from bcapscope.traffic.frame_index import FrameIndex, is_captured_again
+from bcapscope.traffic.frame_index import FrameIndex
 from bcapscope.traffic.handle_sequence import OPENERS, HandleSequence
 from bcapscope.traffic.observation import Conversation, Direction, Transport
-from bcapscope.traffic.pairing_states import AWAITING_REPLY, TRANSITIONS, CallEvent
+from bcapscope.traffic.pairing_states import AWAITING_REPLY, TRANSITIONS, CallEvent, copy_event
 from bcapscope.traffic.pairing_windows import (
     COPIES_WITHIN_NS,
     LATE_WITHIN_NS,
@@ -292,7 +292,7 @@ class ConversationPairing:
         is_of_session = prior.number >= self._session_call
         sent = self._frame_index_of(prior).sent_at.get(frame.raw) if is_of_session else None
         if sent is not None and observation.time - sent <= copies_within:
-            self._add_copy(prior, observation, sent)
+            self._apply(prior, copy_event(observation.time, sent), observation)
             return True
         first = prior.request.item
         if (
@@ -387,19 +387,13 @@ class ConversationPairing:
                 self._answered_early.append((call.number, observation.time))
 
     def _add_further_reply(self, call: Call, observation: FrameObservation, frame: Frame) -> None:
-        if frame.code == S_EXECUTING:  # identical notices are no copies
-            self._apply(call, CallEvent.NOTICE, observation)
-            return
-        earlier = self._frame_index_of(call).received_at.get(frame.raw)
-        if earlier is not None:
-            self._add_copy(call, observation, earlier)
-            return
         is_latest = frame.serial == call.last_attempt.item.serial
-        self._apply(call, CallEvent.REPLY if is_latest else CallEvent.EARLIER_REPLY, observation)
-
-    def _add_copy(self, call: Call, observation: FrameObservation, earlier: int) -> None:
-        is_same_packet = is_captured_again(observation.time, earlier)
-        self._apply(call, CallEvent.CAPTURED_AGAIN if is_same_packet else CallEvent.COPY, observation)
+        event = CallEvent.REPLY if is_latest else CallEvent.EARLIER_REPLY
+        if frame.code == S_EXECUTING:  # identical notices are no copies
+            event = CallEvent.NOTICE
+        elif (earlier := self._frame_index_of(call).received_at.get(frame.raw)) is not None:
+            event = copy_event(observation.time, earlier)
+        self._apply(call, event, observation)
 
     def _stray_reply(self, observation: FrameObservation, call_number: int | None) -> StrayReply:
         stray = StrayReply(

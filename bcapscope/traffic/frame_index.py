@@ -7,10 +7,6 @@ from bcapscope.traffic.joining.joined_observation import JoinedObservation
 
 _REPLIES = (FrameRole.REPLY, FrameRole.LATE, FrameRole.LOST)
 
-CAPTURED_AGAIN_WITHIN_NS = 1_000_000
-"""Maximum time in ns between two captures of one packet, such as on two interfaces or a mirror port. A retry
-has its own serial, so an exact copy this soon is probably the same packet."""
-
 
 class FrameIndex:
     """Finds the attempts and replies of one open call by their bytes and serials.
@@ -39,11 +35,6 @@ class FrameIndex:
             self.reserved_by_serial[frame.serial] = frame.reserved
         elif role in _REPLIES and not _was_lost_between(observation):
             self.received_at[frame.raw] = observation.time
-
-
-def is_captured_again(time: int, earlier: int) -> bool:
-    """Return whether two exact copies of a frame, captured at these times in ns, are probably one packet."""
-    return time - earlier <= CAPTURED_AGAIN_WITHIN_NS
 
 
 def _was_lost_between(observation: FrameObservation) -> bool:

@@ -12,6 +12,10 @@ from typing import NamedTuple
 
 from bcapscope.traffic.call import CallState, FrameRole
 
+CAPTURED_AGAIN_WITHIN_NS = 1_000_000
+"""Maximum time in ns between two captures of one packet, such as on two interfaces or a mirror port. A retry
+has its own serial, so an exact copy this soon is probably the same packet."""
+
 
 class CallEvent(StrEnum):
     """Event that can change the state of a call."""
@@ -124,3 +128,8 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
 
 AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is CallEvent.NEXT_CALL)
 """States of calls whose client still waits for a reply."""
+
+
+def copy_event(time: int, earlier: int) -> CallEvent:
+    """Return the event of an exact copy of a frame, from the times of both in ns."""
+    return CallEvent.CAPTURED_AGAIN if time - earlier <= CAPTURED_AGAIN_WITHIN_NS else CallEvent.COPY
