@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from bcapscope.capture.place_plan import PlacePlan
 from bcapscope.messages import Message
-from bcapscope.render.escape import printable
+from bcapscope.traffic.joining.clock_estimate import ClockEstimate
 
 _MS = 1e6
 
 
-def place_plan_text(plan: PlacePlan) -> Message:
-    """Return which capture was taken at which side, and how their clocks differ."""
-    near, far = (printable(Path(file.path).name) for file in plan.files)
-    clock = plan.clock
+def places_message(near: str, far: str, clock: ClockEstimate) -> Message:
+    """Return which capture was taken at which side, and how their clocks differ.
+
+    Args:
+        near: Name of the capture from the client's side, escaped.
+        far: Name of the capture from the controller's side, escaped.
+    """
     offset, error = f"{clock.points[0][1] / _MS:+.3f}", f"{clock.error / _MS:.3f}"
     if clock.drift is None:
         return Message("reading.places", near=near, far=far, offset=offset, error=error)

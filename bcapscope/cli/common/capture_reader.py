@@ -281,10 +281,11 @@ class CaptureReader:
             self._places = PlaceDecoder(paths, self._plans, ports, open_sequence)
 
     def _print_plans(self) -> None:
-        from bcapscope.render.place_text import place_plan_text
+        from bcapscope.render.place_text import places_message
 
         for plan in self._plans:
-            print_stderr(self._words.text(place_plan_text(plan)))
+            near, far = (printable(Path(file.path).name) for file in plan.files)
+            print_stderr(self._words.text(places_message(near, far, plan.clock)))
 
     def _text_lines(self, path: str) -> Iterator[str]:
         """Yield the lines of a text file, and keep a read error for `print_summary`."""
