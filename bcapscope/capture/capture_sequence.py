@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import stat
-from array import array
-from bisect import bisect_right
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from heapq import heappop, heappush
@@ -14,11 +12,8 @@ from typing import NamedTuple, Protocol, TypeAlias
 
 from bcapscope.capture.capture_file import CaptureFile
 from bcapscope.capture.packet import Packet
+from bcapscope.capture.run_table import RunTable
 from bcapscope.errors import CaptureError
-
-MAX_RUNS = 2_000_000
-"""Maximum number of runs of packets or frames whose origin is remembered; they take 40 MB. The origin of
-later packets and frames is unknown."""
 
 STDIN = "-"
 """Path of standard input."""
@@ -100,6 +95,9 @@ class CaptureSequence:
     def origin_of(self, packet: int) -> PacketOrigin | None:
         """Return where a packet is found, by its number among all packets; None if it is not known."""
         if len(self.paths) == 1 and packet > 0:  # spares a search for each frame
+            path = self.paths[0]
+            return PacketOrigin(path, self._names[path], packet)
+        if len(self.paths) == 1:
             path = self.paths[0]
             return PacketOrigin(path, self._names[path], packet)
         found = self._runs.find(packet)
@@ -196,30 +194,6 @@ class PacketOrigins(Protocol):
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
         """Return where a packet is found, by its number among all packets; None if it is not known."""
-
-
-class RunTable:
-    """Runs of successive numbers that belong to successive numbers of a source."""
-
-    def __init__(self) -> None:
-        self._starts = array("Q")
-        self._sources = array("I")
-        self._numbers = array("Q")
-
-    def add(self, start: int, source: int, number: int) -> None:
-        """Begin a run: from `start` on, numbers belong to the numbers from `number` on of `source`."""
-        if len(self._starts) > MAX_RUNS:
-            return
-        self._starts.append(start)
-        self._sources.append(source)
-        self._numbers.append(number)
-
-    def find(self, number: int) -> tuple[int, int] | None:
-        """Return the source of a number, and its number there; None if no run has it."""
-        at = bisect_right(self._starts, number) - 1
-        if at < 0 or at == MAX_RUNS:
-            return None
-        return self._sources[at], self._numbers[at] + number - self._starts[at]
 
 
 def _add_next(reading: list[_Reading], index: int, packets: Iterator[Packet]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from sys import getsizeof
 
 from bcapscope.capture.capture_counts import CaptureCounts
@@ -46,12 +46,18 @@ _SMALLEST_IN_ETHERNET = 42 + SMALLEST_FRAME
 _SOH_AND_LENGTH = struct.Struct("<BI")
 
 
+def ignore_packet(frame: int, packet: int) -> None:
+    """Do nothing: nobody needs to know the packet of a frame."""
+
+
 class PacketDecoder:
     """Turns packets into observations.
 
     Attributes:
         counts: Numbers of packets and observations so far.
         comments: Comments by packet number, for the latest `COMMENTS_LIMIT` packets with comments.
+        note_packet: Function that receives a frame number and the number of its packet. The following frames
+            and packets count up together, until the next call of the function.
         end_time: Latest capture time of all packets so far, b-CAP or not, ns since 1970; 0 before the first.
     """
 
@@ -62,6 +68,7 @@ class PacketDecoder:
         server. The decoder ignores packets of interfaces whose name does not begin with `interface_prefix`.
         """
         self.counts = CaptureCounts()
+        self.note_packet: Callable[[int, int], object] = ignore_packet
         self.comments: dict[int, tuple[str, ...]] = {}
         self._comments_size = 0
         self.end_time = 0
@@ -93,6 +100,7 @@ class PacketDecoder:
         counts, broken = self.counts, None
         number, packet, time, latest = counts.items, counts.packets, 0, self.end_time
         interface, ethernet, wanted = None, False, True
+        note = self.note_packet  # not called on the fast path, where each packet is the next frame
         flow_of, new, templates = self._udp.flows.get, tuple.__new__, self._templates
         unpack, begin_of = _UDP_IN_ETHERNET.unpack_from, _SOH_AND_LENGTH.unpack_from
         try:
@@ -105,6 +113,7 @@ class PacketDecoder:
                     interface, ethernet = source, source.linktype == ETHERNET
                     wanted = source.name.startswith(self._interface_prefix)
                 if not wanted:
+                    note(number + 1, packet + 1)
                     continue
                 if ethernet and len(data) >= _SMALLEST_IN_ETHERNET:  # fast path for most packets
                     kind, version, total, part, protocol, key, size = unpack(data)
@@ -123,7 +132,9 @@ class PacketDecoder:
                 for flow, sighting in self._decode_any(time, data, original, source, packet):
                     number += 1
                     flow.conversation.interface = flow.conversation.interface or source.name
+                    note(number, sighting.packet)
                     yield self._make_observation(number, flow, sighting)
+                note(number + 1, packet + 1)
         except CaptureError as error:
             broken = error
         finally:
@@ -131,6 +142,7 @@ class PacketDecoder:
             counts.items = number
         for flow, sighting in self._flush(time, packet):
             counts.items += 1
+            note(counts.items, sighting.packet)
             yield self._make_observation(counts.items, flow, sighting)
         if broken is not None:
             raise broken

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.capture_sequence import CaptureSequence, PacketOrigin
 from bcapscope.capture.packet import Packet
-from bcapscope.capture.packet_decoder import COMMENTS_LIMIT, PacketDecoder
+from bcapscope.capture.packet_decoder import COMMENTS_LIMIT, PacketDecoder, ignore_packet
 from bcapscope.capture.place_plan import PlaceFile, PlacePlan
 from bcapscope.traffic.joining.captured_twins import CapturedTwins, CaptureSide
 from bcapscope.traffic.joining.clock_estimate import ClockEstimate
@@ -34,6 +34,7 @@ class PlaceDecoder:
     client's side, then those of the controller's side, then the others.
 
     Attributes:
+        note_packet: As in `PacketDecoder`.
         comments: Comments by packet number, for the latest packets with comments.
     """
 
@@ -45,6 +46,7 @@ class PlaceDecoder:
         open_sequence: OpenSequence,
     ) -> None:
         self.comments: dict[int, tuple[str, ...]] = {}
+        self.note_packet: Callable[[int, int], object] = ignore_packet
         self._sources: list[_Source] = []
         planned: list[PlaceFile] = []
         for group in _grouped(plans):
@@ -109,7 +111,9 @@ class PlaceDecoder:
         """
         streams = [source.timed_observations(self._keep_comments) for source in self._sources]
         merged: Iterable[tuple[int, Observation]] = heapq.merge(*streams, key=itemgetter(0))
+        note = self.note_packet
         for number, (_, observation) in enumerate(merged, 1):
+            note(number, observation.packet)
             yield observation._replace(number=number)
 
     def _keep_comments(self, packet: int, comments: tuple[str, ...]) -> None:

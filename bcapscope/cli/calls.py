@@ -134,10 +134,7 @@ class _ShownCalls(PipelineSubscriber):
 
     def all_items(self) -> Iterator[tuple[PairingResult, TrackedObject | None]]:
         """Yield the selected calls. Without a filter, stray replies follow among the calls."""
-        # Lines about one capture do not name it, and JSON reads the packets of a call from its frames.
-        subscribers = (self._reader.frame_origins, self) if len(self._reader.paths) > 1 else (self,)
-        pipeline = self._reader.pipeline(*subscribers, handles=self._handles)
-        return read_items(self._reader, pipeline, self._items)
+        return read_items(self._reader, self._reader.pipeline(self, handles=self._handles), self._items)
 
     def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:
         """Yield the selected calls without stray replies."""

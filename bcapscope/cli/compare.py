@@ -85,7 +85,7 @@ def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> Compa
         del sessions[MAX_SESSIONS:]
 
     diagnosis, figures = Diagnosis(chosen, keep_if_early), StatisticsBuilder(chosen)
-    read_to_end(reader, reader.pipeline(reader.frame_origins, diagnosis, figures))
+    read_to_end(reader, reader.pipeline(diagnosis, figures))
     for session in diagnosis.remaining_sessions(reader.ended_at):
         keep_if_early(session)
     findings, totals = diagnosis.findings(reader.ended_at), diagnosis.totals(reader.ended_at)

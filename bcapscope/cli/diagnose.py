@@ -112,10 +112,12 @@ def command(
             severities or (finding.severity,)
         )
 
+    if as_json:
+        reading.remember_origins()
     if reading.is_live:
         _read_live(reading, diagnosis, is_shown, None if as_json else renderer)
     else:
-        read_to_end(reading, reading.pipeline(reading.frame_origins, diagnosis))
+        read_to_end(reading, reading.pipeline(diagnosis))
     findings, totals = diagnosis.findings(reading.ended_at), diagnosis.totals(reading.ended_at)
     if as_json:
         origin_of = reading.frame_origins.origin_of
@@ -134,7 +136,7 @@ def _read_live(
     renderer: FindingsRenderer | None,
 ) -> None:
     """Read traffic to its end, and print each new finding: as text, or without `renderer` as JSON."""
-    pipeline, numbers = reader.pipeline(reader.frame_origins, diagnosis), count(1)
+    pipeline, numbers = reader.pipeline(diagnosis), count(1)
 
     def print_new() -> None:
         for finding in filter(is_shown, diagnosis.new_findings()):

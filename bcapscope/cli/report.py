@@ -91,7 +91,7 @@ def command(
 
 def _read_report_data(reader: CaptureReader, wanted: Filter | None) -> ReportData | None:
     builder = ReportDataBuilder(call_test(wanted, reader))
-    read_to_end(reader, reader.pipeline(reader.frame_origins, builder.diagnosis, builder))
+    read_to_end(reader, reader.pipeline(builder.diagnosis, builder))
     return builder.report_data(reader.ended_at)
 
 

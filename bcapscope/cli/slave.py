@@ -34,6 +34,8 @@ def command(arguments: FigureArguments) -> None:
 
     Exit codes: as for `decode`.
     """
+    if arguments.as_json:
+        arguments.reader.remember_origins()
     sessions = _warn_if_none(_read_slave_sessions(arguments), arguments)
     origin_of = arguments.reader.frame_origins.origin_of
     arguments.print_all(
@@ -45,7 +47,7 @@ def _read_slave_sessions(arguments: FigureArguments) -> Iterator[SlaveSession]:
     sessions: list[SlaveSession] = []
     is_selected = call_test(arguments.call_filter, arguments.reader)
     selected = SelectedSlaveSessions(is_selected, sessions.append, arguments.window)
-    pipeline = arguments.reader.pipeline(arguments.reader.frame_origins, selected)
+    pipeline = arguments.reader.pipeline(selected)
     yield from read_items(arguments.reader, pipeline, sessions)
     yield from selected.remaining_sessions(arguments.reader.ended_at)
 

@@ -108,7 +108,6 @@ class Pipeline:
             taken_at: Where the capture was taken; None if only the traffic shows it.
         """
         self._tracker = Tracker(taken_at)
-        self._observe = self._tracker.observe
         self._runs: dict[Conversation, AlikeSetPoints] = {}
         self._frame_handlers = overriding_methods(subscribers, PipelineSubscriber.on_frame)
         self._joiner = joiner
@@ -161,16 +160,29 @@ class Pipeline:
         self._emit(self._tracker.close())
 
     def _adder(self, joiner: Joiner | None) -> Callable[[Observation], None]:
-        """Return the function that adds an observation."""
-        add = self._add_and_show if self._frame_handlers else self._add
+        """Return the function that adds an observation. Closures take a tenth less time than methods."""
+        observe, emit, frame_handlers = self._tracker.observe, self._emit, self._frame_handlers
+
+        def add(observation: Observation) -> None:
+            for on_frame in frame_handlers:
+                on_frame(observation)
+            settled = observe(observation)
+            if settled:
+                emit(settled)
+
+        self._add = add
         if joiner is None:
             return add
 
         def add_to_joiner(observation: Observation) -> None:
-            if observation.flow in joiner.passing:  # nearly all observations of captures from one place
-                add(observation)
-            else:
+            if observation.flow not in joiner.passing:
                 self._add_joined(joiner.add(observation))
+                return
+            for on_frame in frame_handlers:  # as in `add`, for nearly all captures
+                on_frame(observation)
+            settled = observe(observation)
+            if settled:
+                emit(settled)
 
         return add_to_joiner
 
@@ -178,25 +190,13 @@ class Pipeline:
         """Add observations that a joiner returned."""
         for observation in observations:
             if not isinstance(observation, JoinedObservation):
-                (self._add_and_show if self._frame_handlers else self._add)(observation)
+                self._add(observation)
                 continue
             for on_frame in self._frame_handlers:
                 on_frame(observation)
             settled = self._tracker.observe_joined(observation)
             if settled:
                 self._emit(settled)
-
-    def _add(self, observation: Observation) -> None:
-        settled = self._observe(observation)
-        if settled:
-            self._emit(settled)
-
-    def _add_and_show(self, observation: Observation) -> None:
-        for on_frame in self._frame_handlers:
-            on_frame(observation)
-        settled = self._observe(observation)
-        if settled:
-            self._emit(settled)
 
     def _emit(self, settled: Sequence[PairingResult]) -> None:
         if not self._run_handlers:

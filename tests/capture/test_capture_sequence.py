@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.capture import capture_sequence
+from bcapscope.capture import run_table
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.capture_sequence import CaptureSequence, PacketOrigin, capture_names
 from bcapscope.capture.frame_origins import FrameOrigins
+from bcapscope.capture.packet import Interface
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.errors import CaptureError
 from tests.capture.packets import from_client, pcap_header, pcap_record, request
@@ -55,7 +56,7 @@ def test_packets_out_of_order_in_one_file_stay_in_their_order(tmp_path: Path) ->
 
 
 def test_the_origin_is_unknown_beyond_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(capture_sequence, "MAX_RUNS", 3)
+    monkeypatch.setattr(run_table, "MAX_RUNS", 3)
     sequence, _ = sequence_of(tmp_path, [[0, 2, 4, 6], [1, 3, 5, 7]])
     assert len(list(sequence)) == 8
     assert sequence.origin_of(3) == PacketOrigin(str(tmp_path / "0.pcap"), "0.pcap", 2)
@@ -69,8 +70,9 @@ def test_a_frame_has_the_origin_of_the_packet_that_completed_it(tmp_path: Path) 
     paths = [*sequence.paths, str(other)]
     sequence = CaptureSequence(paths, capture_names(paths), open_capture, lambda path, error: None)
     origins = FrameOrigins(sequence)
-    for observation in PacketDecoder().decode(sequence):
-        origins.on_frame(observation)
+    decoder = PacketDecoder()
+    decoder.note_packet = origins.add
+    assert len(list(decoder.decode(sequence))) == 4
     found = [origins.origin_of(frame) for frame in range(5)]
     assert [each and (each.name, each.packet) for each in found] == [
         None,
@@ -79,3 +81,23 @@ def test_a_frame_has_the_origin_of_the_packet_that_completed_it(tmp_path: Path) 
         ("0.pcap", 1),
         ("0.pcap", 2),
     ]
+
+
+_PACKETS = {
+    "frame": from_client(request(7)),
+    "two frames": from_client(request(7) + request(8)),
+    "no IP": b"no IP at all",
+    "no frame": from_client(b"no frame at all, but to the port of b-CAP"),
+}
+
+
+@given(st.lists(st.sampled_from(sorted(_PACKETS)), max_size=30))
+def test_the_decoder_notes_the_packet_of_every_frame(kinds: list[str]) -> None:
+    packets = [
+        (1_700_000_000 + number, _PACKETS[kind], len(_PACKETS[kind]), Interface(1), ())
+        for number, kind in enumerate(kinds)
+    ]
+    decoder, runs = PacketDecoder(), run_table.RunTable()
+    decoder.note_packet = lambda frame, packet: runs.add(frame, 0, packet)
+    for observation in decoder.decode(packets):
+        assert runs.find(observation.number) == (0, observation.packet)

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NoReturn, TextIO, TypeVar, cast
 
@@ -20,6 +20,7 @@ import click
 from bcapscope.capture.capture_file import CaptureFile, open_capture
 from bcapscope.capture.capture_folder import expand_folders
 from bcapscope.capture.capture_sequence import STDIN, CaptureSequence, PacketOrigin, capture_names
+from bcapscope.capture.frame_origins import FrameOrigins
 from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import PacketDecoder
@@ -43,7 +44,6 @@ from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.observation import Observation
 
 if TYPE_CHECKING:
-    from bcapscope.capture.frame_origins import FrameOrigins
     from bcapscope.capture.place_decoder import PlaceDecoder
     from bcapscope.capture.place_plan import PlacePlan
     from bcapscope.traffic.handle_tracker import HandleTracker
@@ -67,6 +67,8 @@ class CaptureReader:
         on_idle: Function that is called several times per second while a live capture delivers no frames,
             with the time up to which all packets were read, ns since 1970.
         is_live: Whether the input may never end: an interface or a pipe.
+        frame_origins: Finds the capture and the packet of a frame. It knows the frames if there are several
+            captures, or after `remember_origins`.
     """
 
     def __init__(
@@ -119,6 +121,9 @@ class CaptureReader:
         self._sequence = self._sequence_of(capture_names(expanded), expanded)
         self._decoder: PacketDecoder | PlaceDecoder = self._places or self._packet_decoder
         self._captures: CaptureSequence | PlaceDecoder = self._places or self._sequence
+        self.frame_origins = FrameOrigins(self._captures)
+        if len(expanded) > 1:
+            self.remember_origins()
 
     def observations(self) -> Iterator[Observation]:
         """Yield all frames of the input, or those of one side.
@@ -195,12 +200,9 @@ class CaptureReader:
         """Paths of the captures in the order in which they are read, without folders."""
         return self._captures.paths
 
-    @cached_property
-    def frame_origins(self) -> FrameOrigins:
-        """Subscriber of a pipeline, which knows the capture and the packet of each frame that it received."""
-        from bcapscope.capture.frame_origins import FrameOrigins  # loads the pipeline
-
-        return FrameOrigins(self._captures)
+    def remember_origins(self) -> None:
+        """Let `frame_origins` learn the packet of each frame. Call it before reading."""
+        self._decoder.note_packet = self.frame_origins.add
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
         """Return where a packet is found, by its number among all packets of the input.

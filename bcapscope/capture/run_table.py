@@ -1,0 +1,45 @@
+"""Map long runs of numbers to numbers of other sources, in little memory."""
+
+from __future__ import annotations
+
+from array import array
+from bisect import bisect_right
+
+MAX_RUNS = 2_000_000
+"""Maximum number of runs of packets or frames whose origin is remembered; they take 40 MB. The origin of
+later packets and frames is unknown."""
+
+
+class RunTable:
+    """Runs of successive numbers that belong to successive numbers of a source."""
+
+    def __init__(self) -> None:
+        self._starts = array("Q")
+        self._sources = array("I")
+        self._numbers = array("Q")
+
+    def add(self, start: int, source: int, number: int) -> None:
+        """Begin a run: from `start` on, numbers belong to the numbers from `number` on of `source`.
+
+        A run that begins at the same number as the latest one replaces it. A run that only continues the
+        latest one adds nothing.
+        """
+        if len(self._starts) > MAX_RUNS:
+            return
+        if self._starts:
+            same_distance = number - start == self._numbers[-1] - self._starts[-1]
+            if same_distance and source == self._sources[-1]:
+                return
+            if start == self._starts[-1]:
+                self._sources[-1], self._numbers[-1] = source, number
+                return
+        self._starts.append(start)
+        self._sources.append(source)
+        self._numbers.append(number)
+
+    def find(self, number: int) -> tuple[int, int] | None:
+        """Return the source of a number, and its number there; None if no run has it."""
+        at = bisect_right(self._starts, number) - 1
+        if at < 0 or at == MAX_RUNS:
+            return None
+        return self._sources[at], self._numbers[at] + number - self._starts[at]
