@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import chain
 
 import click
 
 from bcapscope.analysis.statistics.call_statistics import SlicedStatistics, Statistics, StatisticsBuilder
-from bcapscope.cli.common.call_reading import read_filtered_calls
+from bcapscope.cli.common.call_reading import call_test, read_filtered_calls, read_to_end
 from bcapscope.cli.common.figure_command import FigureArguments, figure_command
 from bcapscope.render.statistics_csv import statistics_header, statistics_rows
 from bcapscope.render.statistics_text import statistics_lines, statistics_record
-from bcapscope.traffic.call import Call
 
 
 @click.command(short_help="Show figures by client and command: rates, latencies, retries, refusals.")
@@ -25,8 +24,7 @@ def command(arguments: FigureArguments) -> None:
 
     Exit codes: as for `decode`.
     """
-    calls = read_filtered_calls(arguments.reader, arguments.call_filter)
-    found = _by_window(calls, arguments.window) if arguments.window else _whole_time(calls)
+    found = _by_window(arguments, arguments.window) if arguments.window else _whole_time(arguments)
     if arguments.as_csv:
         rows = chain.from_iterable(map(statistics_rows, found))
         arguments.reader.print_lines(chain([statistics_header()], rows))
@@ -34,17 +32,16 @@ def command(arguments: FigureArguments) -> None:
     arguments.print_all(found, statistics_record, statistics_lines)
 
 
-def _whole_time(calls: Iterable[Call]) -> Iterator[Statistics]:
-    summary = StatisticsBuilder()
-    for call in calls:
-        summary.add_call(call)
+def _whole_time(arguments: FigureArguments) -> Iterator[Statistics]:
+    summary = StatisticsBuilder(call_test(arguments.call_filter, arguments.reader))
+    read_to_end(arguments.reader, arguments.reader.pipeline(summary))
     statistics = summary.statistics()
     if statistics is not None:
         yield statistics
 
 
-def _by_window(calls: Iterable[Call], window: int) -> Iterator[Statistics]:
+def _by_window(arguments: FigureArguments, window: int) -> Iterator[Statistics]:
     slices = SlicedStatistics(window)
-    for call in calls:
+    for call in read_filtered_calls(arguments.reader, arguments.call_filter):
         yield from slices.add_call(call)
     yield from slices.close()

@@ -51,11 +51,7 @@ _EXPIRY, _EVICTION = CallEvent.EXPIRY, CallEvent.EVICTION
 
 
 class ConversationPairing:
-    """Pairs the frames of one conversation, and yields its completed calls in starting order.
-
-    Attributes:
-        memory_bytes: Size in bytes of the frames of all open calls, with overhead.
-    """
+    """Pairs the frames of one conversation, and yields its completed calls in starting order."""
 
     def __init__(
         self,
@@ -75,7 +71,6 @@ class ConversationPairing:
             taken_at: Where the capture was taken; None if only the traffic shows it.
         """
         self.open_calls: deque[Call] = deque()
-        self.memory_bytes = 0
         self._budget = budget or ByteBudget()
         self._conversation = conversation
         self._latest_evicted = latest_evicted
@@ -103,6 +98,11 @@ class ConversationPairing:
         self._response_seen = False  # besides answered calls: a notice, a stray or damaged reply
         self._reused_serials = self._serials.reused
         self._release_serial = self._serials.release
+
+    @property
+    def memory_bytes(self) -> int:
+        """Size in bytes of the frames of all open calls, with overhead."""
+        return sum(call.memory_bytes for call in self.open_calls)
 
     def add_request(self, observation: FrameObservation, frame: Frame, number: int) -> bool:
         """Add a request. Return whether the request starts a new call, which then gets the number
@@ -280,7 +280,8 @@ class ConversationPairing:
             self._serials.queue_reused(frame.serial)
         self._by_serial[frame.serial] = self._newest_call = call
         self.open_calls.append(call)
-        self._count_memory(call, len(frame.raw))
+        call.memory_bytes = size = len(frame.raw)
+        self._budget.held += size
 
     def _add_to_prior(self, prior: Call, observation: FrameObservation, frame: Frame) -> bool:
         """Add a copy of a frame of `prior`, or the first attempt if a retry overtook it. Return whether the
@@ -357,7 +358,6 @@ class ConversationPairing:
 
     def _count_memory(self, call: Call, size: int) -> None:
         call.memory_bytes += size
-        self.memory_bytes += size
         self._budget.held += size
 
     def _frame_index_of(self, call: Call) -> FrameIndex:
@@ -376,7 +376,9 @@ class ConversationPairing:
     def _accept_reply(self, call: Call, observation: FrameObservation, frame: Frame) -> None:
         call.reply = observation
         call.last_activity = observation.time
-        self._count_memory(call, len(frame.raw))
+        size = len(frame.raw)
+        call.memory_bytes += size
+        self._budget.held += size
         if self._frame_indexes and call in self._frame_indexes:
             self._frame_indexes[call].add_frame(FrameRole.REPLY, observation)
         if frame.code == E_BUSY:
@@ -416,7 +418,6 @@ class ConversationPairing:
             overtaking.popleft()
         call.reserved_usage = self._reserved_usage
         size = call.memory_bytes
-        self.memory_bytes -= size
         self._budget.held -= size
         if size > _LARGE_CALL and call is self._newest_call:
             self._newest_call = None

@@ -200,8 +200,7 @@ class Pipeline:
 
     def _emit(self, settled: Sequence[PairingResult]) -> None:
         if not self._run_handlers:
-            for item in settled:
-                self._emit_single(item)
+            self._emit_each(settled)
             return
         alike: list[Call] = []
         run = conversation = None
@@ -217,7 +216,7 @@ class Pipeline:
                 run.on_other_call(item)
             self._emit_run(alike)
             alike = []
-            self._emit_single(item)
+            self._emit_each((item,))
         self._emit_run(alike)
 
     def _emit_run(self, calls: Sequence[Call]) -> None:
@@ -232,18 +231,20 @@ class Pipeline:
                 for call in calls:
                     on_call(call, target)
 
-    def _emit_single(self, item: PairingResult) -> None:
-        if isinstance(item, StrayReply):
-            for on_stray_reply in self._stray_handlers:
-                on_stray_reply(item)
-            return
-        target = None if self._handles is None else self._handles.on_call(item)
-        for on_call in self._call_handlers:
-            on_call(item, target)
-        change = None if self._slave_mode is None else self._slave_mode.on_call(item)
-        if change is not None:
-            for on_slave_mode in self._mode_handlers:
-                on_slave_mode(change)
+    def _emit_each(self, settled: Sequence[PairingResult]) -> None:
+        handles, slave_mode, call_handlers = self._handles, self._slave_mode, self._call_handlers
+        for item in settled:
+            if isinstance(item, StrayReply):
+                for on_stray_reply in self._stray_handlers:
+                    on_stray_reply(item)
+                continue
+            target = None if handles is None else handles.on_call(item)
+            for on_call in call_handlers:
+                on_call(item, target)
+            change = None if slave_mode is None else slave_mode.on_call(item)
+            if change is not None:
+                for on_slave_mode in self._mode_handlers:
+                    on_slave_mode(change)
 
     def _run_of(self, conversation: Conversation) -> AlikeSetPoints:
         run = self._runs.get(conversation)

@@ -88,7 +88,7 @@ class Tracker:
                 stray = self._pairing.add_reply(observation, item)  # type: ignore[arg-type]  # item is a frame
                 if stray is not None:
                     self._results.append(stray)
-            while self._budget.is_exceeded:
+            while self._budget.held > MAX_BYTES:
                 self._evict_half(max(self._pairings.values(), key=attrgetter("memory_bytes")))
         elif item.missing or any(problem.code == "cut" for problem in item.problems):
             self._pairing.add_gap(flow.direction)

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.variant import VT, vt_name
+from bcapscope.protocol.tables.function_table import signed_function_id
 from bcapscope.render.csv_table import COLUMNS, CsvTableRenderer
 from bcapscope.render.frame_line import FrameLineRenderer
 from bcapscope.render.frame_record import FrameRecordRenderer
@@ -57,7 +58,7 @@ def asked(frame: Frame) -> CallKind:
     """Tell what a request asks by its arguments alone."""
     second = frame.arguments[1].variant.value if len(frame.arguments) > 1 else None
     command = second if frame.code in COMMAND_FUNCTIONS and isinstance(second, str) else None
-    return CallKind(frame.code, command)
+    return CallKind(signed_function_id(frame.code), command)
 
 
 def written(observations: list[tuple[Observation, CallKind | None]]) -> list[str]:
