@@ -59,3 +59,21 @@ def test_the_readme_leads_to_every_page() -> None:
     assert {f"docs/{path.name}" for path in PAGES if path.parent.name == "docs"} <= set(
         re.findall(r"\]\(([^)\s#]+)", PAGES[ROOT / "README.md"])
     )
+
+
+def named_modules() -> set[str]:
+    """Return the modules and folders that the architecture page names, such as ``traffic/pipeline``."""
+    names = re.findall(r"`([\w./]+)`", PAGES[ROOT / "docs" / "architecture.md"])
+    rooms = {path.name for path in (ROOT / "bcapscope").iterdir() if path.is_dir()}
+    return {name for name in names if name.partition("/")[0] in rooms and "/" in name}
+
+
+@pytest.mark.parametrize("name", sorted(named_modules()))
+def test_every_module_of_the_architecture_page_exists(name: str) -> None:
+    *folders, last = name.split("/")
+    folder = ROOT.joinpath("bcapscope", *folders)
+    module, _, attribute = last.partition(".")
+    path = folder / f"{module}.py"
+    assert (folder / last).exists() or path.exists(), name
+    if attribute and not (folder / last).exists():
+        assert re.search(rf"\b{attribute.partition('.')[0]}\b", path.read_text(encoding="utf-8")), name

@@ -16,7 +16,7 @@ from bcapscope.cli.common.data_output import folded_lines
 from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.messages import MessageFormatter
 from bcapscope.messages.places import Count, FramePlace
-from bcapscope.render.call_record import CallRecordRenderer, with_call_packets
+from bcapscope.render.call_record import CallPackets, CallRecordRenderer
 from bcapscope.render.call_text import CallRenderer, session_text
 from bcapscope.render.record_columns import CALL_COLUMNS, ColumnFormat, RecordColumn, parse_columns
 from bcapscope.render.timestamp import TimeFormat
@@ -89,9 +89,9 @@ def command(
         lines: Iterable[str] | Iterable[bytes] = table.lines((call for call, _ in calls.calls()), format_)
     elif as_json:
         record = CallRecordRenderer().record
-        lines = (
-            with_call_packets(record(call, target), call, reading.origin_of) for call, target in calls.calls()
-        )
+        captures = reading.paths
+        packets = CallPackets(reading.origin_of, captures[0] if len(captures) == 1 else None)
+        lines = (packets.add_to(record(call, target), call) for call, target in calls.calls())
     else:
         renderer = CallRenderer(TimeFormat(clock), choose_palette(color), words=reading.citing_words())
         reading.on_first_time = renderer.set_time_origin

@@ -82,22 +82,33 @@ class CallRecordRenderer:
         return form
 
 
-def with_call_packets(record: bytes, call: Call, origin_of: Callable[[int], PacketOrigin | None]) -> bytes:
-    """Add the member `packets` to a call as JSON: the capture and the packet of each frame of the call.
+class CallPackets:
+    """Adds the member `packets` to calls as JSON: the capture and the packet of each frame of a call."""
 
-    `origin_of` returns the origin of a packet by its number among all packets that were read.
-    """
-    reply = call.reply
-    if reply is not None and call.is_plain:  # nearly all calls
-        seen: Iterable[FrameObservation] = (call.request, reply)
-    else:
-        seen = [event.observation for event in call.frames]
-    packets = []
-    for each in seen:
-        origin = origin_of(each.packet)
-        if origin is not None:
-            packets.append(_PACKET % (each.number, _json_path(origin.path), origin.packet))
-    return b'%b,"packets":[%b]}' % (record[:-1], b",".join(packets))
+    def __init__(self, origin_of: Callable[[int], PacketOrigin | None], only_path: str | None) -> None:
+        """Start.
+
+        Args:
+            origin_of: Returns the origin of a packet by its number among all packets that were read.
+            only_path: Path of the capture if all packets are from one; None otherwise.
+        """
+        self._origin_of = origin_of
+        path = b"" if only_path is None else json_text(only_path).replace(b"%", b"%%")
+        packet = b'{"frame":%d,"file":' + path + b',"packet":%d}'
+        self._plain = None if only_path is None else b'%b,"packets":[' + packet + b"," + packet + b"]}"
+
+    def add_to(self, record: bytes, call: Call) -> bytes:
+        reply = call.reply
+        if self._plain is not None and reply is not None and call.is_plain:  # nearly all calls
+            request = call.request
+            numbers = request.number, request.packet, reply.number, reply.packet
+            return self._plain % (record[:-1], *numbers)
+        packets = []
+        for _, seen in call.frames:
+            origin = self._origin_of(seen.packet)
+            if origin is not None:
+                packets.append(_PACKET % (seen.number, _json_path(origin.path), origin.packet))
+        return b'%b,"packets":[%b]}' % (record[:-1], b",".join(packets))
 
 
 _PACKET = b'{"frame":%d,"file":%b,"packet":%d}'

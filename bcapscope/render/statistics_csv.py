@@ -17,6 +17,7 @@ _COUNTS = {
     "unanswered": "unanswered",
     "capture_ended": "open",
     "not_followed": "not_followed",
+    "not_captured": "not_captured",
     "retries": "retries",
     "retried_calls": "retried_calls",
     "late_replies": "late_replies",

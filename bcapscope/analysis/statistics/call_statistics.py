@@ -31,7 +31,7 @@ occur."""
 
 GRACE_NS = 200_000_000_000
 """Time in ns from the end of a slice until all its calls are complete. A tracker keeps a silent call open for
-180 s (`conversation_pairing.EXECUTION_NS`).
+180 s (`pairing_windows.EXECUTION_NS`).
 """
 
 OTHER_KINDS = CallKind(0, None)
@@ -212,7 +212,7 @@ class StatisticsBuilder(PipelineSubscriber):
         self._is_selected = is_selected
         self._tallies: dict[tuple[Conversation, CallKind], _CallTally] = {}
         self._conversation: Conversation | None = None
-        self._question: CallKind | None = None
+        self._kind: CallKind | None = None
         self._tally: _CallTally
         self._places: dict[Conversation, PlaceTally] = {}
         self._start: int | None = None
@@ -221,7 +221,7 @@ class StatisticsBuilder(PipelineSubscriber):
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
         if self._is_selected is not None and not self._is_selected(call):
             return
-        if call.kind is not self._question or call.conversation is not self._conversation:
+        if call.kind is not self._kind or call.conversation is not self._conversation:
             self._select_tally(call)
         self._tally.add_call(call)
         if isinstance(call.request, JoinedObservation):
@@ -258,17 +258,17 @@ class StatisticsBuilder(PipelineSubscriber):
         clients: dict[Conversation, _CallTally] = {}
         kinds: dict[CallKind, _CallTally] = {}
         total = _CallTally()
-        for (conversation, question), tally in self._tallies.items():
+        for (conversation, kind), tally in self._tallies.items():
             for whole in (
                 clients.setdefault(conversation, _CallTally()),
-                kinds.setdefault(question, _CallTally()),
+                kinds.setdefault(kind, _CallTally()),
                 total,
             ):
                 whole.merge(tally)
         by_client = [
             StatisticsRow(conversation, None, tally.figures(span)) for conversation, tally in clients.items()
         ]
-        by_kind = [StatisticsRow(None, question, tally.figures(span)) for question, tally in kinds.items()]
+        by_kind = [StatisticsRow(None, kind, tally.figures(span)) for kind, tally in kinds.items()]
         return Statistics(
             start,
             end,
@@ -280,7 +280,7 @@ class StatisticsBuilder(PipelineSubscriber):
         )
 
     def _select_tally(self, call: Call) -> None:
-        key = self._conversation, self._question = call.conversation, call.kind
+        key = self._conversation, self._kind = call.conversation, call.kind
         tally = self._tallies.get(key)
         if tally is None:
             if len(self._tallies) >= MAX_KINDS:

@@ -23,7 +23,7 @@ HELD_NS = 1_000_000_000
 
 HELD_UNANSWERED_NS = 5_000_000_000
 """The same for a conversation without any reply. Its first requests may be lost in the proxy, and the client
-retries within this time (`conversation_pairing.RETRY_WITHIN_NS`)."""
+retries within this time (`pairing_windows.RETRY_WITHIN_NS`)."""
 
 MAX_WAITING = 32768
 """Maximum number of observations that wait for earlier ones. Beyond this limit, all decisions are made at
