@@ -74,5 +74,21 @@ def test_a_request_without_reply_that_the_proxy_did_not_forward() -> None:
     client.ask(200, 20, 0, OTHER, lost=True)
     client.calls(1300, 10, POLL, 30)
     (found,) = findings_of(script, "no-reply")
-    assert "The proxy received 1 frame of this call and did not forward it" in sentence_of(found)
+    assert "The proxy received 1 frame of this call that it did not forward" in sentence_of(found)
     assert "cable" not in str(found.advice)
+
+
+def test_a_reply_that_the_proxy_did_not_forward_did_not_cross_a_retry() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.call(0, 1, START_SERVICE)
+    client.calls(8, 10, POLL, 2)
+    client.ask(200, 20, 0, OTHER, lost=True)
+    client.ask(250, 21, 20, OTHER)
+    client.reply(251, 21, lost=True)
+    client.ask(300, 22, 20, OTHER)
+    client.reply(301, 22)
+    client.calls(400, 10, POLL, 30)
+    (found,) = findings_of(script, "retried")
+    assert "The proxy received 2 frames of this call that it did not forward" in sentence_of(found)
+    assert "cross" not in sentence_of(found)

@@ -144,7 +144,7 @@ def test_a_recording_without_comments_says_that_the_proxy_lost_them(tmp_path: Pa
     path = recording(tmp_path, note="")
     assert "request lost, lost in the proxy" in run_here("calls", path).lines[3]
     found = " ".join(run_here("diagnose", path).out.split())
-    assert "The proxy received 1 frame of this call and did not forward it" in found
+    assert "The proxy received 1 frame of this call that it did not forward" in found
     assert "Check cable" not in found
 
 

@@ -155,7 +155,7 @@ class ReplyChecker(RuleChecker):
         elif verdict is CallVerdict.REPLY_LOST and call.lost_replies:
             self._report_reply_lost(call)
         elif call.retries and not _waited_for_room(call, client):
-            if call.lost_replies:
+            if call.lost_replies and not call.lost_between:
                 self._report_crossed(call)
             else:
                 self._report_retried(call)
