@@ -116,7 +116,7 @@ class Arm:
         self._changed = now
 
     def add_set_point(self, joints: Joints, began: int, time: int) -> None:
-        """Stand still until `began`, then move in a straight line that ends at `joints` at `time`; times in ns."""
+        """Stand still until `began`, then move in a straight line that ends at `joints` at `time`, ns."""
         if not self._steps or joints != self._steps[-1][1]:
             self._changed = time
         if self._steps and self._steps[-1][0] < began:
