@@ -153,7 +153,7 @@ def _choose_format(
 
 
 def _csv_lines(reader: CaptureReader, wanted: Filter | None) -> Iterator[str]:
-    """Yield a header and a row per frame; with several captures, also the capture and the packet in it."""
+    """Yield a header and a row per frame; with several captures, rows end with capture and packet."""
     table, several = CsvTableRenderer(), len(reader.paths) > 1
 
     def row(seen: Observation, call_kind: CallKind | None, comments: tuple[str, ...]) -> str:
@@ -172,7 +172,10 @@ def _citing(
     render: Callable[[Observation, CallKind | None, tuple[str, ...]], T],
     cite: Callable[[T, PacketOrigin], T],
 ) -> Callable[[Observation, CallKind | None, tuple[str, ...]], T]:
-    """Return `render`; if several captures are read, `cite` adds the origin of each frame to its result."""
+    """Return `render`; with several captures, return a function that passes its result to `cite`.
+
+    `cite` adds the origin of the frame.
+    """
     if len(reader.paths) < 2:
         return render
 
@@ -198,8 +201,9 @@ def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterat
 
 
 def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:
-    """Yield the result of `render` for each selected frame, the kind of its call, and the comments on its
-    packet.
+    """Yield the result of `render` for each selected frame.
+
+    The arguments of `render` are the frame, the kind of its call, and the comments on its packet.
     """
     if wanted is not None:
         return starmap(render, _frames_with_context(reader, wanted))

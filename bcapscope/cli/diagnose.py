@@ -135,7 +135,7 @@ def _read_live(
     is_shown: Callable[[Finding], bool],
     renderer: FindingsRenderer | None,
 ) -> None:
-    """Read traffic to its end, and print each new finding: as text, or without `renderer` as JSON."""
+    """Read traffic to its end, and print each new finding as text; without `renderer`, as JSON."""
     pipeline, numbers = reader.pipeline(diagnosis), count(1)
 
     def print_new() -> None:

@@ -23,9 +23,9 @@ def command(arguments: FigureArguments) -> None:
     """Show each slave-mode session: who entered it, how it ended, its timing and its motion.
 
     The cycle time runs from the first request of one set point to the first request of the next. Jitter is
-    the distance of a cycle time from the period, which the line "grid" shows: at 8 ms, a cycle of 10 ms has a
-    jitter of 2 ms. Latency runs from the first request to the accepted reply.
-    The round trip starts at the attempt that was answered and ends at the accepted reply.
+    the distance of a cycle time from the period in the line "grid". At 8 ms, a cycle of 10 ms has a jitter of
+    2 ms. Latency runs from the first request to the accepted reply. The round trip starts at the attempt that
+    was answered and ends at the accepted reply.
 
     The controller's buffer cannot be observed. `slave` estimates its level with a model and lists the
     model's assumptions.

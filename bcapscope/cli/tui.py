@@ -99,12 +99,12 @@ def command(
     HOST opens the Tester: connect, execute, robots, variables, tasks, slave mode, and every byte. -p is then
     the port of the controller. Without arguments, the Tester connects to a built-in simulator.
 
-    FILE or -i shows frames, calls, findings, slave mode and statistics. --proxy shows the same for the
-    traffic of a proxy; a second screen shows its clients, rules and held messages. --sim shows the traffic of
-    a simulator.
+    FILE or -i shows frames, calls, findings, slave mode and statistics. --proxy shows the
+    traffic of a proxy; a second screen shows the proxy's clients, rules and held messages. --sim shows the
+    traffic of a simulator.
 
     F1 shows the keys, Ctrl-P finds actions by name, F12 halts the robot, Ctrl-Q quits. Labels are in English
-    or Japanese: --lang chooses, before the language in your settings.
+    or Japanese. --lang chooses the language; without --lang, your settings decide.
 
     Exit codes: 0: you ended it; 2: invalid command line; 4: the capture cannot be opened, an address cannot
     be used for listening, or no proxy was found; 6: a recording or temporary file cannot be written; 9: the
@@ -139,7 +139,7 @@ def command(
 def _server_port(ports: tuple[int, ...]) -> int:
     """Return the given port, or the default port of b-CAP."""
     from bcapscope.client.controller_target import (
-        DEFAULT_PORT,  # imported here because it loads the client, which showing a capture does not need
+        DEFAULT_PORT,  # imported here, because this import loads the client, which a capture does not need
     )
 
     return ports[0] if ports else DEFAULT_PORT

@@ -139,9 +139,9 @@ class MessageFormatter:
         language: Language of the reader.
         start: Time when the traffic began, ns since 1970; sentences show times relative to it.
         only_client: Whether the traffic has a single client, whose address sentences then omit.
-        find_frame: Returns the name of a frame's capture, and the number of the frame's packet in it, by the
-            frame's number; None for an unknown frame. If `find_frame` itself is None, sentences show only
-            the numbers of frames.
+        find_frame: Function that gets the number of a frame. It returns the name of the capture and the
+            number of the packet in this capture, or None for an unknown frame. If `find_frame` itself is
+            None, sentences show only the numbers of frames.
     """
 
     def __init__(

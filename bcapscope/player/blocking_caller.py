@@ -1,8 +1,9 @@
-"""A channel to a controller, and calls over it, without an event loop, which could delay a set point.
+"""A channel to a controller, and calls over this channel.
 
-One thread drives the requester and waits on the channel. `begin_call`, `send_due` and `wait_for_outcome` are
-the steps of a call, for a caller with a deadline between them. `perform_call` is the whole call, for a
-`Session`. Both ways to call use the same requester, and therefore one sequence of serials.
+An event loop could delay a set point, so there is none. One thread drives the requester and waits on the
+channel. `begin_call`, `send_due` and `wait_for_outcome` are the steps of a call, for a caller with a deadline
+between two steps. `perform_call` is the whole call, for a `Session`. Both ways to call use one requester, and
+therefore one sequence of serials.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ Slave mode; table of slave modes in ShoheiKobata/orin_bcap_python_samples):
   reply still shows that the controller is alive, and a late refusal ends the play. If the newest answered set
   point is older than `SILENCE_TIMEOUT`, the controller is behind or gone. In this case the pacer sends
   nothing until a reply arrives.
-* **Sync, mode 2**: the controller sets the pace, because it answers when its buffer has room. The next set
+* **Sync, mode 2**: the controller sets the pace by answering only when its buffer has room. The next set
   point is due `_PREPARATION` after the reply, so that this delay is always the same. Without a reply the
   requester retries every `RetryPolicy.timeout`, and discards replies to earlier attempts. After the last
   attempt the pacer sends nothing more and accepts a reply to any attempt: a controller with a full buffer

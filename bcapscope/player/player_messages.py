@@ -43,7 +43,7 @@ class SlaveModePacing(StrEnum):
 
 
 class CleanupTask(StrEnum):
-    """A step of the player that it must undo, however the session ends."""
+    """A step that the player must undo, however the session ends."""
 
     ROBSLAVE = "RobSlave"
     ARM = "arm"

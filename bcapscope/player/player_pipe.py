@@ -1,7 +1,7 @@
 """The player's end of the pipes to its parent: orders in, messages out.
 
 No method blocks while the player sends set points. If the parent's end of a pipe closes, the parent is gone,
-and the player acts as after an order to stop.
+and the player behaves as after an order to stop.
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ class PlayerProcess:
         self._start(plan)
 
     def _start(self, plan: PlayPlan) -> None:
-        # The player inherits the blocked signal, until it has installed its handler.
+        # The signal is blocked in the player, too, until the player has installed its handler.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGUSR1,))
         try:
             self._process = subprocess.Popen(

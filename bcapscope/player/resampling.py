@@ -2,7 +2,7 @@
 
 The path is the `SmoothCurve` through the set points. Only the rate of motion along the path changes. The rate
 grows from 0 and falls to 0 by the polynomial 10u³ - 15u⁴ + 6u⁵, whose first and second derivatives are 0 at
-both ends. Position, speed and acceleration therefore stay continuous, and both ends are at rest.
+both ends. Position, speed and acceleration are therefore continuous, and both ends are at rest.
 """
 
 from __future__ import annotations

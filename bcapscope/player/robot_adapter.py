@@ -168,7 +168,7 @@ class RobotAdapter:
             session.retry_policies = usual
 
     async def approach(self, kind: PoseType, goal: SetPointValues, percent: float) -> None:
-        """Move to a pose by an ordinary motion that ends with @E, as slave mode needs it.
+        """Move to a pose by an ordinary motion that ends with @E, as slave mode requires.
 
         The controller answers the call at once (NEXT), so that the player can halt the robot on its way. If
         the robot stands still elsewhere, raise the controller's error, or else RemoteProtocolError. If the

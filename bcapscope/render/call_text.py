@@ -111,7 +111,7 @@ class CallRenderer:
         return text
 
     def _place_text(self, seen: JoinedObservation) -> str:
-        """Return the time from one place to the other, or that the frame was lost between them."""
+        """Return as text how long the frame took between the places, or that it was lost between them."""
         color, delay = self._palette, seen.delay
         if seen.was_lost_between:
             case = "proxy" if seen.is_relayed else "between"

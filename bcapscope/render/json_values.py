@@ -59,7 +59,7 @@ def result_object(code: int | None) -> dict[str, object]:
 def packet_objects(
     frames: Iterable[int], origin_of: Callable[[int], PacketOrigin | None]
 ) -> list[dict[str, object]]:
-    """Return the JSON member `packets`: the capture and the packet of each frame, as far as they are known.
+    """Return the JSON member `packets`: the capture and the packet of each frame whose origin is known.
 
     `origin_of` returns the origin of a frame by its number.
     """

@@ -109,7 +109,7 @@ class ColumnRenderer:
     ) -> None:
         """Create a renderer. `getters` return the values of fields by the names of their getters.
 
-        Lines are cut to `width` columns, unless it is None.
+        Lines are cut to `width` columns, unless `width` is None.
         """
         self._width = width
         self._columns = columns

@@ -1,8 +1,9 @@
 """Colours, layout and helper functions that all pictures of a report share.
 
 The contrast of each colour to white and to black is more than 3:1 (WCAG 2.2, 1.4.11). Colour-blind readers
-can distinguish the colours (based on the set of Okabe and Ito); shapes and dashes repeat the distinction. The
-style sheet of the page sets the colours of text, axes and grid, so one picture fits all themes and paper.
+can distinguish the colours, which are based on the set of Okabe and Ito. Lines and marks of different colours
+also differ in shape or dashes. The style sheet of the page sets the colours of text, axes and grid, so one
+picture fits all themes and paper.
 """
 
 from __future__ import annotations

@@ -132,7 +132,7 @@ def _refusals(statistics: Statistics, palette: Palette, words: MessageFormatter)
 
 
 def _place_lines(places: Sequence[PlaceFigures], palette: Palette, words: MessageFormatter) -> Iterator[str]:
-    """Yield a table of the times between the two places where conversations were captured."""
+    """Yield a table of the delays and losses between the two places of each conversation."""
     if not places:
         return
     rows = [(words("stats.places"), *(words(f"stats.column.{name}") for name in _PLACE_COLUMNS))]

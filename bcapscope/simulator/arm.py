@@ -30,7 +30,7 @@ _Step: TypeAlias = tuple[int, Joints]
 
 
 class ArmMotion(NamedTuple):
-    """One ordinary motion from joints to joints; the encoders arrive `ENCODER_LAG_NS` after the command."""
+    """One ordinary motion; the encoders reach the goal `ENCODER_LAG_NS` after the commanded joints."""
 
     start: Joints
     goal: Joints
@@ -116,7 +116,7 @@ class Arm:
         self._changed = now
 
     def add_set_point(self, joints: Joints, began: int, time: int) -> None:
-        """Stay until `began`, then move in a straight line that ends at `joints` at `time`; times in ns."""
+        """Stand still until `began`, then move in a straight line that ends at `joints` at `time`, ns."""
         if not self._steps or joints != self._steps[-1][1]:
             self._changed = time
         if self._steps and self._steps[-1][0] < began:

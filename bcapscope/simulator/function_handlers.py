@@ -4,12 +4,13 @@ Sources for names, parameters and results of commands: ShoheiKobata/orin_bcap_py
 DENSORobot/denso_robot_ros2, nkawa/Denso_CobottaPro900_MQTT_Control (bits of SysState, fields of an error).
 Fields of an error that only a real controller program can fill are 0.
 
-The simulator answers E_NOTIMPL to a function without a handler in this module. The C server does the same for
-an id without callback (orin_bcap C/src/bCAPServer/bcap_server.c), and so does DENSO's skeleton of a provider
-(CaoProvRobot.cpp, 2003). The only source for missing functions concerns the robot: a wrapper of the RC8
-provider (VE026A_JNI.java by Suzuki, 2015) has no methods Chuck, Unchuck, GoHome and Drive. The simulator has
-Drive nevertheless, because clients need this function. The simulator lacks Rotate, because no source
-describes the planes of Rotate.
+The simulator answers E_NOTIMPL to a function without a handler in this module. The C server answers E_NOTIMPL
+to an id without callback (orin_bcap C/src/bCAPServer/bcap_server.c). DENSO's skeleton of a provider also
+answers E_NOTIMPL (CaoProvRobot.cpp, 2003).
+
+The only source for missing functions concerns the robot: a wrapper of the RC8 provider (VE026A_JNI.java by
+Suzuki, 2015) has no methods Chuck, Unchuck, GoHome and Drive. The simulator has Drive nevertheless, because
+clients need this function. The simulator lacks Rotate, because no source describes the planes of Rotate.
 """
 
 from __future__ import annotations

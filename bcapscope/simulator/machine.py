@@ -263,8 +263,8 @@ class Machine:
         """End motions and slave mode at once; calls that wait for these return `code`.
 
         If slave mode was on, the next slvMove also returns `code` (issues 20 and 49 of
-        DENSORobot/denso_robot_ros), unless another reply reports it (`is_reported`). Later calls of slvMove
-        return that slave mode is off (issues 6 and 42).
+        DENSORobot/denso_robot_ros), unless another reply reports `code` (`is_reported`). Later calls of
+        slvMove return that slave mode is off (issues 6 and 42).
         """
         self.slave.leave(0 if is_reported else code)
         self.arm.halt(now)
@@ -274,7 +274,7 @@ class Machine:
         self.current_move = None
 
     def raise_error(self, code: int, now: int, is_reported: bool = False) -> None:
-        """Raise an error, which stays active until ClearError: motions and slave mode end, RobSlave stops.
+        """Raise an error, which is active until ClearError; motions and slave mode end, and RobSlave stops.
 
         The motor goes off at level 4 and above, and at a set point beyond a limit (list of controller errors
         in nkawa/Denso_CobottaPro900_MQTT_Control). The motor also goes off at the emergency stop.
@@ -288,7 +288,7 @@ class Machine:
             self._lose_power()
 
     def refuse(self, code: int, now: int) -> NoReturn:
-        """Refuse a call with an error that stays active until ClearError, as in `raise_error`.
+        """Refuse a call with an error that is active until ClearError, as in `raise_error`.
 
         The error is listed once, however often the client repeats the call. Otherwise 32 set points in a row
         would push the error that ended slave mode out of the list.

@@ -1,8 +1,9 @@
 """Ordinary motions: Robot_Move, Drive, Approach, Depart, Halt, Hold, Unhold.
 
-Unless the option is NEXT, a call lasts as long as its motion: until the command ends, or with @E until the
-encoders arrive. With @P, the next motion may begin when most of the first motion's time is over. A second
-motion before that time returns 80010004 (b-Cap.h of the ANSI-C client, which then repeats its Robot_Move).
+Unless the option is NEXT, a call lasts as long as its motion. The motion ends when the commanded joints reach
+the target, or with @E when the encoders reach the target. With @P, the next motion may begin when most of the
+first motion's time is over. A second motion before that time returns 80010004 (b-Cap.h of the ANSI-C client,
+which then repeats its Robot_Move).
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: CallContext, interpolation: Variant, pose: Variant, option: Variant) -> HandlerOutcome:
-    """Run Robot_Move; lines and circles are executed like PTP, and free curves hold no points."""
+    """Run Robot_Move; lines and circles are executed like PTP, and a free curve does not move the arm."""
     kind, read = integer_of(interpolation), context.machine.memory.read
     if kind == _CIRCLE:
         targets = [parse_target(each, read) for each in _poses(pose)]
@@ -75,7 +76,7 @@ def drive(
     option: str,
     passing: int | None = None,
 ) -> HandlerOutcome:
-    """Move single axes (1..6) by, or to, angles in degrees; if `passing` is None, the option has the pass."""
+    """Move single axes (1..6) by, or to, angles in degrees; if `passing` is None, `option` names the pass."""
     joints = list(context.machine.arm.goal)
     for axis, way in axis_moves:
         if not 1 <= axis <= AXIS_COUNT:

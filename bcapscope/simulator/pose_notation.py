@@ -22,7 +22,7 @@ from bcapscope.simulator.call_outcome import RefusedError
 from bcapscope.simulator.kinematics import FEWEST_NUMBERS, Joints, joints_of
 
 END_OF_ENCODERS = -2
-"""Pass @E: the motion ends when the encoders arrive."""
+"""Pass @E: the motion ends when the encoders reach the target."""
 
 PASSING = -1
 """Pass @P: the next motion may begin before this motion ends."""

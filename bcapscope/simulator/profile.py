@@ -2,7 +2,7 @@
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core and
 ShoheiKobata/orin_bcap_python_samples (RC8, RC9); orin_bcap C/src/bCAPServer/bcap_server.c (C server). It is
-assumed that a real RC8 or RC9 reports failures like the C server, because it uses the same library.
+assumed that a real RC8 or RC9 uses the library of the C server, and so reports failures in the same way.
 """
 
 from __future__ import annotations

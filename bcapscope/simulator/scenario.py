@@ -175,7 +175,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         title: One sentence that says what the scenario shows.
-        story: Text that says what happens, how the controller reacts, and which users met the same failure.
+        story: Text that says what happens, how the controller reacts, and which users reported this failure.
         shows: Rule that `bcapscope diagnose` reports as the root cause; None for no rule.
         then: Other rules that `bcapscope diagnose` reports, among the rules that depend on the client.
         client: Client that the scenario is made for.

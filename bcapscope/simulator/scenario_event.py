@@ -80,7 +80,7 @@ class EmergencyStop(ScenarioEvent, frozen=True, kw_only=True, tag="emergency-sto
 
 
 class ReleaseEmergencyStop(ScenarioEvent, frozen=True, kw_only=True, tag="let-go"):
-    """Somebody releases the emergency stop; its error stays active until ClearError."""
+    """Somebody releases the emergency stop; its error remains active until ClearError."""
 
     def apply(self, simulator: Simulator, now: int) -> None:
         simulator.machine.emergency = False
@@ -94,7 +94,7 @@ class MotorOff(ScenarioEvent, frozen=True, kw_only=True, tag="motor-off"):
 
 
 class RaiseError(ScenarioEvent, frozen=True, kw_only=True, tag="error"):
-    """An error occurs: motions and slave mode end, and the error stays active until ClearError."""
+    """An error occurs: motions and slave mode end, and the error remains active until ClearError."""
 
     code: HresultQuantity
 

@@ -38,7 +38,7 @@ Peer: TypeAlias = Hashable
 
 
 class ResetMarker(bytes):
-    """Empty data that tells the server to reset a connection."""
+    """Empty data on which the server resets the connection."""
 
 
 class SimulatorOutput(NamedTuple):

@@ -66,7 +66,7 @@ def read_variable(context: CallContext) -> Variant:
 
 
 def write_variable(context: CallContext, value: Variant) -> HandlerOutcome:
-    """Write the variable of `context.object`; if it acts as a command, the call takes as long."""
+    """Write the variable of `context.object`; if the write runs a command, the call lasts as long as that."""
     place = _numbered_variable(context.object)
     if place:
         if place[0] in FRAMES:
@@ -176,7 +176,7 @@ _WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CommandHandler] = {
     ),
     **{(ObjectClass.ROBOT, name): _put_speed(field) for name, field in _SPEEDS.items()},
 }
-"""Handlers of variables whose writing acts like a command or function, such as Motor."""
+"""Handlers of variables whose writing runs a command or function, such as Motor."""
 
 _REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
 """Variables that slave mode protects, because it refuses the equivalent command or function."""

@@ -112,7 +112,7 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
 
 
 def _write_all(fileno: int, data: bytes) -> int:
-    """Write all of `data`, even if a signal interrupts a write; after the server has gone, discard it."""
+    """Write all of `data`, even if a signal interrupts a write; discard `data` if the server has gone."""
     size = len(data)
     with suppress(OSError):
         while data:

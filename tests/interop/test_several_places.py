@@ -59,6 +59,6 @@ def test_both_ends_settle_every_verdict() -> None:
 def test_a_fault_of_the_proxy_is_the_first_cause() -> None:
     first, *others = json_lines("diagnose", BOTH_LEGS)
     assert (first["rule"], first["consequence_of"]) == ("injected-fault", None)
-    assert "the proxy's rule drop acted on" in first["sentence"]
+    assert "the proxy applied its rule drop to" in first["sentence"]
     assert [finding["rule"] for finding in others if finding["consequence_of"] is None] == []
     assert not any("cable" in finding["advice"] for finding in others)

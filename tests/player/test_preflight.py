@@ -340,7 +340,7 @@ FAULTS = [
     Fault(
         "units",
         WARNING,
-        "X, Y and Z stay below 0.784: these may be metres, and are read as mm",
+        "X, Y and Z are all below 0.784: these may be metres, and are read as mm",
         (),
         0,
         run_preflight(way(positions() / [1000, 1000, 1000, 1, 1, 1, 1], PoseType.P), PERIOD),

@@ -50,7 +50,7 @@ publish_option = click.option(
 
 def announce_ready(listening: Sequence[str], control: str = "") -> None:
     """Print to stdout a JSON line with the addresses that the command listens on and its control address."""
-    print_stderr("")  # an empty line tells the parent process that the greeting is complete
+    print_stderr("")  # an empty line marks the end of the greeting for the parent process
     report = {"listening": list(listening), "control": control}
     sys.stdout.buffer.write(orjson.dumps(report) + b"\n")
     sys.stdout.buffer.flush()

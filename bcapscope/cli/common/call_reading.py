@@ -21,7 +21,7 @@ T = TypeVar("T")
 def call_test(call_filter: Filter | None, reader: CaptureReader) -> Callable[[Call], bool] | None:
     """Return a function that tests whether a call matches the filter, or None without a filter.
 
-    `reader` reads the calls. Its summary says if no call matched.
+    `reader` reads the calls. If no call matches, the summary of `reader` reports this.
     """
     if call_filter is None:
         return None

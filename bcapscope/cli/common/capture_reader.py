@@ -85,7 +85,7 @@ class CaptureReader:
         """Choose the input: captures, a live interface, or pasted hex text. The path ``-`` is standard input.
 
         `side` selects one side of the conversations that were captured at two places; None for both.
-        `taken_at` is the capture point; None if only the traffic shows it.
+        `taken_at` is the capture point; None to infer the capture point from the traffic.
 
         Raises:
             click.UsageError: there is no input, or more than one kind, or standard input is closed.
@@ -181,7 +181,7 @@ class CaptureReader:
     def counting_test(
         self, wanted: Filter, test: Callable[[R], bool], number_of: Callable[[R], int]
     ) -> Callable[[R], bool]:
-        """Return the test of a filter; if no record matches, `print_summary` says so.
+        """Return the test of a filter; if no record matches, `print_summary` reports this.
 
         `number_of` returns the number of a record, counted from 1.
         """
@@ -214,7 +214,7 @@ class CaptureReader:
     def citing_words(self) -> MessageFormatter:
         """Return the formatter of the command.
 
-        If several captures are read, its sentences name the capture and the packet of each frame.
+        If several captures are read, this formatter adds the capture and the packet of each frame.
         """
         return self._words if len(self.paths) < 2 else self._words.for_captures(self._find_frame)
 
@@ -242,7 +242,7 @@ class CaptureReader:
     def print_summary(self) -> None:
         """Print a summary to stderr.
 
-        The summary says if no record matched the filter. It has the read errors, the controllers that were
+        The summary reports whether no record matched the filter, the read errors, the controllers that were
         recognised by content, and the packet counts.
         """
         if self._no_match is not None and (sentence := self._no_match.sentence(self._words)):
@@ -273,7 +273,7 @@ class CaptureReader:
             print_stderr(capture_counts_text(counts, words))
 
     def _plan_places(self, paths: Sequence[str], ports: frozenset[int]) -> None:
-        """Find out which captures hold the same conversation, and prepare to decode these together."""
+        """Find the captures of the same conversation, and prepare to decode these captures together."""
         from bcapscope.capture.place_decoder import PlaceDecoder
         from bcapscope.capture.place_plan import plan_places
 
@@ -321,7 +321,7 @@ class CaptureReader:
                 idle_at = 0
                 try:
                     while (packet := interrupts.read_or_stop(partial(next, packets, None))) is not None:
-                        if packet[0] >= idle_at:  # other traffic than b-CAP may never pause
+                        if packet[0] >= idle_at:  # traffic other than b-CAP may have no pause
                             self.on_idle(packet[0])
                             idle_at = packet[0] + _IDLE_INTERVAL
                         yield packet
@@ -365,7 +365,7 @@ class _NoMatch:
     has_matched: bool = False
 
     def sentence(self, words: MessageFormatter) -> str:
-        """Return the sentence that nothing matched; "" if it is not true."""
+        """Return a sentence that says that no record matched; "" if a record matched or none was tested."""
         if self.has_matched or not self.tested:
             return ""
         records = Count(self.tested, str(self.wanted.kind))

@@ -36,15 +36,15 @@ def columns_option(kind: RecordKind) -> Decorator:
         "--columns",
         metavar="NAME,NAME...",
         callback=parse,
-        help="Show these fields only, such as t,command,arg[1]; also with --json and --csv. "
-        "`bcapscope fields` lists the names; file and file_packet are columns, too.",
+        help="Show only these fields, such as t,command,arg[1]; also with --json and --csv. "
+        "`bcapscope fields` lists the names. The names file and file_packet are valid, too.",
     )
 
 
 wide_option = click.option(
     "--wide",
     is_flag=True,
-    help="On a terminal, do not fold long lines, and do not cut those of --columns.",
+    help="On a terminal, print long lines in full: do not fold them, or with --columns, do not cut them.",
 )
 
 
@@ -69,9 +69,10 @@ def _with_reader(
     reader: CaptureReader,
     first_frame: Callable[[R], FrameObservation | Observation],
 ) -> dict[str, Callable[[R], object]]:
-    """Return the getters, and those of the fields that depend on the captures.
+    """Return the getters, together with the getters of `t`, `file` and `file_packet`.
 
-    `first_frame` returns the first frame of a record.
+    These three fields depend on the captures that `reader` reads. `first_frame` returns the first frame of a
+    record.
     """
 
     def origin(attribute: str) -> Callable[[R], object]:

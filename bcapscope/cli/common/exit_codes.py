@@ -27,7 +27,7 @@ class ExitCode(IntEnum):
     NO_DATA = 5
     """The captures were read, but contain nothing to write or play."""
     UNWRITABLE = 6
-    """A file was not written, or is incomplete: it exists, the disk is full, or access is denied."""
+    """A file was not written, or is incomplete: it exists already, the disk is full, or access is denied."""
     NOT_INSTALLED = 7
     """A library that only this command or option needs is not installed."""
     REFUSED = 8

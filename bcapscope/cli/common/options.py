@@ -130,9 +130,9 @@ taken_at = click.option(
     "--taken-at",
     type=click.Choice([point.value for point in CapturePoint]),
     callback=lambda context, parameter, value: None if value is None else CapturePoint(value),
-    help="Where the captures were taken: on the client's computer, at the controller, or between. This "
-    "decides whether a reply that was captured before a retry was lost or only late. By default, the "
-    "traffic decides as far as it shows the place.",
+    help="Where you captured: on the client's computer, at the controller, or between. If a reply was "
+    "captured shortly before a retry, this place decides between lost and late. By default, bcapscope "
+    "infers the place from the traffic, if possible.",
 )
 
 color = click.option(

@@ -301,8 +301,8 @@ _OPTIONS = (
         "hold_ns",
         metavar="TIME",
         callback=_parsing_callback(_duration),
-        help="Hold a message at most this long (default: 60s), then send it unchanged. A request that its "
-        "client has given up is dropped instead: the client closed its connection, made another call, or on "
+        help="Hold a message at most this long (default: 60s), then send it unchanged. The proxy drops a "
+        "request that its client has given up: the client closed its connection, made another call, or on "
         "UDP did not retry for 5 s.",
     ),
     click.option(

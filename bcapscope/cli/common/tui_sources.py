@@ -52,7 +52,7 @@ def run_app(*screens: ScreenEntry) -> None:
 def show_proxy(
     address: str, listen: Sequence[str], to: Sequence[str], record: Path | None, rules: RuleOptions
 ) -> None:
-    """Show the running proxy whose control socket has this address, or start a new proxy if it is ""."""
+    """Show the running proxy whose control socket has this address; for "", start a new proxy."""
     if not address:
         _show_own_proxy(listen, to, record, rules)
     elif listen or to or record or rules.command_line or rules.control:

@@ -161,7 +161,7 @@ class PlayerSlot:
             self._player.answer(choice)
 
     def stop(self) -> None:
-        """Tell the player to bring the robot to rest on its path, and then to end in order."""
+        """Order the player to bring the robot to rest on its path, and then to end."""
         if self._player is not None:
             self._player.stop()
 

@@ -22,7 +22,7 @@ MAX_LINES = 20_000
 
 
 class RunningDiagnosis:
-    """Diagnosis and statistics of traffic: `subscribers` receive it, and `snapshot` returns the analysis."""
+    """Diagnosis and statistics: `subscribers` receive the traffic, and `snapshot` returns the analysis."""
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
         self._words = words

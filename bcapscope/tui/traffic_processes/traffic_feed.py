@@ -35,7 +35,7 @@ _END_TIMEOUT = 2.0
 
 @dataclass(frozen=True, slots=True)
 class SourceProblem:
-    """Whether more traffic follows is uncertain; `reason` says why, or is "" once it is certain."""
+    """Says why more traffic may not follow; `reason` is "" if an earlier problem is over."""
 
     reason: str
 
@@ -196,7 +196,7 @@ class TrafficFeed:
         return out.decode() if process.returncode == 0 else self._last_error_line()
 
     def stop_reading(self) -> None:
-        """Tell the reader that the source has ended; the reader still processes the data that exists.
+        """Notify the reader that the source has ended; the reader still processes the data that exists.
 
         The watcher of a proxy ends with its relay, and needs no such message.
         """

@@ -60,7 +60,7 @@ class ScreenProcess(AppService):
     """A `bcapscope tui` process that draws the screen through a websocket.
 
     The process runs in a separate process session. Ctrl-C therefore reaches only the parent process, which
-    ends the screen process in order, so that it can release the robot.
+    ends the screen process in order, so that the screen process can release the robot.
     """
 
     def __init__(

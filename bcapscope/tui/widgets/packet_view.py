@@ -1,4 +1,4 @@
-"""Shows a frame as a tree and as bytes, side by side; the cursor of one is highlighted in the other."""
+"""Shows a frame as a tree and as bytes, side by side; the selected field is highlighted in both."""
 
 from __future__ import annotations
 

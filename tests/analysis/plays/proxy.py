@@ -25,7 +25,7 @@ SCENES = (
         "injected-fault",
         _through_a_proxy("drop: dropped", call5="request"),
         (21,),
-        ("the proxy's rule drop acted on CurJnt 6", ": dropped."),
+        ("the proxy applied its rule drop to CurJnt 6", ": dropped."),
         _through_a_proxy("", call5="request"),
     ),
     Scene(
@@ -55,7 +55,7 @@ SCENES = (
         "injected-fault",
         _through_a_proxy("dropped by hand", call5="reply"),
         (23,),
-        ("the proxy noted on CurJnt 6", ": dropped by hand."),
+        ("the proxy recorded this note on CurJnt 6", ": dropped by hand."),
         _through_a_proxy("", call5="reply"),
     ),
 )

@@ -316,7 +316,7 @@ SCENES = (
         "retried",
         _crossed(8),
         (13, 14, 15, 16),
-        ("reply to slvMove 7 was captured 1.0 ms before a retry", "may have crossed on the network"),
+        ("reply to slvMove 7 was captured 1.0 ms before a retry", "the two crossed on the network"),
         _crossed(0.6),
     ),
     Scene("reply-lost", _crossed(0.6), (13, 14, 15, 16), ("captured after 7.0 ms",), _crossed(8)),
