@@ -114,7 +114,7 @@ class CallKinds:
 class RecentRequests:
     """Remembers recent requests, so that a reply can be shown with the function that it answers.
 
-    A reply answers the latest request with its serial, as for the official server.
+    A reply belongs to the latest request with the same serial, as it does for the official server.
     """
 
     def __init__(self) -> None:

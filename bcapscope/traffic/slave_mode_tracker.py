@@ -155,7 +155,7 @@ class SlaveModeTracker:
                 yield conversation
 
     def close_conversation(self, conversation: Conversation) -> OpenSlaveMode:
-        """Drop a client that has disconnected, and return the slave mode that the client left on."""
+        """Drop a client that has disconnected, and return its slave mode at that time."""
         return self._clients.pop(conversation, _NOTHING_KNOWN)
 
     def _keep(self, conversation: Conversation, known: OpenSlaveMode) -> None:

@@ -1,8 +1,8 @@
 """Attempts that were not captured, inferred from the serials around them.
 
-Every known client on UDP counts its serials up by one per attempt, so a skipped serial is that of an attempt
-that the client sent and that was not captured. It was lost before the capture point, or the capture missed
-it.
+On UDP, every known client increments the serial by one per attempt. A skipped serial therefore belongs to an
+attempt that was sent and not captured: the network lost the attempt before the capture point, or the capture
+missed it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 MAX_UNSEEN = 64
 """Maximum number of successive attempts without a captured one between them. A larger gap in the serials
-shows something else, such as a client that began anew."""
+shows something else, such as a restart of the client."""
 
 
 MAX_RECENT = 1024
@@ -28,8 +28,8 @@ settled calls are remembered (`serial_table`)."""
 def skipped_serials(before: int, after: int) -> tuple[int, ...]:
     """Return the serials between those of two successive captured frames of a client, oldest first.
 
-    The result is empty if the gap is too large to be one of missed attempts. Serial 0 is left out, because
-    most clients skip it.
+    The result is empty if the gap is too large to be caused by attempts that were not captured. Serial 0 is
+    left out, because most clients skip it.
     """
     gap = (after - before) & 0xFFFF
     if gap > MAX_UNSEEN + 1:
@@ -45,7 +45,7 @@ class UnseenRequests:
     newest call. The next request shows whether the client has used the serial.
 
     Attributes:
-        waiting: Whether the next request matters.
+        waiting: Whether the serial of the next request can change `request_missed` of a stray reply.
     """
 
     def __init__(self) -> None:
@@ -64,7 +64,8 @@ class UnseenRequests:
             del self._ahead[:-MAX_UNSEEN]
 
     def check_next_request(self, serial: int) -> None:
-        """Correct what earlier replies seemed to show, if the client uses their serials only now or later.
+        """Set `request_missed` of earlier stray replies to False if the client uses their serials only now or
+        later.
 
         A copy of the client's latest frame shows nothing.
         """

@@ -9,7 +9,7 @@ from bcapscope.traffic.joining.place_merger import Coverage
 
 
 class CapturedTwins:
-    """A conversation in two captures, each from another place.
+    """A conversation in two captures that were taken at different places.
 
     Twins are compared by identity.
 
