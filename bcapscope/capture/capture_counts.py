@@ -20,7 +20,7 @@ class CaptureCounts:
         missing: Number of bytes missing in the gaps of TCP streams.
         not_ip: Number of packets of other protocols than IP, such as ARP.
         broken: Number of packets that cannot be decoded because their headers are damaged or cut off.
-        not_bcap: Number of IP packets with other content than b-CAP, without empty TCP segments.
+        not_bcap: Number of IP packets with other content than b-CAP, not counting empty TCP segments.
         cut: Number of packets of which the capture kept only the beginning.
         fragments_lost: Number of fragmented IP packets dropped because fragments were missing or
             contradictory.

@@ -148,7 +148,7 @@ class CaptureSequence:
                 yield each._replace(began=first[0])
 
     def _merged(self, waiting: deque[tuple[int, int]]) -> Iterator[Packet]:
-        """Yield the packets of captures by time.
+        """Yield the packets of captures in order of time.
 
         `waiting` has the index and the first time of each capture, in the order of these times.
         """
@@ -207,7 +207,8 @@ class RunTable:
         self._numbers = array("Q")
 
     def add(self, start: int, source: int, number: int) -> None:
-        """Begin a run: from `start` on, numbers belong to the numbers from `number` on of `source`."""
+        """Begin a run: `start` and the numbers after it belong to `number` and the numbers after it in
+        `source`."""
         if len(self._starts) > MAX_RUNS:
             return
         self._starts.append(start)
@@ -215,7 +216,8 @@ class RunTable:
         self._numbers.append(number)
 
     def find(self, number: int) -> tuple[int, int] | None:
-        """Return the source of a number, and its number there; None if no run has it."""
+        """Return the source of a number, and the corresponding number in the source; None if no run has the
+        number."""
         at = bisect_right(self._starts, number) - 1
         if at < 0 or at == MAX_RUNS:
             return None

@@ -1,4 +1,4 @@
-"""Record the traffic of sockets as a capture: raw IP packets in pcapng, which other tools read too.
+"""Record the traffic of sockets as a capture: raw IP packets in pcapng, which other tools can read.
 
 A socket shows neither IP nor transport headers. The recording therefore has artificial headers, with the real
 addresses and ports. A TCP segment holds the bytes of one send or receive; acknowledgements are not recorded.

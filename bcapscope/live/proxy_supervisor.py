@@ -121,7 +121,7 @@ class ProxySupervisor:
         self._closing_requests: list[ClosingRequests] = []
 
     def listen(self, listener: ListenerSpec, forget_after: int) -> Endpoint:
-        """Listen, and return the address. The relay forgets a UDP client after `forget_after` ns of silence.
+        """Listen, and return the address. The relay removes a UDP client after `forget_after` ns of silence.
 
         Raises:
             ProxyListenError: The proxy cannot listen on this address.
@@ -196,8 +196,8 @@ class ProxySupervisor:
         with realtime_priority() as grade:
             if not grade.realtime:
                 self._send_to_watcher(encode_message(grade.text))
-            # The switch is made only now, because making it starts a thread for a test. If the thread started
-            # earlier, its stack would also be locked in memory.
+            # `idle_priority_switch` starts a thread for a test, so it is called only now. If the thread
+            # started earlier, its stack would also be locked in memory.
             if self._is_watched:
                 assert self._watcher is not None
                 assert self._watcher.pid is not None

@@ -258,7 +258,8 @@ class ProxyWatcher:
         )
 
     def _may_rest(self) -> bool:
-        """Return whether undecoded records may wait: traffic arrives, and neither ring nor delay is large."""
+        """Return whether undecoded records may wait: traffic arrives, and fill ratio and delay are below
+        their limits."""
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written
         if (
@@ -312,7 +313,7 @@ class ProxyWatcher:
         self._terminal.write_message(f"{head}: {printable(sentence)}")
 
     def _close_conversation(self, conversation: Conversation, why: Message) -> None:
-        """Complete the calls of a client that is gone, report the state that it left, and forget it."""
+        """Complete the calls of a client that is gone, report the state that it left, and drop its data."""
         self._pipeline.close_conversation(conversation)
         self._write_lines()
         left = self._session_closer.pop_left_open(conversation)

@@ -16,7 +16,7 @@ class Recorder:
     """A recording for a program that must continue: after a disk failure, it warns once and drops packets.
 
     Attributes:
-        files: Files of the recording; says how many packets wait for `flush`.
+        files: Files of the recording, with the number of packets that wait for `flush`.
         packets: Recording to write packets to. Writing raises nothing; `flush` makes packets visible in the
             file.
         is_complete: Whether every file could be written so far.

@@ -5,9 +5,9 @@ watcher at nice 10, and 0.5 ms at idle priority. A process that wakes up replace
 priority at once. A process that wakes up replaces a process of another priority only at the end of that
 process's slice of about 3 ms.
 
-Linux guarantees neither. It updates the run time of a process, and decides which process runs, only at a tick
-every 1 to 10 ms (sched(7), EEVDF). So the watcher also yields the processor after each 0.1 or 0.2 ms of work,
-which makes Linux decide.
+Linux does not guarantee this order. It updates the run time of a process, and decides which process runs,
+only at a tick every 1 to 10 ms (sched(7), EEVDF). So the watcher also yields the processor after each 0.1 or
+0.2 ms of work, which makes Linux choose the next process.
 
 Beside programs that are always busy, a process of idle priority gets almost no processor time, and each yield
 gives up a whole slice. So the relay, which always gets the processor, checks how far the watcher has read,

@@ -61,11 +61,11 @@ class HeldMessage(NamedTuple):
     abandoned_because: Message | None = None
 
     def abandonment_reason(self, now: int) -> Message | None:
-        """Return how bcapscope knows that the client no longer waits for a reply; None if it may wait.
+        """Return the evidence that the client no longer waits for a reply; None if the client may wait.
 
-        A motion that starts long after the client reported a failure to its user does harm. A client makes
-        one call at a time. So it no longer waits after it has sent another request, or after its stream has
-        ended. On UDP, a client that has not retried within `RETRY_WITHIN_NS` no longer waits. On TCP there
+        A motion is dangerous if it starts long after the client reported a failure to its user. A client
+        makes one call at a time. It therefore no longer waits after it has sent another request or ended its
+        stream. On UDP, a client that has not retried within `RETRY_WITHIN_NS` no longer waits. On TCP there
         are no retries, so a silent client may wait.
         """
         if self.abandoned_because is not None or self.flow.direction is Direction.RESPONSE:
@@ -200,7 +200,7 @@ class Intercept:
         ]
 
     def mark_abandoned(self, flow: Flow, why: Message) -> None:
-        """Note `why` the client no longer waits for the held messages of a flow."""
+        """Record `why` the client no longer waits for the held messages of a flow."""
         for held in self.held:
             if held.flow is flow and held.abandoned_because is None:
                 self._held[held.number] = held._replace(abandoned_because=why)
@@ -217,7 +217,7 @@ class Intercept:
         return found
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that has ended and has no held messages."""
+        """Drop the data of a conversation that has ended and has no held messages."""
         self._attempts.close_conversation(conversation)
 
     def _subject(self, message: WireMessage) -> tuple[_Subject | None, bool]:

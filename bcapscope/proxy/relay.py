@@ -31,7 +31,7 @@ POLL_INTERVAL = 0.05
 """Time in seconds between two ticks. At a tick, the relay writes pending records, and may stop."""
 
 _SWEEP_EVERY = 20
-"""Number of ticks between two sweeps. A sweep finds silent clients and full buffers: no event shows them."""
+"""Number of ticks between two sweeps. A sweep finds silent clients and full buffers, which cause no event."""
 
 _LONGEST_NOTE = 4096
 """Maximum size of a rule's note, in bytes."""
@@ -203,7 +203,8 @@ class Relay:
         return self.counts[RelayCounter.CLIENTS] + 1
 
     def remove_client(self, session: RelaySession, why: Message) -> None:
-        """Forget a client. The next tick writes its `CLIENT_CLOSED` record, after the client's last data."""
+        """Drop the data of a client. The next tick writes its `CLIENT_CLOSED` record, after the client's last
+        data."""
         self._paused_sessions.pop(session.number, None)
         if self.sessions.pop(session.number, None) is not None:
             self.slots[session.conversation.transport].release(session.number)

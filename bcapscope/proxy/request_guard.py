@@ -204,7 +204,7 @@ def _reads_one_way(frame: Frame) -> bool:
 
 
 def _hides_frame(raw: bytes) -> bool:
-    """Return whether readers may find another frame in these bytes, or one that starts in the bytes."""
+    """Return whether readers may find another frame in these bytes, or the start of another frame."""
     place = raw.find(SOH, 1)
     while place > 0:
         length = int.from_bytes(raw[place + 1 : place + 5], "little")

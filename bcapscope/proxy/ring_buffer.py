@@ -1,8 +1,9 @@
 """A ring buffer in shared memory, through which the relay passes its traffic to the watcher process.
 
-A write takes about a microsecond, makes no system call and never waits. A record that finds no room is lost
-and counted. One process writes and one process reads. A processor may store a record later than the position
-that announces the record. So each poll returns only the records written before the previous poll.
+A write takes about a microsecond, makes no system call and never waits. If the ring has no room for a record,
+the record is lost and counted. One process writes and one process reads. A processor may store a record later
+than the position that announces the record. So each poll returns only the records written before the previous
+poll.
 """
 
 from __future__ import annotations
@@ -281,7 +282,8 @@ class RingWriter(_Ring):
         """Write the holes of a client's streams. Return whether there was room for the holes and the next
         record.
 
-        With room for only the holes, many short holes would follow instead of one long hole.
+        If the holes were written without the next record, many short holes would follow instead of one long
+        hole.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:
@@ -325,8 +327,8 @@ class RingWriter(_Ring):
     ) -> None:
         """Write a record that must not be lost, as soon as there is room. Later records wait for this record.
 
-        If the reader stops, the number of waiting records stays limited: the records of a client that comes
-        and goes are discarded, and further notices are lost.
+        If the reader stops, the number of waiting records stays limited: the records of a client that
+        meanwhile connects and leaves are discarded, and further messages for the user are lost.
         """
         self.flush()
         if self._is_reader_detached or (

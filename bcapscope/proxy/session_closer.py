@@ -1,8 +1,8 @@
-"""Tracks what clients have left open at a controller, and makes the requests that close it.
+"""Tracks which sessions clients have left open at a controller, and makes the requests that close them.
 
 On UDP, a controller cannot see that a client is gone. The client's handles, its arm and slave mode stay open.
-The proxy sends only requests that give something back: slave mode off, the arm, handles, the service. No such
-request moves the robot.
+The proxy sends only requests that leave slave mode, give the arm back, release handles or stop the service.
+None of these requests moves the robot.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class SessionCloser(PipelineSubscriber):
         self.on_call(calls[-1], None)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Remember what a client that is gone left open, and forget the rest of the client's state."""
+        """Remember what a client that is gone left open, and drop the rest of the client's state."""
         self._left_open[conversation] = self._open_state(conversation)
         self._states.pop(conversation, None)
 

@@ -29,9 +29,9 @@ from bcapscope.transport.descriptors import wait_readable
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 
 EXPIRE_AFTER_NS = 600_000_000_000
-"""Silence in ns after which the relay forgets a client.
+"""Silence in ns after which the relay removes a client.
 
-The time is long, because a forgotten client that sends again looks like a new client to the controller. The
+The time is long, because a removed client that sends again looks like a new client to the controller. The
 socket of a silent client costs nothing.
 """
 

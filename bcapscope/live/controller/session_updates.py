@@ -106,7 +106,7 @@ def _slave_mode_after(record: HistoryRecord) -> int | None:
     if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
         code = record.reply.code
         level = describe_hresult(code).level or 0
-        # Each error of level 3 or above ends slave mode (DENSO Wave 2009: any result but S_OK does on RC7).
+        # Each error of level 3 or above ends slave mode (DENSO Wave 2009: on RC7, any result except S_OK).
         return 0 if code == E_NOT_IN_SLAVE_MODE or level >= _LEVEL_THAT_ENDS_SLAVE_MODE else None
     return None
 
