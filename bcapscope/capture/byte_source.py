@@ -53,8 +53,8 @@ class ByteSource:
 class GzipReader:
     """Decompresses a gzip file of one or several members while it is read.
 
-    The standard library's reader waits for full buffers. At damage, it loses bytes that it has already
-    decompressed.
+    The standard library's reader waits for full buffers. At damage, that reader loses bytes that it has
+    already decompressed.
     """
 
     def __init__(self, read: ChunkReader, head: bytes) -> None:

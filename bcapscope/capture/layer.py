@@ -94,8 +94,8 @@ class BCAP(Packet):  # type: ignore[misc] # as above
     """One b-CAP frame.
 
     Requests have the field `function_id`, replies have `hresult`. If you set one of the two
-    fields, the frame becomes a request or a reply. `trailer` holds the bytes between the arguments and EOT:
-    none, the CRC of a serial line, the mode of a version 1 frame, or bytes that belong to no argument. An
+    fields, the frame becomes a request or a reply. `trailer` holds the bytes between the arguments and EOT.
+    These are the CRC of a serial line, the mode of a version 1 frame, or bytes that belong to no argument. An
     unchanged frame keeps its original bytes.
     """
 

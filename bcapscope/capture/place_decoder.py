@@ -1,4 +1,4 @@
-"""Decode several captures. Some of them hold the same conversation, captured at different places."""
+"""Decode several captures, some of which hold the same conversation from different places."""
 
 from __future__ import annotations
 

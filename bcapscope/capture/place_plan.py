@@ -146,7 +146,7 @@ def _plan_pair(one: _Sample, other: _Sample, ports: Collection[int]) -> PlacePla
 
 
 def _find_later(one: _Sample, other: _Sample, ports: Collection[int]) -> list[SharedConversation]:
-    """Return the shared conversations of two files, of which one begins in the middle of the other."""
+    """Return the shared conversations of two files if one file begins in the middle of the other."""
     earlier, later = (one, other) if one.begins <= other.begins else (other, one)
     if earlier.ends < later.begins:
         return []

@@ -1,8 +1,9 @@
-"""What all faults have in common: which messages a fault hits. `fault_kinds` has the classes of the faults.
+"""The common fields of all faults, which select the messages that a fault hits. `fault_kinds` has the classes
+of the faults.
 
-A fault that Linux tc-netem(8) or Shopify's toxiproxy has, too, has the same name there. Each fault has its
-own stream of random numbers. A message is a datagram. On TCP, a message is a frame, or a run of bytes that
-are not a frame.
+Names are those of Linux tc-netem(8) and Shopify's toxiproxy for faults that these programs also have. Each
+fault has its own stream of random numbers. A message is a datagram. On TCP, a message is a frame, or a run of
+bytes that are not a frame.
 """
 
 from __future__ import annotations

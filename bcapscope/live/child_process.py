@@ -125,7 +125,7 @@ class ChildProcess:
             return next((text for text in reversed(self._output) if text), "")
 
     def hand_over_stdout(self) -> BinaryIO:
-        """Return the command's standard output, of which only the line with the addresses has been read.
+        """Return the command's standard output. Only the line with the addresses has been read from it.
 
         The caller must read and close the returned stream.
         """

@@ -319,7 +319,8 @@ class ProxySupervisor:
                 self._begin_ending()
 
     def _receive_from_watcher(self) -> None:
-        """Read a message from the watcher, if one has arrived: the requests that close sessions, or its end.
+        """Read a message from the watcher, if one has arrived: the requests that close sessions, or the
+        watcher's end.
 
         The periodic work may have read the message already. Another blocking read would never return, because
         the watcher waits for the relay.

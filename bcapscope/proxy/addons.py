@@ -255,7 +255,7 @@ def _load_module(path: str) -> ModuleType:
 
 
 def _where(error: BaseException) -> str:
-    """Return what failed in a script and where, on one line."""
+    """Return the error of a script and its place, on one line."""
     if isinstance(error, SyntaxError):
         return f"{error.msg} (line {error.lineno})"
     frames = traceback.extract_tb(error.__traceback__)

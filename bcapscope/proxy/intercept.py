@@ -77,7 +77,7 @@ class HeldMessage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class InterceptResult:
-    """What the intercept does with a message.
+    """Decision of the intercept about a message.
 
     Attributes:
         note: Description of the decision, for the user.
@@ -124,7 +124,8 @@ class Intercept:
         self.set_condition(condition)
 
     def set_condition(self, condition: FrameCondition | None) -> None:
-        """Hold messages that match another filter from now on. Messages that are already held stay held."""
+        """Hold messages that match another filter from now on. Messages that are already held are not
+        affected."""
         self.condition = condition
         self._matches_frame: Callable[[AnnotatedFrame], bool] | None = None
         if condition is not None:

@@ -1,7 +1,7 @@
 """The relay: one thread that moves bytes between clients and controllers without inspecting them.
 
 The relay writes its traffic into a ring buffer that another process reads. If there are rules, the relay
-forwards only what they allow.
+forwards only the data that the rules allow.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ _LONGEST_CUT_NOTE = 600
 """Number of characters kept of a note that is too long. Each character takes at most six bytes."""
 
 _SPARE_DESCRIPTORS = 4
-"""Number of spare file descriptors for clients that send a stop when no other descriptor is free: two for a
-TCP client, one for a UDP client, and one for a client without a complete frame.
+"""Number of spare file descriptors for clients that send a stop when no other descriptor is free. A TCP
+client needs two, a UDP client one, and a client without a complete frame one.
 """
 
 

@@ -327,8 +327,8 @@ class RingWriter(_Ring):
     ) -> None:
         """Write a record that must not be lost, as soon as there is room. Later records wait for this record.
 
-        If the reader stops, the number of waiting records stays limited: the records of a client that
-        meanwhile connects and leaves are discarded, and further messages for the user are lost.
+        If the reader stops, the number of waiting records stays limited: if a client connects and leaves
+        meanwhile, its records are discarded. Further messages for the user are lost.
         """
         self.flush()
         if self._is_reader_detached or (

@@ -132,7 +132,7 @@ class ScriptDecision:
 class ScriptQueue:
     """Shows messages to the scripts, in order, and returns their decisions.
 
-    The queue switches the scripts off if they exceed the time limit for one message, or if their process ends
+    The queue switches the scripts off if they exceed the time limit for a message, or if their process ends
     or sends invalid data.
 
     Attributes:

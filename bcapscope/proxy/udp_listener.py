@@ -36,8 +36,8 @@ socket of a silent client costs nothing.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""Silence in ns after which a client may be evicted for a new client if all slots are taken, as in DENSO's C
-server (orin_bcap C/src/bcap_server.c).
+"""Silence in ns after which a client may be evicted for a new client if all slots are taken. DENSO's C server
+evicts clients in the same way (orin_bcap C/src/bcap_server.c).
 """
 
 _MAX_OLD = 10_000

@@ -47,13 +47,13 @@ class FrameRole(StrEnum):
     contradicts an earlier reply has this role, too."""
     LOST = "lost reply"
     """A reply that was captured before the client sent another attempt. The client evidently did not receive
-    the reply, because it retried."""
+    the reply, because the client retried."""
     DUPLICATE = "duplicate"
     """An exact copy of an earlier request or reply of the same call. The network or the capture made the
     copy, because all known clients give a retry a new serial."""
     CAPTURED_AGAIN = "captured again"
-    """An exact copy of an earlier frame of the same call that follows so soon that it is probably the same
-    packet, captured on another interface or a mirror port."""
+    """An exact copy of an earlier frame of the same call, captured so soon after that frame that both are
+    probably one packet. An example is a second interface or a mirror port."""
 
 
 class CallState(StrEnum):
@@ -101,13 +101,13 @@ class Call:
             since 1970; 0 if it did not. If the reply came after the client's timeout, the time of that
             timeout.
         gave_up_inferred: Whether `abandoned_at` is only inferred from the distances between the attempts.
-        is_guess: Whether it is a guess which frames belong to the call, because some attempts were not
+        is_guess: Whether the choice of frames for this call is a guess, because some attempts were not
             captured.
         last_activity: Time of the latest frame of the call, ns since 1970.
         no_reply_expected: Whether a reply can no longer follow, even though the client began no other call.
         state: State of the call; a complete call is unanswered, settled or evicted.
         crossing_ns: Maximum time in ns between a reply and a retry of this client that may have crossed on
-            the network, as known when the call settled.
+            the network. The value is from the time when the call settled.
         skipped_handles: Number of handles that the controller skipped before the accepted handle. If it
             skipped as many handles as the call has attempts, or more, `skipped_handles` is 0.
         unseen_serials: Serials of the retries that were not captured, inferred from the serials around them.
@@ -341,4 +341,4 @@ class StrayReply:
 
 
 PairingResult: TypeAlias = Call | StrayReply
-"""What a `Tracker` returns: a completed call or a stray reply."""
+"""Result of a `Tracker`: a completed call or a stray reply."""

@@ -91,7 +91,7 @@ class CallKinds:
         # Nearly all requests begin with a VT_I4 handle of 14 bytes, then the length of the command in bytes.
         # The prefix contains all bytes that determine the command, and no parameter.
         # `_learn` keeps no prefix if the length needs more than one byte or the handle has another type.
-        # The prefix includes the byte after the command, because a frame without this byte is cut.
+        # The prefix includes the byte after the command, because a frame without this byte is incomplete.
         prefix = raw[_FUNCTION_ID : _BSTR_DATA + raw[_BSTR_START] + 1]
         return self._by_prefix.get(prefix) or self._learn(request, prefix)
 

@@ -30,7 +30,8 @@ class Outcome(StrEnum):
     NOT_FOLLOWED = "not_followed"
     """The call was evicted because too many calls were open; a reply may have followed."""
     NOT_CAPTURED = "not_captured"
-    """The capture may lack the reply: it lacks bytes that the controller sent, or holds only requests."""
+    """The capture may lack the reply: bytes from the controller are missing, or the capture holds only
+    requests."""
 
 
 class CallVerdict(StrEnum):
@@ -56,14 +57,14 @@ class CallVerdict(StrEnum):
     REPLY_LOST = "reply lost"
     """A reply was captured, but the client still sent another attempt, too late for the two to have crossed
     on the network (see `capture_point`). The reply was lost between the capture point and the client, or the
-    client was too busy to read it. *Reply lost* is also the verdict if S_EXECUTING was captured for an
-    attempt whose result never came, and if a reply was captured at the controller's side of a proxy but not
-    at the client's side."""
+    client was too busy to read it. *Reply lost* is also the verdict in two other cases. S_EXECUTING was
+    captured for an attempt, but no result of that attempt. Or a reply was captured at the controller's side
+    of a proxy, but not at the client's side."""
     REQUEST_LOST = "request lost"
     """S_EXECUTING was captured for the answered attempt, and nothing for the earlier attempts. The earlier
     attempts were lost; otherwise the controller would have executed or answered them. *Request lost* is also
     the verdict if an attempt was captured at the client's side of a proxy but not at the controller's side.
-    If both requests and replies of a call were lost, the first loss decides."""
+    If both requests and replies of a call were lost, the first loss determines the verdict."""
     CANNOT_TELL = "cannot tell"
     """The client retried, and the capture does not show whether requests or replies were lost, or whether a
     reply was late."""

@@ -1,4 +1,4 @@
-"""Where a capture was taken, and what follows for a reply that was captured shortly before a retry.
+"""Where a capture was taken, and how this place affects replies that were captured shortly before a retry.
 
 A reply and a retry cross if the client sends the retry before it receives the reply. The reply is then late.
 Otherwise the client never received the reply: it was lost. A capture on the client's computer shows whether
@@ -37,9 +37,9 @@ class CapturePoint(StrEnum):
 class CrossingWindow:
     """The time within which a reply and a retry of one client may cross.
 
-    The client's reactions show this time. A reaction lasts from a reply to the client's next request. It
-    consists of the round trip from the capture point to the client and back, and of the time in which the
-    client prepares the request.
+    The client's reactions show this time. A reaction lasts from a reply to the client's next request. This
+    time is the round trip from the capture point to the client and back, plus the client's time to prepare
+    the request.
 
     Attributes:
         considered_below_ns: Only reactions shorter than this can narrow the window.

@@ -13,7 +13,8 @@ from bcapscope.traffic.unseen_attempts import skipped_serials
 
 SHORTEST_TIMEOUT_NS = 2_000_000
 """Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). A client that begins a new call sooner after
-the previous request does not wait for replies, and so may still accept the reply to the previous request."""
+the previous request does not wait for replies. It may therefore still accept the reply to the previous
+request."""
 
 TIMEOUTS_TO_GIVE_UP = 4
 """Number of timeouts without an attempt after which the client has given up a call that it retried."""
@@ -33,8 +34,8 @@ _MAX_KINDS = 64
 def attempt_distances(call: Call) -> list[int]:
     """Return the distances between successive attempts of a call in ns.
 
-    If attempts between two captured ones were not captured, each distance is an equal part of the time
-    between the captured ones.
+    If attempts between two captured attempts were not captured, the time between the captured attempts is
+    divided evenly.
     """
     attempts = call.attempts
     if len(attempts) == 1:

@@ -26,8 +26,8 @@ BUSY_WITHIN_NS = 30_000_000_000
 answered a later call. The controller may still be executing the call, because controllers answer in order."""
 
 EXECUTION_NS = 180_000_000_000
-"""Maximum time in ns without a frame of a call, if no later call was answered: the server's InvokeTimeout,
-after which the server never answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+"""Maximum time in ns without a frame of a call, if no later call was answered. It is the server's
+InvokeTimeout, after which the server never answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
 
 def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequence[tuple[int, int]]) -> int:

@@ -32,7 +32,7 @@ _PARAMETER = 2
 
 
 class SlaveModeEffect(Enum):
-    """What a call shows about slave mode, or how it changes slave mode."""
+    """Evidence of a call about slave mode, or its effect on slave mode."""
 
     SET_POINT = "set point"
     """The call is a set point that was accepted, found the buffer full, or has no captured reply."""
@@ -51,7 +51,7 @@ class SlaveModeEffect(Enum):
 
 
 def slave_mode_effect(call: Call) -> SlaveModeEffect | None:
-    """Return what a call shows about slave mode; None if the call has nothing to do with slave mode."""
+    """Return the evidence or effect of a call; None if the call has nothing to do with slave mode."""
     function_id, command = call.kind
     code = call.hresult
     refused = code is not None and is_failure(code)

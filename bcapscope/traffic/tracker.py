@@ -98,7 +98,7 @@ class Tracker:
         """Add the next observation of a conversation that was captured at two places (see `observe`).
 
         A reply that was not captured at the client's side is a lost reply of its call. Requests that a proxy
-        sent on its own belong to no call of the client, and neither do the replies.
+        itself made, and the replies to them, belong to no call of the client.
         """
         item = observation.item
         is_own = observation.was_made_between and observation.is_request

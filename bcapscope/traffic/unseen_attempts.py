@@ -1,8 +1,8 @@
 """Attempts that were not captured, inferred from the serials around them.
 
 On UDP, every known client increments the serial by one per attempt. A skipped serial therefore belongs to an
-attempt that was sent and not captured: the network lost the attempt before the capture point, or the capture
-missed it.
+attempt that was sent and not captured: the network lost it before the capture point, or the capture missed
+it.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, StrayReply
 
 MAX_UNSEEN = 64
-"""Maximum number of successive attempts without a captured one between them. A larger gap in the serials
-shows something else, such as a restart of the client."""
+"""Maximum number of successive attempts that were not captured. A larger gap in the serials shows something
+else, such as a restart of the client."""
 
 
 MAX_RECENT = 1024
-"""Maximum distance of a serial to the latest one that counts as recent. The serials of at least as many
-settled calls are remembered (`serial_table`)."""
+"""Maximum distance of a recent serial from the latest serial. The serials of at least as many settled calls
+are remembered (`serial_table`)."""
 
 
 def skipped_serials(before: int, after: int) -> tuple[int, ...]:
@@ -40,9 +40,9 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
 class UnseenRequests:
     """The stray replies of one client that answer requests which were not captured.
 
-    The serial of such a reply is one that the client skipped, or used before the capture began, or one that
-    follows the client's latest captured frame. In the last case, the request may be a retry of the client's
-    newest call. The next request shows whether the client has used the serial.
+    The client skipped the serial of such a reply, or used this serial before the capture began, or the serial
+    follows that of the client's latest captured frame. In the last case, the request may be a retry of the
+    client's newest call. The next request shows whether the client has used the serial.
 
     Attributes:
         waiting: Whether the serial of the next request can change `request_missed` of a stray reply.

@@ -35,7 +35,7 @@ class ConnectStepUpdate:
 
     Attributes:
         done: Whether the step succeeded; None while the step runs.
-        result: What the step found, or why the step failed.
+        result: Result of the step, or the reason of its failure.
     """
 
     step: ConnectStep
@@ -45,7 +45,7 @@ class ConnectStepUpdate:
 
 @dataclass(frozen=True, slots=True)
 class ControllerIdentity:
-    """What the controller reports about itself.
+    """Facts that the controller reports about itself.
 
     Attributes:
         version: Version of the controller's software; empty if not reported.

@@ -94,7 +94,7 @@ class Filter:
 
     Attributes:
         getter_names: Names of the getters that must be passed to `bind`.
-        warnings: Comparisons that are valid, but hardly what the user means.
+        warnings: Comparisons that are valid, but probably a mistake.
         unknown_values: Values in the expression that are in no table. Such a value can be right, but may
             explain why a filter selects nothing.
     """
@@ -162,8 +162,8 @@ def compile_filter(expression: str, kind: RecordKind) -> Filter:
 
 
 class _Parser:
-    """Recursive-descent parser. Each method `parse_...` consumes the tokens of one construct and returns its
-    binder."""
+    """Recursive-descent parser. Each method `parse_...` consumes the tokens of one construct, and returns the
+    binder of this construct."""
 
     def __init__(self, expression: str, kind: RecordKind) -> None:
         self.expression = expression

@@ -37,7 +37,7 @@ _TIMESTAMP = re.compile(
 
 
 class ComparedField(NamedTuple):
-    """What the compiler of the right side of a comparison needs to know about the left side.
+    """The left side of a comparison, as far as the compiler of the right side needs it.
 
     Attributes:
         expression: The whole filter expression, for error messages.

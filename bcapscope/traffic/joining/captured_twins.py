@@ -1,4 +1,4 @@
-"""What is known in advance about a conversation that two captures hold."""
+"""Facts about a conversation in two captures that are known before the captures are joined."""
 
 from __future__ import annotations
 

@@ -23,8 +23,8 @@ class JoinedObservation(Observation):
     """A frame of a conversation that was captured at two places, with its sighting at each place. A sighting
     is the frame as captured at one place.
 
-    The inherited fields are those of the sighting at the client's side. If there is none, they are those of
-    the sighting at the controller's side, but with the flow of the client's side.
+    The inherited fields are those of the sighting at the client's side. Without this sighting, the fields are
+    those of the sighting at the controller's side, but `flow` is that of the client's side.
 
     Attributes:
         at_client: Sighting at the client's side; None if there is none.

@@ -54,7 +54,7 @@ MAX_SENDERS = 16
 """Maximum number of conversations that are compared because they have the same request."""
 
 MAX_REQUESTS = 65536
-"""Maximum number of requests of new conversations that are remembered to compare them."""
+"""Maximum number of requests of new conversations that are remembered for comparison."""
 
 _REQUEST = Direction.REQUEST
 
@@ -160,7 +160,8 @@ class Joiner:
         return sum(merger.own_requests for merger in self._distinct_mergers())
 
     def expire(self, now: int) -> Sequence[Observation]:
-        """Return the observations that are due at the time `now`, ns since 1970, without a new one."""
+        """Return the observations that are due at the time `now`, ns since 1970, without a new
+        observation."""
         self._now = max(self._now, now)
         return self._pop_due()
 
@@ -262,7 +263,7 @@ class Joiner:
             self._join(*twins)
 
     def _decide(self, new: _NewConversation) -> None:
-        """Join a conversation with its twin, or pass it on alone."""
+        """Join a conversation with its twin; without a twin, release the conversation alone."""
         twins = self._best_twins(new)
         if twins is None:
             self._release(new)

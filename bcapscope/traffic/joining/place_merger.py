@@ -1,4 +1,4 @@
-"""Merge what two places captured of one conversation: each frame once, with its sightings."""
+"""Merge the captures of one conversation from two places: each frame once, with its sightings."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ JOIN_WITHIN_NS = 1_000_000_000
 after this time counts as lost between the two places. A proxy's delay faults are shorter."""
 
 MAX_PENDING = 65536
-"""Maximum number of frames that wait for the other place. Beyond this limit, the oldest is delivered as it
-is."""
+"""Maximum number of frames that wait for the other place. Beyond this limit, the oldest frame is delivered
+without the other sighting."""
 
 MAX_COMPARED = 1024
 """Maximum number of waiting frames that are compared with a frame, because a proxy may have changed it."""
 
 MAX_OVERDUE = 256
 """Maximum number of frames that counted as lost, and are still recognised if the other place captures them
-later, such as a message that the proxy's user held and then released."""
+later. An example is a held message that the proxy's user released."""
 
 NO_COMMENTS: Mapping[int, tuple[str, ...]] = {}
 
@@ -244,8 +244,7 @@ class PlaceMerger:
         return True
 
     def _note_on(self, *observations: Observation) -> str:
-        """Return the comments on the packets of a frame. In these, a proxy describes what it did to the
-        frame."""
+        """Return the comments on the packets of a frame. In the comments, a proxy describes its changes."""
         if not self._comments:
             return ""
         notes = dict.fromkeys(note for each in observations for note in self._comments.get(each.packet, ()))

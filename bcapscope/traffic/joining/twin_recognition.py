@@ -1,4 +1,5 @@
-"""Recognise from their frames that two conversations are the two legs of one conversation through a proxy."""
+"""Recognise by their frames whether two conversations are the two legs of one conversation through a
+proxy."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 ENOUGH_CALLS = 8
 """Number of nested calls that prove twins in the middle of the traffic. Two clients that start the same
-program at the same time send the same bytes, but their calls are hardly nested eight times in a row."""
+program at the same time send the same bytes. However, eight nested calls in a row are very unlikely."""
 
 FEWEST_CALLS = 2
 """Number of nested calls that prove twins if the traffic holds no further calls."""
