@@ -45,7 +45,7 @@ class _Record(msgspec.Struct, array_like=True):
     """Stored form of a call or a stray reply, which refers to frames by their observation numbers.
 
     For a stray reply, `number` is 0 and `request` is the number of the reply's frame. `reply` is the number
-    of the call that the reply is too late for, or 0. `evicted` holds `may_answer_evicted`.
+    of the call for which the reply is late, or 0. `evicted` holds `may_answer_evicted`.
     """
 
     number: int

@@ -142,7 +142,7 @@ class SocketRecording:
         reset: bool = False,
         comment: str = "",
     ) -> None:
-        """Write that one end closes a TCP connection: a FIN, or a RST with `reset`."""
+        """Record that one end closes a TCP connection: a FIN, or a RST with `reset`."""
         self._write_empty_segment(source, target, _ACK | (_RST if reset else _FIN), time, interface, comment)
 
     def drop_connection(self, client: Address, server: Address) -> None:

@@ -84,7 +84,7 @@ class Fault(
 
 
 class MessageFault(Fault, frozen=True, kw_only=True):
-    """A fault that acts on messages."""
+    """A fault that affects messages."""
 
     needs_whole_frame: ClassVar[bool] = True
     """Whether the action needs whole frames, regardless of the conditions."""

@@ -1,7 +1,7 @@
 """The faults, as validated immutable data, each with its effect on the messages that it hits.
 
 `draw` takes random numbers from the fault's own stream, for every message that the fault might hit. Therefore
-other faults that act on the same messages do not change the numbers. `apply` then changes the message.
+other faults that affect the same messages do not change the numbers. `apply` then changes the message.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class SendBytes(msgspec.Struct, frozen=True):
         flow: Conversation and direction of the bytes. A request goes to the controller, a response to the
             client.
         data: A datagram, or the next bytes of a stream.
-        fault_notes: What faults did to the bytes; empty if no fault acted.
+        fault_notes: Effects of faults on the bytes; empty if there were none.
     """
 
     flow: Flow

@@ -152,7 +152,7 @@ class ChildProcess:
             on_end(self._end_reason())
 
     def terminate(self) -> list[str]:
-        """End the command in order. Return the lines that the command printed while it ended."""
+        """End the command gracefully. Return the lines that the command printed while it ended."""
         self._is_wanted = False
         before = self._line_count
         self._on_output = None

@@ -90,7 +90,8 @@ class WatcherSubscriber(Protocol):
     subscribers: tuple[PipelineSubscriber, ...]
 
     def on_frame(self, observation: Observation, note: str) -> None:
-        """Receive a frame; `note` says in the user's language what a proxy rule did to it, or ""."""
+        """Receive a frame; `note` describes in the user's language what a proxy rule did to the frame; "" for
+        nothing."""
 
     def report_if_due(self, client_count: int) -> None:
         """Send reports that are due, even without traffic; `client_count` is the number of clients so far."""

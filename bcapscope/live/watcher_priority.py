@@ -11,7 +11,7 @@ only at a tick every 1 to 10 ms (sched(7), EEVDF). So the watcher also yields th
 
 Beside programs that are always busy, a process of idle priority gets almost no processor time, and each yield
 gives up a whole slice. So the relay, which always gets the processor, checks how far the watcher has read,
-and raises its priority.
+and raises the watcher's priority.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def idle_priority_switch(process: int) -> Callable[[bool], None]:
 
 
 def _can_leave_idle_priority() -> bool:
-    """Return whether this user may move a process out of idle priority (sched(7)), by a test in a thread."""
+    """Test in a thread whether this user may move a process out of idle priority (sched(7))."""
     if not hasattr(os, "SCHED_IDLE"):
         return False
     succeeded: list[bool] = []

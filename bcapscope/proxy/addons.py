@@ -1,7 +1,7 @@
 """Add-ons: the user's classes, which see each message and may change, drop or answer it.
 
 A script is a Python file. The proxy creates one object of each class in the file that has a method with one
-of these names, and calls its methods. The class needs a constructor without arguments.
+of these names. It then calls these methods. The class needs a constructor without arguments.
 
     request(message)      a request arrived from a client
     reply(message)        a reply arrived from the controller

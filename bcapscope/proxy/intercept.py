@@ -252,7 +252,7 @@ class Intercept:
         return InterceptResult(Message("held.dropped-as", number=number), None)
 
     def _remember_decision(self, subject: _Subject, decided: _PastDecision) -> None:
-        """Store a decision last, because decisions expire in the stored order."""
+        """Store a decision after all others, because decisions expire in the stored order."""
         self._past_decisions.pop(subject, None)
         self._past_decisions[subject] = decided
         if len(self._past_decisions) > MAX_HELD:

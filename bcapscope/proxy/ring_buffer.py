@@ -87,7 +87,7 @@ class RelayCounter(IntEnum):
     UNWATCHED = 10
     """Records that were lost because the ring was full."""
     RULED = 11
-    """Datagrams and pieces of streams on which a rule acted."""
+    """Datagrams and pieces of streams that a rule affected."""
 
 
 _RECEIVED, _SENT = (
@@ -108,7 +108,7 @@ class RingRecord(NamedTuple):
         sent_at: Time just before sending, in ns since 1970, so that no reply is older; 0 for data not sent
             yet.
         data: Content of the record, as `kind` defines it.
-        note: What a rule did, encoded with `encode_message`; b"" if no rule acted.
+        note: What a rule did, encoded with `encode_message`; b"" if no rule affected the data.
     """
 
     kind: RingRecordKind
@@ -225,7 +225,7 @@ class RingWriter(_Ring):
 
     @property
     def bytes_read(self) -> int:
-        """Number of bytes that the reader ahead of the other has read so far."""
+        """Number of bytes read so far by the reader that is ahead of the other reader."""
         return max(self._marks[_READ], self._marks[_AHEAD])
 
     def detach_reader(self) -> None:

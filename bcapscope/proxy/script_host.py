@@ -45,7 +45,7 @@ class ScriptHost:
     """Carries out the orders of the proxy. This class uses no socket and no clock."""
 
     def __init__(self, addons: AddonRunner) -> None:
-        """Run these add-ons, and take over their messages for the user."""
+        """Run these add-ons, and collect their messages for the user."""
         self._addons = addons
         self._clients: dict[int, tuple[AddonClient, Conversation]] = {}
         self._recent_requests = RecentRequests()

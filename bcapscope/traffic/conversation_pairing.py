@@ -434,7 +434,7 @@ class ConversationPairing:
         return call
 
     def _settle_irregular(self, call: Call, event: CallEvent) -> None:
-        """Settle a call without a reply, or with other frames than one request and one reply.
+        """Settle a call without a reply, or with frames besides one request and one reply.
 
         The reply is late if the distances between the attempts show that the client had given up.
         """

@@ -149,7 +149,8 @@ class SlaveModeTracker:
         return self._clients.get(conversation, _NOTHING_KNOWN)
 
     def clients_in_slave_mode(self) -> Iterator[Conversation]:
-        """Yield the conversations of the clients in slave mode, unless their latest set point was refused."""
+        """Yield the conversations of the clients in slave mode, except those whose latest set point was
+        refused."""
         for conversation, known in self._clients.items():
             if known.robots and not known.set_points_refused:
                 yield conversation

@@ -67,7 +67,7 @@ class UnseenRequests:
         """Set `request_missed` of earlier stray replies to False if the client uses their serials only now or
         later.
 
-        A copy of the client's latest frame shows nothing.
+        A copy of the client's latest frame has no effect.
         """
         for stray, newest in self._ahead:
             latest = newest.last_attempt.item.serial

@@ -1,4 +1,4 @@
-"""Estimate how the clock at one place differs from the clock at another, from the frames that both captured.
+"""Estimate the difference between the clocks at two places, from the frames that both places captured.
 
 A frame cannot arrive before it was sent. A request therefore gives an upper bound of how far the controller's
 clock is ahead, and a reply gives a lower bound. The estimate is between the lowest upper bound and the
@@ -32,7 +32,7 @@ class ClockEstimate(NamedTuple):
             Between the points, and beyond them, the offset follows a straight line.
         error: Uncertainty of the offset, ns: half the distance between its bounds.
         drift: How much faster the controller-side clock runs, as a ratio: 1e-6 is one microsecond per second.
-            None if the traffic does not show it.
+            None if the traffic does not show the drift.
     """
 
     points: tuple[tuple[int, int], ...]

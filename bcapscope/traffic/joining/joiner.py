@@ -26,8 +26,8 @@ HELD_UNANSWERED_NS = 5_000_000_000
 requests, and the client retries within this time (`conversation_pairing.RETRY_WITHIN_NS`)."""
 
 MAX_WAITING = 32768
-"""Maximum number of observations that wait for earlier ones. Beyond this limit, all decisions are made at
-once."""
+"""Maximum number of observations that wait for earlier ones. Beyond this limit, bcapscope decides about all
+held conversations at once."""
 
 HELD_FRAMES = 512
 """Maximum number of frames of a new conversation that are held until its twin is known."""

@@ -16,7 +16,7 @@ FEWEST_CALLS = 2
 """Number of nested calls that prove twins if the traffic holds no further calls."""
 
 CLIENT_LEG, CONTROLLER_LEG = "clients of ", "controller "
-"""Beginnings of the names that bcapscope's proxy gives the interfaces of its two legs in a recording."""
+"""Prefixes of the interface names that bcapscope's proxy uses for its two legs in a recording."""
 
 _REQUEST = Direction.REQUEST
 
