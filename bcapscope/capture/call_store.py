@@ -37,8 +37,8 @@ _CLASSES = tuple(ObjectClass)
 
 _ObjectRecord = tuple[int, int, bytes, bytes, int, bool]
 _JoinedRecord = tuple[int, int, int, bool, bool, bytes]
-"""A frame that was captured at two places: its number, the numbers of its sightings at both sides (the
-client's first, 0 for none), `is_missed`, `is_relayed` and `note`."""
+"""A frame that was captured at two places: number of the frame; numbers of its sightings at the client's and
+the controller's side, 0 for none; `is_missed`, `is_relayed` and `note`."""
 
 
 class _Record(msgspec.Struct, array_like=True):

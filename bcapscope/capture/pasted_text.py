@@ -23,8 +23,8 @@ from bcapscope.traffic.observation import (
 class PastedText:
     """Observations of the packets in a text, in the order of the text. Their times are unknown and set to 0.
 
-    A packet has an additional problem if its command is unknown but similar to a known command, or if its
-    bytes are only one argument of a frame.
+    A packet has an additional problem if its command is unknown but similar to a known command. Bytes that
+    are only one argument of a frame are also a problem.
 
     Attributes:
         count: Number of packets read so far.

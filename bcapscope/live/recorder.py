@@ -25,7 +25,7 @@ class Recorder:
     def __init__(
         self, path: Path, warn: Callable[[Message], None], ring: RotationLimits | None = None
     ) -> None:
-        """Create the file. The names of a ring's files have a number and a time added. `warn` must not block.
+        """Create the file. The names of a ring's files contain a number and a time. `warn` must not block.
 
         Raises:
             FileWriteError: The file exists already, or cannot be written.

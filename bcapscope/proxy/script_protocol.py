@@ -102,7 +102,7 @@ class WireSentence(_WireFrame, frozen=True):
 
 
 def wire_sentence(message: Message) -> WireSentence:
-    """Return a message for the wire, with its places as text."""
+    """Convert a message for the user to this protocol, with its places as text."""
     places = {name: str(value)[:LONGEST_SENTENCE] for name, value in message.places.items()}
     return WireSentence(message.id, places)
 

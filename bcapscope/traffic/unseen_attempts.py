@@ -1,7 +1,7 @@
 """Attempts that were not captured, inferred from the serials around them.
 
 On UDP, every known client increments the serial by one per attempt. A skipped serial therefore belongs to an
-attempt that was sent and not captured: the network lost it before the capture point, or the capture missed
+attempt that was not captured. The network lost this attempt before the capture point, or the capture missed
 it.
 """
 
@@ -40,9 +40,9 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
 class UnseenRequests:
     """The stray replies of one client that answer requests which were not captured.
 
-    The client skipped the serial of such a reply, or used this serial before the capture began, or the serial
-    follows that of the client's latest captured frame. In the last case, the request may be a retry of the
-    client's newest call. The next request shows whether the client has used the serial.
+    There are three cases. The client skipped the serial of the reply, or used this serial before the capture
+    began, or the serial follows the client's latest captured serial. In the third case, the request may be a
+    retry of the client's newest call. The next request shows whether the client has used the serial.
 
     Attributes:
         waiting: Whether the serial of the next request can change `request_missed` of a stray reply.

@@ -20,9 +20,10 @@ in the first capture to the same bytes in the second. Frames with the same bytes
 with a reused serial, deviate more."""
 
 SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
-"""Conditions for captures that, by their clocks, did not run at the same time: minimum number and share of
-equal frames, and maximum median deviation in ns. Such captures have a wrong clock, or the client ran the same
-program twice. A second run has another client port, other values, or other pauses."""
+"""Conditions for captures that did not run at the same time by their clocks. The numbers are the minimum
+number of equal frames, their minimum share, and the maximum median deviation in ns. Such captures have a
+wrong clock, or the client ran the same program twice. A second run has another client port, other values, or
+other pauses."""
 
 ConversationEnds: TypeAlias = tuple[Endpoint, Endpoint, Transport]
 """Client, controller and transport."""
