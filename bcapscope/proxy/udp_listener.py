@@ -1,4 +1,5 @@
-"""UDP clients. Each client has a socket toward the controller, which distinguishes clients by port."""
+"""UDP clients. Each client has a socket toward the controller, because the controller distinguishes clients
+by port."""
 
 from __future__ import annotations
 

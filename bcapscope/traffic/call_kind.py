@@ -16,8 +16,8 @@ dropped and learned again. A session has a few dozen prefixes: one per pair of h
 
 MAX_SERIALS = 1024
 """Minimum number of latest requests of a conversation that `RecentRequests` remembers; the maximum is twice
-this. A thousand requests are enough to match a reply that is a second late to a set point that a client sends
-every millisecond."""
+this. A thousand requests are enough to match a reply that is a second late, even if the client sends a set
+point every millisecond."""
 
 MAX_CONVERSATIONS = 256
 """Maximum number of conversations that are followed. Beyond the limit, the conversation that was silent

@@ -43,9 +43,9 @@ class SlaveModeEffect(Enum):
     MODE_CHANGED = "mode changed"
     """The call is a slvChangeMode that the controller did not refuse."""
     SESSION_BOUNDARY = "session boundary"
-    """The client began or ended its session with this call, which was not refused."""
+    """The client began or ended its session with this call, and the controller did not refuse the call."""
     ROBOT_RELEASED = "robot released"
-    """The client released a robot with this call, which was not refused."""
+    """The client released a robot with this call, and the controller did not refuse the call."""
     ERROR = "error"
     """Another call failed with an error that switches slave mode off."""
 

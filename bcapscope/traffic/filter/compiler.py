@@ -292,7 +292,7 @@ class _Parser:
         return sign.text, found.getter_name
 
     def parse_match(self, subject: ComparedField) -> Match:
-        """Consume a comparison sign and its operand. A field without a sign is tested for truth."""
+        """Consume a comparison sign and its operand. A field without a sign must be true."""
         sign = self.peek()
         if sign.is_sign("==", "!="):
             self.advance()
