@@ -35,14 +35,15 @@ class ByteSource:
         self.offset = 0
 
     def advance(self, used: int) -> bool:
-        """Drop the first `used` bytes of `data` and append bytes of the stream; return False at its end."""
+        """Drop the first `used` bytes of `data` and append bytes of the stream; return False when the stream
+        has ended."""
         chunk = self._read(CHUNK_SIZE)
         self.data = self.data[used:] + chunk
         self.offset += used
         return bool(chunk)
 
     def ensure_bytes(self, size: int) -> bool:
-        """Read until `data` has at least `size` bytes; return False if the stream ends before."""
+        """Read until `data` has at least `size` bytes; return False if the stream ends earlier."""
         while len(self.data) < size:
             if not self.advance(0):
                 return False
@@ -52,8 +53,8 @@ class ByteSource:
 class GzipReader:
     """Decompresses a gzip file of one or several members while it is read.
 
-    The standard library's reader waits for full buffers. At damage, it loses bytes that it has already
-    decompressed.
+    The standard library's reader waits for full buffers. At damage, that reader loses bytes that it has
+    already decompressed.
     """
 
     def __init__(self, read: ChunkReader, head: bytes) -> None:

@@ -37,15 +37,15 @@ _CLASSES = tuple(ObjectClass)
 
 _ObjectRecord = tuple[int, int, bytes, bytes, int, bool]
 _JoinedRecord = tuple[int, int, int, bool, bool, bytes]
-"""Number of a frame that was captured at two places, the numbers of its sightings at the client's and the
-controller's side (0 for none), `is_missed`, `is_relayed` and `note`."""
+"""A frame that was captured at two places: number of the frame; numbers of its sightings at the client's and
+the controller's side, 0 for none; `is_missed`, `is_relayed` and `note`."""
 
 
 class _Record(msgspec.Struct, array_like=True):
     """Stored form of a call or a stray reply, which refers to frames by their observation numbers.
 
     For a stray reply, `number` is 0 and `request` is the number of the reply's frame. `reply` is the number
-    of the call that the reply is too late for, or 0. `evicted` holds `may_answer_evicted`.
+    of the call for which the reply is late, or 0. `evicted` holds `may_answer_evicted`.
     """
 
     number: int

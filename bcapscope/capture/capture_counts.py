@@ -18,10 +18,10 @@ class CaptureCounts:
         malformed: Number of observations of bytes that are not a frame.
         gaps: Number of gaps in TCP streams.
         missing: Number of bytes missing in the gaps of TCP streams.
-        not_ip: Number of packets of other protocols than IP, such as ARP.
+        not_ip: Number of packets of protocols other than IP, such as ARP.
         broken: Number of packets that cannot be decoded because their headers are damaged or cut off.
-        not_bcap: Number of IP packets with other content than b-CAP, without empty TCP segments.
-        cut: Number of packets of which the capture kept only the beginning.
+        not_bcap: Number of IP packets with content other than b-CAP, not counting empty TCP segments.
+        cut: Number of packets whose end the capture lacks.
         fragments_lost: Number of fragmented IP packets dropped because fragments were missing or
             contradictory.
         contradictions: Number of TCP retransmissions whose content differs from the first transmission.

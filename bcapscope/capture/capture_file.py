@@ -90,9 +90,9 @@ def open_capture(path: str | os.PathLike[str]) -> CaptureFile:
 
 
 def is_capture(path: str) -> bool:
-    """Return whether a file is a capture that can be read, compressed with gzip or not, by its first bytes.
+    """Return whether the first bytes of a file are those of a readable capture, compressed with gzip or not.
 
-    A file that cannot be opened counts as a capture, so that the user learns about it.
+    A file that cannot be opened counts as a capture, so that the user gets an error.
     """
     try:
         with Path(path).open("rb", buffering=0) as stream:

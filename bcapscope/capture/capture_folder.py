@@ -13,10 +13,10 @@ from bcapscope.messages.os_errors import os_reason
 
 
 def expand_folders(paths: Sequence[str], on_problem: Callable[[str, CaptureError], None]) -> Iterator[str]:
-    """Yield the paths; instead of a folder, the paths of the captures in it.
+    """Yield the paths, with each folder replaced by the paths of the captures in it.
 
-    A capture that is also named by itself is not yielded a second time for its folder. `on_problem` receives
-    a folder without captures, or one that cannot be read.
+    A capture that is given both by its own path and by its folder is yielded once. `on_problem` receives each
+    folder that has no capture or cannot be read.
     """
     named = {os.path.realpath(path) for path in paths}
     for path in paths:

@@ -29,7 +29,7 @@ class PacketOrigin(NamedTuple):
 
     Attributes:
         path: Path of the capture, as it was given.
-        name: Name of the capture for people: without its folder, unless another capture has the same name.
+        name: Name of the capture for the user: without its folder, unless another capture has the same name.
         packet: Number of the packet in the capture, from 1.
     """
 
@@ -72,7 +72,7 @@ class CaptureSequence:
         """Prepare to read captures.
 
         Args:
-            names: Name of each capture for people, by its path.
+            names: Name of each capture for the user, by its path.
             open_file: Opens a capture by its path.
             on_problem: Receives the path and the error of a capture that cannot be read to its end. Reading
                 continues with the next capture.
@@ -146,7 +146,7 @@ class CaptureSequence:
                 yield each._replace(began=first[0])
 
     def _merged(self, waiting: deque[tuple[int, int]]) -> Iterator[Packet]:
-        """Yield the packets of captures by time.
+        """Yield the packets of captures in order of time.
 
         `waiting` has the index and the first time of each capture, in the order of these times.
         """
@@ -184,7 +184,8 @@ class CaptureSequence:
 
 
 def capture_names(paths: Sequence[str]) -> dict[str, str]:
-    """Return the name of each capture for people: without its folder, unless two captures have this name."""
+    """Return the name of each capture for the user: without its folder, unless two captures have this
+    name."""
     count = Counter(Path(path).name for path in paths)
     return {path: name if count[name := Path(path).name] == 1 else path for path in paths}
 

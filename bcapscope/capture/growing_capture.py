@@ -14,8 +14,8 @@ from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 
 POLL_INTERVAL = 0.02
-"""Time in s between two checks for new data, too short for users to notice. Polling is necessary, since no
-function of all systems reports that a file has grown."""
+"""Time in s between two checks for new data, too short for users to notice. Polling is necessary, because
+some systems have no function that reports that a file has grown."""
 
 
 class _GrowingFile(io.RawIOBase):

@@ -106,7 +106,9 @@ class HexBlock:
         if not offset or len(self._rows) - first > MAX_ROWS // 2:
             first = len(self._rows) - 1
             offset = self._rows[first][0] // 2
-            note = f"belongs to the bytes before line {self._rows[first][1]}, of which there are too many"
+            note = (
+                f"continues the bytes before line {self._rows[first][1]}, which are too many for one packet"
+            )
         rows = self._rows[first:]
         rest = copy(self)
         rest._rows = [(max(count - 2 * offset, 0), line) for count, line in rows]

@@ -60,7 +60,7 @@ class RepeatMark(msgspec.Struct, frozen=True):
 
 
 class EndOffset(msgspec.Struct, frozen=True):
-    """A line of a single number, which is the offset after the last byte of a dump, or bytes."""
+    """A line with a single number: either the offset after the last byte of a dump, or bytes."""
 
     digits: str
 

@@ -273,7 +273,7 @@ def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
 def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
     """Return whether `block` continues an incomplete frame at the end of `before`.
 
-    A single byte must complete the frame, since otherwise the byte may be a page number.
+    If `block` is a single byte, that byte must complete the frame, because it may be a page number.
     """
     data = block.data
     lacking = _missing_bytes(before.data)
@@ -303,7 +303,7 @@ def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
     if not _begins_as_frame(data):
         data, by_port, skipped = _without_headers(data)
         if skipped:
-            notes.append(f"headers of {skipped} bytes, down to the port, taken off")
+            notes.append(f"removed {skipped} bytes of network headers")
             lines = [(max(place - skipped, 0), line) for place, line in lines]
     cuts = _frame_starts(data, [place for place, _ in lines])
     for start, stop in zip(cuts, [*cuts[1:], len(data)], strict=True):
@@ -348,7 +348,7 @@ def _direction_of(
     shown = direction_evidence(parse_single_frame(part))
     if shown is None or shown[0] is block.direction:
         return block.direction, False, []
-    return block.direction, False, [f"called a {block.direction}, but it holds {shown[1]}"]
+    return block.direction, False, [f"captioned as a {block.direction}, but the bytes hold {shown[1]}"]
 
 
 def _direction_by_content(part: bytes) -> Direction | None:
@@ -399,7 +399,7 @@ def _note_serial_mismatches(packets: Iterable[HexPacket]) -> Iterator[HexPacket]
                 request_serials.add(serial)
                 last = serial
             elif packet.direction is Direction.RESPONSE and request_serials and serial not in request_serials:
-                note = f"serial {serial}, the request above has {last}: they do not belong together"
+                note = f"serial {serial} does not match the request above, which has serial {last}"
                 noted = packet._replace(notes=(*packet.notes, note))
         yield noted
 

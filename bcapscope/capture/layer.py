@@ -7,8 +7,8 @@
     >>> sniff(offline="session.pcap", session=TCPSession, prn=lambda p: p[BCAP].summary())
     >>> sr1(IP(dst="192.168.0.1") / UDP() / BCAP(serial=1, function_id=1, args=[""]))
 
-No field of a frame distinguishes a request from a reply. The port does. Without a port, a frame whose code is
-a function id counts as a request.
+No field of a frame distinguishes a request from a reply; only the port does. Without a port, a frame whose
+code is a function id counts as a request.
 """
 
 from __future__ import annotations
@@ -94,8 +94,8 @@ class BCAP(Packet):  # type: ignore[misc] # as above
     """One b-CAP frame.
 
     Requests have the field `function_id`, replies have `hresult`. If you set one of the two
-    fields, the frame becomes a request or a reply. `trailer` holds the bytes between the arguments and EOT:
-    none, the CRC of a serial line, the mode of a version 1 frame, or bytes that belong to no argument. An
+    fields, the frame becomes a request or a reply. `trailer` holds the bytes between the arguments and EOT.
+    These are the CRC of a serial line, the mode of a version 1 frame, or bytes that belong to no argument. An
     unchanged frame keeps its original bytes.
     """
 
@@ -131,7 +131,8 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @classmethod
     def tcp_reassemble(cls, data: bytes, metadata: dict[str, Any], session: dict[str, Any]) -> Packet | None:
-        """Return the first frame of a stream, with the remaining bytes as padding; None until it is whole.
+        """Return the first frame of a stream, with the remaining bytes as padding; None until the frame is
+        whole.
 
         scapy passes the padding to this method again. Bytes outside any frame become a raw layer.
         """

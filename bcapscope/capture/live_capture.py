@@ -77,7 +77,7 @@ class _PacketSocket:
         self._name = name
         self._lost = 0
         self._interfaces: dict[str, Interface] = {}
-        everything = socket.htons(_ETH_P_ALL) if name == ANY_INTERFACE else 0  # 0: nothing before the bind
+        everything = socket.htons(_ETH_P_ALL) if name == ANY_INTERFACE else 0  # 0: no packets before the bind
         self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, everything)
         try:
             self._configure()

@@ -1,4 +1,4 @@
-"""Observations on disk: fast access to any of millions, in constant memory.
+"""Observations on disk. Reading any one of millions is fast and takes constant memory.
 
 One process writes while others read. The format is the same for observations from a file, an interface, a
 proxy or a client.

@@ -23,8 +23,8 @@ from bcapscope.traffic.observation import (
 class PastedText:
     """Observations of the packets in a text, in the order of the text. Their times are unknown and set to 0.
 
-    The problems of a packet also say if its command is unknown but resembles a known one, and if its bytes
-    are one argument of a frame.
+    A packet has an additional problem if its command is unknown but similar to a known command. Bytes that
+    are only one argument of a frame are also a problem.
 
     Attributes:
         count: Number of packets read so far.
@@ -71,7 +71,7 @@ def _lone_argument_problems(data: bytes) -> Iterator[Problem]:
 
 
 def _command_problem(request: Frame) -> Problem | None:
-    """Return the problem that the command of a request is unknown but resembles a known command."""
+    """Return a problem if the command of a request is unknown but resembles a known command; else None."""
     name = command_name(request.code, [argument.variant for argument in request.arguments])
     near = similar_command(request.code, name) if find_command(request.code, name) is None else None
     if near is None:

@@ -122,7 +122,7 @@ class _Section:
         """Unpack numbers.
 
         Raises:
-            _DamagedBlockError: The block is too small for them.
+            _DamagedBlockError: The block is too small for the numbers.
         """
         try:
             return struct.unpack_from(self._order + form, data, position)

@@ -1,4 +1,4 @@
-"""Decode several captures, of which some hold the same conversation, each from another place."""
+"""Decode several captures, some of which hold the same conversation from different places."""
 
 from __future__ import annotations
 
@@ -23,15 +23,16 @@ from bcapscope.traffic.joining.place_merger import Coverage
 from bcapscope.traffic.observation import Conversation, Observation
 
 OpenSequence = Callable[[Sequence[str]], CaptureSequence]
-"""Function that returns the sequence of some files, which keeps read errors for the user."""
+"""Function that opens files as one sequence. Their read errors are reported to the user."""
 
 
 class PlaceDecoder:
     """Turns the packets of several captures into observations, in order of time.
 
-    Conversations that two captures hold get a `capture_side`, by which a `Joiner` joins them. Their times are
-    by the clock of the capture at the client's side. Packets are counted over all files: the files of the
-    client's side, then those of the controller's side, then the others.
+    Conversations that two captures hold get a `capture_side`, by which a `Joiner` joins them. The times of
+    their observations are converted to the clock of the capture at the client's side. Packets are numbered
+    over all files: first the files of the client's side, then those of the controller's side, then the
+    others.
 
     Attributes:
         note_packet: As in `PacketDecoder`.
@@ -125,7 +126,7 @@ class PlaceDecoder:
 class _Part(NamedTuple):
     """Files that a decoder reads, whose times are converted from `clock` to the client-side clock.
 
-    `packets` is the number of their packets; 0 for the last part, for which it is not needed.
+    `packets` is the number of packets in the files; 0 for the last part, where the number is not needed.
     """
 
     sequence: CaptureSequence
@@ -169,7 +170,7 @@ class _Source:
     def timed_observations(
         self, keep_comments: Callable[[int, tuple[str, ...]], object]
     ) -> Iterator[tuple[int, Observation]]:
-        """Yield the observations with their times, numbered by packets of all sources."""
+        """Yield the observations with their times. Their packet numbers count the packets of all sources."""
         comments, base = self.decoder.comments, self.base
         packets = chain.from_iterable(part.timed_packets() for part in self.parts)
         for observation in self.decoder.decode(packets):
@@ -189,7 +190,8 @@ def _part(plan: PlacePlan, place: CapturePlace, open_sequence: OpenSequence) -> 
 
 
 def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
-    """Return the plans in groups that share conversations, such as two rings, each in order of time."""
+    """Return groups of plans that share conversations, such as the files of two rings. Each group is in order
+    of time."""
     groups: list[list[PlacePlan]] = []
     for plan in sorted(plans, key=lambda each: each.files[0].begins):
         group = next((each for each in groups if not set(each[0].shared).isdisjoint(plan.shared)), None)

@@ -42,7 +42,7 @@ class PlaceFile:
 
     Attributes:
         begins: Time of the first packet, by the clock of this file, ns since 1970.
-        ends: Time of the last packet.
+        ends: Time of the last packet, by the clock of this file, ns since 1970.
         packets: Number of packets.
     """
 
@@ -146,7 +146,7 @@ def _plan_pair(one: _Sample, other: _Sample, ports: Collection[int]) -> PlacePla
 
 
 def _find_later(one: _Sample, other: _Sample, ports: Collection[int]) -> list[SharedConversation]:
-    """Return the shared conversations of two files, of which one begins in the middle of the other."""
+    """Return the shared conversations of two files if one file begins in the middle of the other."""
     earlier, later = (one, other) if one.begins <= other.begins else (other, one)
     if earlier.ends < later.begins:
         return []
@@ -162,8 +162,8 @@ def _overlap(one: PlaceFile, other: PlaceFile) -> bool:
 def _is_at_client(shared: SharedConversation) -> bool:
     """Return whether the first of two captures was taken nearer to the client.
 
-    Nearer to the client, requests are captured earlier and replies later. Between the clocks, only the
-    difference of both shows.
+    Nearer to the client, requests are captured earlier and replies later. The clocks may differ, so only the
+    difference between the two offsets shows this.
     """
     if shared.request_offset is None or shared.reply_offset is None:
         return True
@@ -202,7 +202,8 @@ class _Measurement:
         return self._estimator.estimate()
 
     def _choose_shared(self) -> None:
-        """Give each conversation at most one twin: with the same ends, or else the most equal frames."""
+        """Give each conversation at most one twin: the one with the same ends, or else with the most equal
+        frames."""
         taken: set[tuple[CapturePlace, ConversationEnds]] = set()
         for ends in sorted(self._joined, key=lambda each: (each[0] != each[1], -self._joined[each])):
             own = set(zip(CapturePlace, ends, strict=True))
@@ -211,7 +212,7 @@ class _Measurement:
                 self.shared.append(ends)
 
     def _timed(self, place: CapturePlace) -> Iterator[tuple[int, CapturePlace, Observation]]:
-        """Yield the observations of a file with their rough times by the client's clock."""
+        """Yield the observations of a file with their rough times by the client-side clock."""
         file = self._files[place]
         with suppress(CaptureError), open_capture(file.path) as capture:
             for observation in PacketDecoder(self._ports).decode(_counted(capture, file)):
@@ -228,14 +229,14 @@ class _Measurement:
             self._drop_old(waiting, observation.time)
             return
         near, far = (observation, twin) if place is CapturePlace.CLIENT_SIDE else (twin, observation)
-        self._offset = far.time - near.time  # so that a drift over many hours does no harm
+        self._offset = far.time - near.time  # updated with each frame, to follow a drift over many hours
         self._estimator.add_frame(near.time, far.time, is_request=key[0] is Direction.REQUEST)
         ends = ends_of(near.flow.conversation), ends_of(far.flow.conversation)
         self._joined[ends] = self._joined.get(ends, 0) + 1
 
     @staticmethod
     def _drop_old(waiting: dict[tuple[Direction, bytes], Observation], now: int) -> None:
-        """Forget the frames that the other place did not capture in time."""
+        """Drop the frames that the other place did not capture in time."""
         while waiting:
             oldest = next(iter(waiting))
             if waiting[oldest].time + JOIN_WITHIN_NS >= now:

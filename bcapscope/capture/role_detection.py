@@ -1,6 +1,6 @@
 """Detect which end of a conversation is the server.
 
-No field of a frame names the server, but ports and content mostly show which end it is.
+No field of a frame names the server, but ports and content usually show which end is the server.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ class RunTable:
         self._numbers = array("Q")
 
     def add(self, start: int, source: int, number: int) -> None:
-        """Begin a run: from `start` on, numbers belong to the numbers from `number` on of `source`.
+        """Begin a run: `start` and the numbers after it belong to `number` and the numbers after it in `source`.
 
         A run that begins at the same number as the latest one replaces it. A run that only continues the
         latest one adds nothing.
@@ -38,7 +38,7 @@ class RunTable:
         self._numbers.append(number)
 
     def find(self, number: int) -> tuple[int, int] | None:
-        """Return the source of a number, and its number there; None if no run has it."""
+        """Return the source of a number, and its number in the source; None if no run has the number."""
         at = bisect_right(self._starts, number) - 1
         if at < 0 or at == MAX_RUNS:
             return None

@@ -24,8 +24,8 @@ RECORD_HEADER = struct.Struct("<BqI")
 of bytes that follow."""
 
 READ_TIMEOUT = 0.25
-"""Maximum time in s that a read waits for a packet, so that interrupts take effect soon, and each of the two
-processes notices when the other has ended."""
+"""Maximum time in s that a read waits for a packet. After this time, interrupts take effect, and each process
+notices when the other has ended."""
 
 
 class SnifferRecordKind(IntEnum):

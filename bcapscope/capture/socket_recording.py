@@ -1,4 +1,4 @@
-"""Record the traffic of sockets as a capture: raw IP packets in pcapng, which other tools read too.
+"""Record the traffic of sockets as a capture: raw IP packets in pcapng, which other tools can read.
 
 A socket shows neither IP nor transport headers. The recording therefore has artificial headers, with the real
 addresses and ports. A TCP segment holds the bytes of one send or receive; acknowledgements are not recorded.
@@ -142,7 +142,7 @@ class SocketRecording:
         reset: bool = False,
         comment: str = "",
     ) -> None:
-        """Write that one end closes a TCP connection: a FIN, or a RST with `reset`."""
+        """Record that one end closes a TCP connection: a FIN, or a RST with `reset`."""
         self._write_empty_segment(source, target, _ACK | (_RST if reset else _FIN), time, interface, comment)
 
     def drop_connection(self, client: Address, server: Address) -> None:

@@ -20,7 +20,7 @@ FLOWS_LIMIT = 65536
 """Maximum number of flows to remember. A controller has at most twenty clients (orin_bcap
 C/src/bcap_server.c).
 
-If a forgotten client returns, its traffic becomes a new conversation."""
+If a client whose flow was dropped returns, its traffic becomes a new conversation."""
 
 UNDECIDED_LIMIT = 1024
 """Maximum number of conversations whose server is unknown. Beyond this number, bcapscope guesses the server

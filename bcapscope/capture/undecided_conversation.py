@@ -83,7 +83,7 @@ class UndecidedConversation:
             self.record_close(sender, reset, time)
 
     def guess_server(self) -> None:
-        """Guess the server if it is still unknown; mostly, the end that sends first is the client."""
+        """Guess the server if it is still unknown; usually, the end that sends first is the client."""
         if self.flows is None:
             client = self._held_items[0][0] if self._held_items else 0
             self.set_server(1 - client, "a guess: the other end sent first, and no frame shows the roles")
@@ -96,7 +96,7 @@ class UndecidedConversation:
             flow.conversation.record_end(flow.direction, reset, time)
 
     def add_item(self, sender: int, timed_item: TimedItem) -> bool:
-        """Hold an item until `release_items`; return False if the item shows that this is not b-CAP."""
+        """Hold an item until `release_items`; return False if the item proves that this is not b-CAP."""
         if self.is_tentative:
             if isinstance(timed_item.item, Malformed) or timed_item.item.problems:
                 return False

@@ -87,7 +87,7 @@ class AttemptCounter:
         return known.call if known and known.call.content == _content_key(request) else None
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that has ended."""
+        """Drop the data of a conversation that has ended."""
         self._conversations.pop(conversation, None)
 
 

@@ -123,7 +123,7 @@ def fault_from(data: object) -> AnyFault:
 
 
 def to_plain_data(value: object) -> Any:
-    """Convert a struct into plain data as in a document, without the fields that have their default value."""
+    """Convert a struct into plain data as in a document, without fields that have their default value."""
     return msgspec.to_builtins(value, enc_hook=lambda quantity: quantity.text)
 
 

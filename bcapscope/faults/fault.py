@@ -1,8 +1,9 @@
-"""What all faults have in common: which messages a fault hits. `fault_kinds` has the classes of the faults.
+"""The common fields of all faults, which select the messages that a fault hits. `fault_kinds` has the classes
+of the faults.
 
-Names are those of Linux tc-netem(8) and of Shopify's toxiproxy, if these programs have one. Each fault has
-its own stream of random numbers. A message is a datagram. On TCP, a message is a frame, or a run of bytes
-that are not a frame.
+Names are those of Linux tc-netem(8) and Shopify's toxiproxy for faults that these programs also have. Each
+fault has its own stream of random numbers. A message is a datagram. On TCP, a message is a frame, or a run of
+bytes that are not a frame.
 """
 
 from __future__ import annotations
@@ -64,8 +65,8 @@ class Fault(
         times: Number of hits after which the fault ends; None for no limit.
         after: Time from the setup of the fault to its start.
         lasts: Time from the start to the end of the fault; None for no end; `lasts` is written as ``for``.
-        attempt: Attempt of a call to hit, or whose response to hit; 1 is the first, None is any; `attempt` is
-            written as ``try``.
+        attempt: Number of the attempt whose request or response to hit; 1 is the first, None is any;
+            `attempt` is written as ``try``.
     """
 
     name: Annotated[str, Meta(pattern=r"^[\w.+-]{0,60}$")] = ""
@@ -83,7 +84,7 @@ class Fault(
 
 
 class MessageFault(Fault, frozen=True, kw_only=True):
-    """A fault that acts on messages."""
+    """A fault that affects messages."""
 
     needs_whole_frame: ClassVar[bool] = True
     """Whether the action needs whole frames, regardless of the conditions."""

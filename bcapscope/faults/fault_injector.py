@@ -73,7 +73,7 @@ class _QueuedOutput:
         output: Output that waits; None if the output was moved to another entry of the queue.
         behind: Number of messages of the flow that must overtake first; 0 if the output waits only for its
             time.
-        size: Number of bytes by which the output fills the queue.
+        size: Number of bytes that the output takes in the queue.
     """
 
     __slots__ = ("behind", "output", "size")
@@ -240,16 +240,18 @@ class FaultInjector:
         return outputs
 
     def holds(self, flow: Flow) -> bool:
-        """Return whether the end of this flow must not be forwarded.
+        """Return True while the end of this flow must not be forwarded.
 
-        This is so while faults hold messages of the flow, and always if the conversation is half-open.
+        The end must wait while faults hold messages of the flow. If the conversation is half-open, the end is
+        never forwarded.
         """
         return not self.passes_close(flow.conversation) or any(
             _is_of(queued.output, _flow_key(flow)) for _, _, queued in self._queue
         )
 
     def passes_close(self, conversation: Conversation) -> bool:
-        """Return whether one side's end of a connection is forwarded. A half-open fault hides the end."""
+        """Return whether the end of a connection on one side is forwarded to the other. A half-open fault
+        hides the end."""
         return conversation not in self._half_open
 
     def pop_held(self, flow: Flow) -> list[bytes]:
@@ -269,7 +271,7 @@ class FaultInjector:
         return [output.data for output in outputs if isinstance(output, SendBytes)]
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that has ended, and drop its held messages."""
+        """Drop the data and the held messages of a conversation that has ended."""
         self._half_open.pop(conversation, None)
         self._reply_factory.close_conversation(conversation)
         self._recent_requests.close_conversation(conversation)

@@ -1,7 +1,7 @@
 """The faults, as validated immutable data, each with its effect on the messages that it hits.
 
 `draw` takes random numbers from the fault's own stream, for every message that the fault might hit. Therefore
-other faults that act on the same messages do not change the numbers. `apply` then changes the message.
+other faults that affect the same messages do not change the numbers. `apply` then changes the message.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ RewriteValue: TypeAlias = int | float | bool | str
 PARETO_SHAPE = 3.0
 """Shape of the Pareto distribution, as in the pareto table of tc-netem(8).
 
-The mean of the draws is subtracted, so that the mean delay stays as set.
+The mean of the draws is subtracted, so that the mean delay equals `time`.
 """
 
 _PARETO_MEAN = PARETO_SHAPE / (PARETO_SHAPE - 1)
@@ -164,7 +164,7 @@ class CorruptFault(MessageFault, frozen=True, kw_only=True, tag="corrupt"):
     """Flip bits of the message.
 
     Attributes:
-        bits: Number of random flips. Two flips may hit the same bit and so restore it.
+        bits: Number of random flips. Two flips of the same bit restore the bit.
         offset: Offset of the byte whose bits are flipped; None for any byte.
     """
 

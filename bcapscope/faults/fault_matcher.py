@@ -11,7 +11,8 @@ from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
 
 
 class FaultMatcher:
-    """Decides which messages one fault hits, only from the messages, the time and random numbers.
+    """Decides which messages one fault hits. The decision depends only on the messages, the time and random
+    numbers.
 
     Attributes:
         rng: Random numbers that only this fault draws.

@@ -54,7 +54,7 @@ class ReplyFactory:
         return encode_reply(request, request.reserved if echoes else 0, code)
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that has ended."""
+        """Drop the data of a conversation that has ended."""
         self._last_requests.pop(conversation, None)
         self._reply_reserved.pop(conversation, None)
 

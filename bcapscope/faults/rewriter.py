@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from bcapscope.faults.fault_kinds import RewriteFault, RewriteValue
 
 MAX_REMEMBERED = 4096
-"""Maximum number of messages remembered for a `step`, oldest forgotten first; a session has a few dozen."""
+"""Maximum number of messages remembered for a `step`; the oldest is dropped first. A session has a few
+dozen."""
 
 MAX_BYTES = 1 << 20
 """Maximum number of decompressed bytes of remembered messages; their values take up to 100 times as much."""
@@ -145,7 +146,7 @@ class Rewriter:
         return values
 
     def _remember(self, key: _Key, last: _LastMessage) -> None:
-        """Store a message as the latest of its series, and forget the oldest messages beyond the limits."""
+        """Store a message as the latest of its series, and drop the oldest messages beyond the limits."""
         known = self._last_messages.pop(key, None)
         self._last_messages[key] = last
         self._size += last.size - (0 if known is None else known.size)
@@ -155,7 +156,7 @@ class Rewriter:
             self._size -= self._last_messages.pop(next(iter(self._last_messages))).size
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that has ended."""
+        """Drop the data of a conversation that has ended."""
         self._last_messages = {
             key: value for key, value in self._last_messages.items() if key[0] is not conversation
         }

@@ -1,4 +1,5 @@
-"""A message in transit, decoded only if a fault needs its frames, and what faults do to it."""
+"""A message in transit, and the changes that faults make. Messages are decoded only if a fault needs their
+frames."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ class SendBytes(msgspec.Struct, frozen=True):
         flow: Conversation and direction of the bytes. A request goes to the controller, a response to the
             client.
         data: A datagram, or the next bytes of a stream.
-        fault_notes: What faults did to the bytes; empty if no fault acted.
+        fault_notes: Effects of faults on the bytes; empty if there were none.
     """
 
     flow: Flow
@@ -53,7 +54,7 @@ FaultOutput: TypeAlias = SendBytes | CloseConnection
 
 
 class FaultResult(msgspec.Struct, frozen=True):
-    """What the faults did to one message.
+    """Effect of the faults on one message.
 
     Attributes:
         outputs: Bytes to send and connections to close now, in order. Held messages that are due come first.
@@ -74,8 +75,8 @@ class WireMessage:
         data: Bytes of the message as received.
         now: Time of receipt in ns, on the clock for durations.
         time: Time of receipt in ns since 1970-01-01 UTC.
-        attempt_numbers: For each frame, the number of the attempt that it is or answers; empty before
-            `annotate_with_attempts`.
+        attempt_numbers: For each request, the number of its attempt; for each response, that of the answered
+            attempt; empty before `annotate_with_attempts`.
     """
 
     __slots__ = ("_annotated", "_templates", "attempt_numbers", "data", "flow", "now", "number", "time")
@@ -137,7 +138,7 @@ class WireMessage:
 
 @dataclass(slots=True)
 class FaultedMessage:
-    """A message and what faults have done to it so far.
+    """A message, and the effects of faults on the message so far.
 
     Attributes:
         original: Message as received.

@@ -110,7 +110,7 @@ class BackgroundRecorder:
             )
 
     def on_connection_end(self, client: Address, server: Address) -> None:
-        """Forget a TCP connection that has ended."""
+        """Drop the data of a TCP connection that has ended."""
         directions = {(client, server), (server, client)} & self._recorded_directions
         if not directions or not self._recorder.is_complete:
             return

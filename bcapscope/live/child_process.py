@@ -125,7 +125,7 @@ class ChildProcess:
             return next((text for text in reversed(self._output) if text), "")
 
     def hand_over_stdout(self) -> BinaryIO:
-        """Return the command's standard output, of which only the line with the addresses has been read.
+        """Return the command's standard output. Only the line with the addresses has been read from it.
 
         The caller must read and close the returned stream.
         """
@@ -152,7 +152,7 @@ class ChildProcess:
             on_end(self._end_reason())
 
     def terminate(self) -> list[str]:
-        """End the command in order. Return the lines that the command printed while it ended."""
+        """End the command gracefully. Return the lines that the command printed while it ended."""
         self._is_wanted = False
         before = self._line_count
         self._on_output = None

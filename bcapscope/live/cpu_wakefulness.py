@@ -40,7 +40,8 @@ MAX_STOLEN_SHARE = 0.05
 """Maximum share of one processor's time that the host may take from all processors together."""
 
 PAUSED_FOR = 60.0
-"""Time in seconds without the limit after the host took too much time, or Linux refused the limit."""
+"""Time in seconds before the limit is set again, after the host took too much time or Linux refused the
+limit."""
 
 _MEASURED_EVERY = 1.0
 """Seconds between measurements of the processor time that the host took."""

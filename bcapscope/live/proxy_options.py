@@ -63,7 +63,7 @@ class TrafficFormat(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ViewOptions:
-    """What the proxy displays: the frames or calls (None for nothing) that match `expression`."""
+    """Traffic that the proxy displays: the frames or calls (None for nothing) that match `expression`."""
 
     shown: RecordKind | None
     form: TrafficFormat = TrafficFormat.LINE
@@ -83,13 +83,15 @@ class ViewOptions:
 
 
 class WatcherSubscriber(Protocol):
-    """Receives what the watcher decodes. All methods return at once. `subscribers` includes the diagnosis."""
+    """Receives the traffic that the watcher decodes. All methods return at once. `subscribers` includes the
+    diagnosis."""
 
     diagnosis: Diagnosis
     subscribers: tuple[PipelineSubscriber, ...]
 
     def on_frame(self, observation: Observation, note: str) -> None:
-        """Receive a frame; `note` says in the user's language what a proxy rule did to it, or ""."""
+        """Receive a frame; `note` describes in the user's language what a proxy rule did to the frame; "" for
+        nothing."""
 
     def report_if_due(self, client_count: int) -> None:
         """Send reports that are due, even without traffic; `client_count` is the number of clients so far."""
@@ -100,7 +102,7 @@ class WatcherSubscriber(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ProxyOptions:
-    """What the watcher of a proxy does with the traffic.
+    """Tasks of a proxy's watcher: recording, display and diagnosis of the traffic.
 
     The watcher process calls `open_subscriber`, which can raise an OSError.
     """

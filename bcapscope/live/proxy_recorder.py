@@ -254,7 +254,7 @@ class ProxyRecorder:
         self._packets.skip_bytes(*side.endpoints[record.up], size)
 
     def _end_stream(self, side: _ProxySide, record: RingRecord, time: int) -> None:
-        """Write that one direction of a TCP connection ended, if the recording contains the connection."""
+        """Record that one direction of a TCP connection ended, if the recording contains the connection."""
         if side.begun:
             self._begin_packet()
             self._packets.write_stream_end(

@@ -52,7 +52,7 @@ RING_SIZE = 32 << 20
 """Size of the ring in bytes: about 20 seconds of traffic of four robots with one set point per ms each."""
 
 _MAX_DESCRIPTORS = 1024
-"""Wanted limit of open file descriptors: a TCP client needs two, a UDP client one."""
+"""Requested limit of open file descriptors. A TCP client needs two, a UDP client one."""
 
 _POLL_INTERVAL = 0.05
 _BEGINS_WITHIN = 30.0
@@ -63,7 +63,7 @@ _ENDS_WITHIN = 60.0
 _SESSIONS_CLOSE_WITHIN = 3.0
 """Maximum time in seconds for closing the UDP sessions of all clients on their behalf.
 
-The time is limited because a controller that is gone answers nothing.
+The time is limited because an unreachable controller does not reply.
 """
 
 _TOTALS_WITHIN = 0.5
@@ -121,7 +121,7 @@ class ProxySupervisor:
         self._closing_requests: list[ClosingRequests] = []
 
     def listen(self, listener: ListenerSpec, forget_after: int) -> Endpoint:
-        """Listen, and return the address. The relay forgets a UDP client after `forget_after` ns of silence.
+        """Listen, and return the address. The relay removes a UDP client after `forget_after` ns of silence.
 
         Raises:
             ProxyListenError: The proxy cannot listen on this address.
@@ -196,8 +196,8 @@ class ProxySupervisor:
         with realtime_priority() as grade:
             if not grade.realtime:
                 self._send_to_watcher(encode_message(grade.text))
-            # The switch is made only now, because making it starts a thread for a test. If the thread started
-            # earlier, its stack would also be locked in memory.
+            # `idle_priority_switch` starts a thread for a test, so it is called only now. If the thread
+            # started earlier, its stack would also be locked in memory.
             if self._is_watched:
                 assert self._watcher is not None
                 assert self._watcher.pid is not None
@@ -292,7 +292,7 @@ class ProxySupervisor:
                 self._begin_ending()
 
     def _begin_ending(self) -> None:
-        """Shut down in order, or at once if a signal asks for the second time."""
+        """Shut down gracefully, or immediately after a second signal."""
         if self._watcher_priority is not None:
             self._watcher_priority.raise_for_good()
         if self._ending_since or not self._send_to_watcher(CLOSE_SESSIONS):
@@ -319,7 +319,8 @@ class ProxySupervisor:
                 self._begin_ending()
 
     def _receive_from_watcher(self) -> None:
-        """Read a message from the watcher, if one has arrived: the requests that close sessions, or its end.
+        """Read a message from the watcher, if one has arrived: the requests that close sessions, or the
+        watcher's end.
 
         The periodic work may have read the message already. Another blocking read would never return, because
         the watcher waits for the relay.
@@ -368,7 +369,7 @@ class ProxySupervisor:
 
 
 def _has_other_end(descriptor: int) -> bool:
-    """Return whether a file descriptor is a pipe, a socket or a terminal, which has another end.
+    """Return whether a file descriptor has another end: a pipe, a socket or a terminal.
 
     A file and /dev/null have no other end.
     """

@@ -1,7 +1,7 @@
 """The process that watches a proxy: it records, decodes, displays and diagnoses, and never delays the relay.
 
-The watcher reads every few hundredths of a second what the relay has written into the ring. When the relay
-ends or is killed, the watcher reads the rest, closes the recording and prints a summary.
+Every few hundredths of a second, the watcher reads the new records in the ring. When the relay ends or is
+killed, the watcher reads the rest, closes the recording and prints a summary.
 """
 
 from __future__ import annotations
@@ -177,7 +177,8 @@ class RecorderTask:
 
 
 class ProxyWatcher:
-    """Reads what the relay wrote to the ring; decodes, displays and diagnoses it according to the options.
+    """Reads the relay's records from the ring; decodes, displays and diagnoses the traffic according to the
+    options.
 
     Undecoded records wait in the ring, whose size is fixed. The memory of the watcher is bounded, because the
     relay, the tracker and the diagnosis limit their data.
@@ -258,7 +259,8 @@ class ProxyWatcher:
         )
 
     def _may_rest(self) -> bool:
-        """Return whether undecoded records may wait: traffic arrives, and neither ring nor delay is large."""
+        """Return whether undecoded records may wait: traffic arrives, and fill ratio and delay are below
+        their limits."""
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written
         if (
@@ -312,7 +314,7 @@ class ProxyWatcher:
         self._terminal.write_message(f"{head}: {printable(sentence)}")
 
     def _close_conversation(self, conversation: Conversation, why: Message) -> None:
-        """Complete the calls of a client that is gone, report the state that it left, and forget it."""
+        """Complete the calls of a client that is gone, report the state that it left, and drop its data."""
         self._pipeline.close_conversation(conversation)
         self._write_lines()
         left = self._session_closer.pop_left_open(conversation)

@@ -16,7 +16,7 @@ class Recorder:
     """A recording for a program that must continue: after a disk failure, it warns once and drops packets.
 
     Attributes:
-        files: Files of the recording; says how many packets wait for `flush`.
+        files: Files of the recording, with the number of packets that wait for `flush`.
         packets: Recording to write packets to. Writing raises nothing; `flush` makes packets visible in the
             file.
         is_complete: Whether every file could be written so far.
@@ -25,7 +25,7 @@ class Recorder:
     def __init__(
         self, path: Path, warn: Callable[[Message], None], ring: RotationLimits | None = None
     ) -> None:
-        """Create the file. The names of a ring's files have a number and a time added. `warn` must not block.
+        """Create the file. The names of a ring's files contain a number and a time. `warn` must not block.
 
         Raises:
             FileWriteError: The file exists already, or cannot be written.

@@ -33,7 +33,7 @@ class DelayStatistics:
         self._has_warned = False
 
     def add_records(self, records: Iterable[RingRecord]) -> None:
-        """Add the delays of data, except of data that a rule acted on: rules may delay data on purpose."""
+        """Add the delays of data, except of data that a rule affected: rules may delay data on purpose."""
         found: dict[bool, list[int]] = {True: [], False: []}
         for kind, up, _, received, sent, _, note in records:
             if kind is RingRecordKind.DATA and received and sent and not note:

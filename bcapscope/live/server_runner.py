@@ -51,7 +51,7 @@ class ServerRunner:
 
     @contextmanager
     def listen(self, answerer: ControllerModel, host: str, port: int) -> Iterator[SimulatorServer]:
-        """Listen. Ctrl-C, SIGTERM and SIGHUP end the `with` block in order.
+        """Listen. Ctrl-C, SIGTERM and SIGHUP end the `with` block gracefully.
 
         Raises:
             SimulatorListenError: The server cannot listen on this address.

@@ -13,7 +13,7 @@ _SEQUENCE = re.compile(r"\x1b(\[[0-9;]*[A-Za-z~]|O[A-Za-z])")  # matches arrow k
 
 
 class TerminalKeys:
-    """While on, reads each key at once and without echo. Ctrl-C works as usual."""
+    """While switched on, reads each key at once and without echo. Ctrl-C works as usual."""
 
     def __init__(self) -> None:
         self.is_on = False

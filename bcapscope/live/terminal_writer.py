@@ -18,7 +18,7 @@ from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 MAX_WAITING = 20_000
 """Maximum number of lines, and of messages, that may wait to be written.
 
-While the maximum waits, newer lines are dropped and counted.
+While this many wait, newer ones are dropped and counted.
 """
 
 _LINES_WITHIN = 2.0

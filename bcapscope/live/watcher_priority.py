@@ -1,17 +1,17 @@
 """Controls when the watcher gives way to the clients and controllers of the relay, and when not.
 
-On two processors, beside a client and a server, the 99.9th percentile of round trips was 2.6 ms with the
-watcher at nice 10, and 0.5 ms at idle priority. A process that wakes up replaces a running process of idle
-priority at once. A process that wakes up replaces a process of another priority only at the end of that
-process's slice of about 3 ms.
+Measured on two processors, beside a client and a server, the 99.9th percentile of round trips was 2.6 ms with
+the watcher at nice 10. At idle priority, the percentile was 0.5 ms. A process that wakes up replaces a
+running process of idle priority at once. A process that wakes up replaces a process of another priority only
+at the end of that process's slice of about 3 ms.
 
-Linux guarantees neither. It updates the run time of a process, and decides which process runs, only at a tick
-every 1 to 10 ms (sched(7), EEVDF). So the watcher also yields the processor after each 0.1 or 0.2 ms of work,
-which makes Linux decide.
+Linux does not guarantee this order. It updates the run time of a process, and decides which process runs,
+only at a tick every 1 to 10 ms (sched(7), EEVDF). So the watcher also yields the processor after each 0.1 or
+0.2 ms of work, which makes Linux choose the next process.
 
 Beside programs that are always busy, a process of idle priority gets almost no processor time, and each yield
 gives up a whole slice. So the relay, which always gets the processor, checks how far the watcher has read,
-and raises its priority.
+and raises the watcher's priority.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from pathlib import Path
 from bcapscope.proxy.ring_buffer import RingReader, RingWriter
 
 LATE_AFTER = 0.2
-"""Time in seconds within which the watcher should read what the relay has written."""
+"""Time in seconds within which the watcher should read new records of the relay."""
 
 OVERDUE_AFTER = 0.4
 """Watcher's delay in seconds from which its urgency is `ALL`, to record traffic within a second."""
@@ -142,7 +142,7 @@ def idle_priority_switch(process: int) -> Callable[[bool], None]:
 
 
 def _can_leave_idle_priority() -> bool:
-    """Return whether this user may move a process out of idle priority (sched(7)), by a test in a thread."""
+    """Test in a thread whether this user may move a process out of idle priority (sched(7))."""
     if not hasattr(os, "SCHED_IDLE"):
         return False
     succeeded: list[bool] = []

@@ -1,7 +1,7 @@
 """Add-ons: the user's classes, which see each message and may change, drop or answer it.
 
 A script is a Python file. The proxy creates one object of each class in the file that has a method with one
-of these names, and calls its methods. The class needs a constructor without arguments.
+of these names. It then calls these methods. The class needs a constructor without arguments.
 
     request(message)      a request arrived from a client
     reply(message)        a reply arrived from the controller
@@ -40,7 +40,8 @@ from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 HOOKS = ("request", "reply", "settled", "connected", "gone", "done")
 
 SLOW_HOOK_NS = 2_000_000
-"""Time in ns after which a hook is slow (DENSO Wave 2009, How to use the Slave mode: time of a set point)."""
+"""Time in ns after which a hook counts as slow: the time of a set point (DENSO Wave 2009, How to use the
+Slave mode)."""
 
 
 class AddonClient(NamedTuple):
@@ -138,7 +139,8 @@ class AddonRunner(PipelineSubscriber):
         return frozenset(name for name, found in self._hooks.items() if found)
 
     def run_message_hooks(self, client: AddonClient, message: WireMessage) -> PassingMessage:
-        """Show a message to all add-ons, each as the previous add-on left it. Return the result."""
+        """Show a message to the add-ons one after another, with the changes of the previous ones. Return the
+        result."""
         passing = PassingMessage(client, message)
         name = "request" if message.flow.direction is Direction.REQUEST else "reply"
         for addon, hook in self._hooks[name]:
@@ -170,7 +172,7 @@ class AddonRunner(PipelineSubscriber):
 
     @property
     def has_open_calls(self) -> bool:
-        """Whether `expire_calls` must be called from time to time."""
+        """Whether `expire_calls` must be called regularly, because calls are open."""
         return self._pipeline is not None and self._pipeline.has_open_calls
 
     def proxy_ended(self) -> None:
@@ -253,7 +255,7 @@ def _load_module(path: str) -> ModuleType:
 
 
 def _where(error: BaseException) -> str:
-    """Return what failed in a script and where, on one line."""
+    """Return the error of a script and its place, on one line."""
     if isinstance(error, SyntaxError):
         return f"{error.msg} (line {error.lineno})"
     frames = traceback.extract_tb(error.__traceback__)

@@ -1,7 +1,8 @@
 """Decides which clients the proxy admits when there are too many. This module uses no socket and no clock.
 
-Each transport has its own slots, and no client address may take all of them. A new client whose first frame
-is a stop always gets a slot, because some slots are reserved for stops.
+Each transport has its own slots, and no client address may take all of them. A stop is a request that only
+stops the robot or releases something. A new client whose first frame is a stop always gets a slot, because
+some slots are reserved for stops.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ class ClientSlots:
         return len(self._regular) + len(self._reserved)
 
     def find_slot(self, host: str, now: int, is_stop: bool) -> ClientSlot:
-        """Find a slot for a new client at the address `host`, for which other clients may be evicted.
+        """Find a slot for a new client at the address `host`. To free a slot, other clients may be evicted.
 
         `is_stop` is True if the client's first frame is a stop. `now` is in ns of a monotonic clock.
         """

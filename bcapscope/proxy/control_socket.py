@@ -120,7 +120,8 @@ class _Connection:
             self._socket.close()
 
     def _on_ready(self, _: int) -> None:
-        """Answer at most one line per event, so that traffic keeps moving and memory stays limited."""
+        """Answer at most one line per event, so that control requests neither delay traffic for long nor fill
+        the memory."""
         try:
             if not self._backlog and (b"\n" in self._received or self._read()):
                 self._answer_next_line()

@@ -149,8 +149,9 @@ def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitR
 
     Return the bytes to send, and the frames and other bytes that are dropped.
 
-    A motion that starts when its client no longer waits does harm. A stop never does harm. On a stream, the
-    rest of a partly sent frame is sent first. Otherwise the controller would read the stop as that rest.
+    A motion is dangerous if it starts when its client no longer waits. A stop is never dangerous. On a
+    stream, the rest of a partly sent frame is sent first. Otherwise the controller would read the stop as
+    that rest.
     """
     if not state.is_stream:
         return _split_frames([item for data in held for item in parse_datagram(data)])

@@ -61,11 +61,11 @@ class HeldMessage(NamedTuple):
     abandoned_because: Message | None = None
 
     def abandonment_reason(self, now: int) -> Message | None:
-        """Return how bcapscope knows that the client no longer waits for a reply; None if it may wait.
+        """Return the evidence that the client no longer waits for a reply; None if the client may wait.
 
-        A motion that starts long after the client reported a failure to its user does harm. A client makes
-        one call at a time. So it no longer waits after it has sent another request, or after its stream has
-        ended. On UDP, a client that has not retried within `RETRY_WITHIN_NS` no longer waits. On TCP there
+        A motion is dangerous if it starts long after the client reported a failure to its user. A client
+        makes one call at a time. It therefore no longer waits after it has sent another request or ended its
+        stream. On UDP, a client that has not retried within `RETRY_WITHIN_NS` no longer waits. On TCP there
         are no retries, so a silent client may wait.
         """
         if self.abandoned_because is not None or self.flow.direction is Direction.RESPONSE:
@@ -77,7 +77,7 @@ class HeldMessage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class InterceptResult:
-    """What the intercept does with a message.
+    """Decision of the intercept about a message.
 
     Attributes:
         note: Description of the decision, for the user.
@@ -124,7 +124,8 @@ class Intercept:
         self.set_condition(condition)
 
     def set_condition(self, condition: FrameCondition | None) -> None:
-        """Hold messages that match another filter from now on. Messages that are already held stay held."""
+        """Hold messages that match another filter from now on. Messages that are already held are not
+        affected."""
         self.condition = condition
         self._matches_frame: Callable[[AnnotatedFrame], bool] | None = None
         if condition is not None:
@@ -200,7 +201,7 @@ class Intercept:
         ]
 
     def mark_abandoned(self, flow: Flow, why: Message) -> None:
-        """Note `why` the client no longer waits for the held messages of a flow."""
+        """Record `why` the client no longer waits for the held messages of a flow."""
         for held in self.held:
             if held.flow is flow and held.abandoned_because is None:
                 self._held[held.number] = held._replace(abandoned_because=why)
@@ -217,7 +218,7 @@ class Intercept:
         return found
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that has ended and has no held messages."""
+        """Drop the data of a conversation that has ended and has no held messages."""
         self._attempts.close_conversation(conversation)
 
     def _subject(self, message: WireMessage) -> tuple[_Subject | None, bool]:
@@ -251,7 +252,7 @@ class Intercept:
         return InterceptResult(Message("held.dropped-as", number=number), None)
 
     def _remember_decision(self, subject: _Subject, decided: _PastDecision) -> None:
-        """Store a decision last, because decisions expire in the stored order."""
+        """Store a decision after all others, because decisions expire in the stored order."""
         self._past_decisions.pop(subject, None)
         self._past_decisions[subject] = decided
         if len(self._past_decisions) > MAX_HELD:

@@ -1,4 +1,4 @@
-"""Opens the listeners that a specification asks for."""
+"""Opens the listeners of a specification."""
 
 from __future__ import annotations
 
@@ -43,4 +43,4 @@ def open_listeners(
                 listener.release()
             if spec.listen.port or spec.transports != BOTH or not last:
                 raise
-    raise AssertionError("one of the tries returns or raises")
+    raise AssertionError("one of the attempts returns or raises")

@@ -1,4 +1,5 @@
-"""TCP clients that have connected but not sent their first frame, which decides whether they get a slot."""
+"""TCP clients that have connected but not sent their first frame. The first frame decides whether a client
+gets a slot."""
 
 from __future__ import annotations
 

@@ -107,7 +107,7 @@ class Policy(Protocol):
         """Return the actions to do before a client's end. The client is still registered."""
 
     def remove_client(self, client: int, now: int) -> None:
-        """Forget a client."""
+        """Drop the data of a client."""
 
     def due(self) -> int | None:
         """Return the time at which to call `pop_due_actions`; None while nothing waits."""

@@ -123,7 +123,7 @@ class RecordDecoder:
                 yield from self._decode_event(client, record)
 
     def _decode_event(self, client: _Client, record: RingRecord) -> Iterator[NotedObservation]:
-        """Yield the observations that result from a record of another kind than `DATA`."""
+        """Yield the observations that result from a record of a kind other than `DATA`."""
         kind = record.kind
         if kind is RingRecordKind.HOLE:
             if record.up and record.received_at:

@@ -1,7 +1,7 @@
 """The relay: one thread that moves bytes between clients and controllers without inspecting them.
 
 The relay writes its traffic into a ring buffer that another process reads. If there are rules, the relay
-forwards only what they allow.
+forwards only the data that the rules allow.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ POLL_INTERVAL = 0.05
 """Time in seconds between two ticks. At a tick, the relay writes pending records, and may stop."""
 
 _SWEEP_EVERY = 20
-"""Number of ticks between two sweeps. A sweep finds silent clients and full buffers: no event shows them."""
+"""Number of ticks between two sweeps. A sweep finds silent clients and full buffers, which cause no event."""
 
 _LONGEST_NOTE = 4096
 """Maximum size of a rule's note, in bytes."""
@@ -40,8 +40,8 @@ _LONGEST_CUT_NOTE = 600
 """Number of characters kept of a note that is too long. Each character takes at most six bytes."""
 
 _SPARE_DESCRIPTORS = 4
-"""Number of spare file descriptors for clients that send a stop when no other descriptor is free: two for a
-TCP client, one for a UDP client, and one for a client without a complete frame.
+"""Number of spare file descriptors for clients that send a stop when no other descriptor is free. A TCP
+client needs two, a UDP client one, and a client without a complete frame one.
 """
 
 
@@ -203,7 +203,8 @@ class Relay:
         return self.counts[RelayCounter.CLIENTS] + 1
 
     def remove_client(self, session: RelaySession, why: Message) -> None:
-        """Forget a client. The next tick writes its `CLIENT_CLOSED` record, after the client's last data."""
+        """Drop the data of a client. The next tick writes its `CLIENT_CLOSED` record, after the client's last
+        data."""
         self._paused_sessions.pop(session.number, None)
         if self.sessions.pop(session.number, None) is not None:
             self.slots[session.conversation.transport].release(session.number)

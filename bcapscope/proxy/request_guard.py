@@ -51,7 +51,7 @@ class GuardTarget(NamedTuple):
         return self.command is None or (kind.command or "").casefold() == self.command
 
     def may_match(self, function_id: int, command: str | None) -> bool:
-        """Return whether a controller may read a request as one that the target names.
+        """Return whether a controller may read a request as a request of this target.
 
         Args:
             command: Command of the request; None if readers may disagree about it. Text after a NUL, and
@@ -178,7 +178,8 @@ def _only_stops(request: Frame) -> bool:
         return False
     if not request.problems:
         return True
-    # The function number alone decides what the request does, so errors in the arguments do not matter.
+    # The function number alone determines the effect of the request, so errors in the arguments do not
+    # matter.
     by_number = request.body is request.raw and always_passes(request.code, ())
     return by_number and not _hides_frame(request.raw)
 
@@ -204,7 +205,7 @@ def _reads_one_way(frame: Frame) -> bool:
 
 
 def _hides_frame(raw: bytes) -> bool:
-    """Return whether readers may find another frame in these bytes, or one that starts in the bytes."""
+    """Return whether readers may find another frame in these bytes, or the start of another frame."""
     place = raw.find(SOH, 1)
     while place > 0:
         length = int.from_bytes(raw[place + 1 : place + 5], "little")

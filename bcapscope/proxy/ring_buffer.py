@@ -1,8 +1,9 @@
 """A ring buffer in shared memory, through which the relay passes its traffic to the watcher process.
 
-A write takes about a microsecond, makes no system call and never waits. A record that finds no room is lost
-and counted. One process writes and one process reads. A processor may store a record later than the position
-that announces the record. So each poll returns only the records written before the previous poll.
+A write takes about a microsecond, makes no system call and never waits. If the ring has no room for a record,
+the record is lost and counted. One process writes and one process reads. A processor may store a record later
+than the position that announces the record. So each poll returns only the records written before the previous
+poll.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ class RelayCounter(IntEnum):
     UNWATCHED = 10
     """Records that were lost because the ring was full."""
     RULED = 11
-    """Datagrams and pieces of streams on which a rule acted."""
+    """Datagrams and pieces of streams that a rule affected."""
 
 
 _RECEIVED, _SENT = (
@@ -107,7 +108,7 @@ class RingRecord(NamedTuple):
         sent_at: Time just before sending, in ns since 1970, so that no reply is older; 0 for data not sent
             yet.
         data: Content of the record, as `kind` defines it.
-        note: What a rule did, encoded with `encode_message`; b"" if no rule acted.
+        note: What a rule did, encoded with `encode_message`; b"" if no rule affected the data.
     """
 
     kind: RingRecordKind
@@ -224,7 +225,7 @@ class RingWriter(_Ring):
 
     @property
     def bytes_read(self) -> int:
-        """Number of bytes that the reader ahead of the other has read so far."""
+        """Number of bytes read so far by the reader that is ahead of the other reader."""
         return max(self._marks[_READ], self._marks[_AHEAD])
 
     def detach_reader(self) -> None:
@@ -281,7 +282,8 @@ class RingWriter(_Ring):
         """Write the holes of a client's streams. Return whether there was room for the holes and the next
         record.
 
-        With room for only the holes, many short holes would follow instead of one long hole.
+        If the holes were written without the next record, many short holes would follow instead of one long
+        hole.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:
@@ -325,8 +327,8 @@ class RingWriter(_Ring):
     ) -> None:
         """Write a record that must not be lost, as soon as there is room. Later records wait for this record.
 
-        If the reader stops, the number of waiting records stays limited: the records of a client that comes
-        and goes are discarded, and further notices are lost.
+        If the reader stops, the number of waiting records stays limited: if a client connects and leaves
+        meanwhile, its records are discarded. Further messages for the user are lost.
         """
         self.flush()
         if self._is_reader_detached or (

@@ -45,7 +45,7 @@ class ScriptHost:
     """Carries out the orders of the proxy. This class uses no socket and no clock."""
 
     def __init__(self, addons: AddonRunner) -> None:
-        """Run these add-ons, and take over their messages for the user."""
+        """Run these add-ons, and collect their messages for the user."""
         self._addons = addons
         self._clients: dict[int, tuple[AddonClient, Conversation]] = {}
         self._recent_requests = RecentRequests()
@@ -164,14 +164,14 @@ def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
     # Flush each line, so that printed text survives a kill.
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
-            stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]  # nobody has replaced it yet
+            stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]  # no script has replaced it yet
 
 
 def _limit_memory(size: int) -> None:
     """Limit the memory that the process can allocate, if the system has such a limit."""
     if sys.platform == "win32":
         return
-    import resource  # noqa: PLC0415 - there is none on Windows
+    import resource  # noqa: PLC0415 - does not exist on Windows
 
     # On Linux, RLIMIT_DATA counts writable memory; RLIMIT_AS also counts memory that is only reserved.
     kind = resource.RLIMIT_DATA if sys.platform == "linux" else resource.RLIMIT_AS

@@ -113,7 +113,7 @@ class ScriptProcess:
             os.close(traces)
 
     def load(self, seconds: float) -> bool:
-        """Wait until the scripts are loaded. Return False after `seconds`. The caller has called `attach`.
+        """Wait until the scripts are loaded. Return False after `seconds`. Call `attach` first.
 
         Raises:
             ScriptError: The scripts cannot be used.

@@ -1,7 +1,7 @@
 """Messages between the proxy and the process of the scripts: four bytes of length, then MessagePack.
 
-The process runs the user's code, so the proxy does not trust what the process sends. This module checks types
-and lengths. Nothing in a message can run code.
+The process runs the user's code, so the proxy does not trust the data that the process sends. This module
+checks types and lengths. Nothing in a message can run code.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ class WireSentence(_WireFrame, frozen=True):
 
 
 def wire_sentence(message: Message) -> WireSentence:
-    """Return a message for the wire, with its places as text."""
+    """Convert a message for the user to this protocol, with its places as text."""
     places = {name: str(value)[:LONGEST_SENTENCE] for name, value in message.places.items()}
     return WireSentence(message.id, places)
 
@@ -124,7 +124,7 @@ class ScriptAnswer(_WireFrame, frozen=True):
 
     Attributes:
         errors: Number of errors in the scripts since the start.
-        has_open_calls: True if calls are open, so that `ExpireCalls` must be sent from time to time.
+        has_open_calls: True if calls are open, so that `ExpireCalls` must be sent regularly.
         data: Bytes that replace the message; None if the message is unchanged.
         dropped: True if the message must not be forwarded.
         results: Result codes that the client gets instead of the controller's reply.

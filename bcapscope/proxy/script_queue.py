@@ -36,8 +36,8 @@ TIME_LIMIT_NS = 100_000_000
 SHORTEST_LIMIT, LONGEST_LIMIT = 1_000_000, 10_000_000_000
 """Shortest and longest time limit that a user may set, in ns.
 
-Waking a process takes part of a millisecond. A motion that starts seconds late does harm, because its client
-no longer waits.
+Waking a process takes part of a millisecond. A motion that starts seconds late is dangerous, because its
+client no longer waits.
 """
 
 LONGEST_WAIT = 1_000_000_000
@@ -56,7 +56,8 @@ Beyond this maximum, messages that need no decision are not shown to the scripts
 """
 
 _LATE = 20_000_000
-"""If the relay checks the time limit later than this many ns, it may have held up the scripts as well."""
+"""If the relay checks the time limit more than this many ns too late, the machine may have delayed the
+scripts, too."""
 
 _LOCATED_WITHIN_NS = 50_000_000
 """Time in ns that the process of the scripts has to report its place in the scripts before it is killed."""
@@ -131,7 +132,7 @@ class ScriptDecision:
 class ScriptQueue:
     """Shows messages to the scripts, in order, and returns their decisions.
 
-    The queue switches the scripts off if they exceed the time limit for one message, or if their process ends
+    The queue switches the scripts off if they exceed the time limit for a message, or if their process ends
     or sends invalid data.
 
     Attributes:

@@ -1,8 +1,8 @@
-"""Tracks what clients have left open at a controller, and makes the requests that close it.
+"""Tracks which sessions clients have left open at a controller, and makes the requests that close them.
 
 On UDP, a controller cannot see that a client is gone. The client's handles, its arm and slave mode stay open.
-The proxy sends only requests that give something back: slave mode off, the arm, handles, the service. No such
-request moves the robot.
+The proxy sends only requests that leave slave mode, give the arm back, release handles or stop the service.
+None of these requests moves the robot.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class CloseSequence(NamedTuple):
     """Requests that close a session in its client's place.
 
     Attributes:
-        open_state: What is open besides handles: slave mode, the arm or both; None for neither.
+        open_state: Open state besides handles: slave mode, the arm or both; None for neither.
         requests: Frames to send in this order, each after the reply to the previous frame.
     """
 
@@ -80,12 +80,13 @@ class SessionCloser(PipelineSubscriber):
         self.on_call(calls[-1], None)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Remember what a client that is gone left open, and forget the rest of the client's state."""
+        """Remember the state that a client left open when the client was removed, and drop the rest of its
+        data."""
         self._left_open[conversation] = self._open_state(conversation)
         self._states.pop(conversation, None)
 
     def pop_left_open(self, client: Conversation) -> Message | None:
-        """Return what a client that is gone left open besides handles. A second call returns None."""
+        """Return the state, besides handles, that a removed client left open. A second call returns None."""
         return self._left_open.pop(client, None)
 
     def close_sequences(self) -> tuple[CloseSequence, ...]:

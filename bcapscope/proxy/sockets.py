@@ -133,7 +133,8 @@ def keep_alive(sock: socket.socket) -> None:
 
 
 def dropped_datagrams(sock: socket.socket) -> int:
-    """Return how many datagrams found no room in a socket's buffer; 0 where the system counts none."""
+    """Return how many datagrams the system dropped because a socket's buffer was full; 0 if it does not count
+    them."""
     if sys.platform == "linux":
         with suppress(OSError, struct.error):
             found = sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size)

@@ -1,4 +1,5 @@
-"""UDP clients. Each client has a socket toward the controller, which distinguishes clients by port."""
+"""UDP clients. Each client has a socket toward the controller, because the controller distinguishes clients
+by port."""
 
 from __future__ import annotations
 
@@ -29,15 +30,15 @@ from bcapscope.transport.descriptors import wait_readable
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 
 EXPIRE_AFTER_NS = 600_000_000_000
-"""Silence in ns after which the relay forgets a client.
+"""Silence in ns after which the relay removes a client.
 
-The time is long, because a forgotten client that sends again looks like a new client to the controller. The
+The time is long, because a removed client that sends again looks like a new client to the controller. The
 socket of a silent client costs nothing.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""Silence in ns after which a client may be evicted for a new client if all slots are taken, as in DENSO's C
-server (orin_bcap C/src/bcap_server.c).
+"""Silence in ns after which a client may be evicted for a new client if all slots are taken. DENSO's C server
+evicts clients in the same way (orin_bcap C/src/bcap_server.c).
 """
 
 _MAX_OLD = 10_000

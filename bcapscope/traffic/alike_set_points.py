@@ -41,8 +41,8 @@ class AlikeSetPoints:
         )
 
     def on_other_call(self, call: Call) -> None:
-        """End the run because of a call that does not belong to it, and begin a new run if the call is an
-        accepted set point."""
+        """End the current run, because `call` does not belong to it. If `call` is an accepted set point,
+        begin a new run."""
         if not is_set_point(call.kind):
             self._templates = None
         elif call.reply is not None:

@@ -47,13 +47,13 @@ class FrameRole(StrEnum):
     contradicts an earlier reply has this role, too."""
     LOST = "lost reply"
     """A reply that was captured before the client sent another attempt. The client evidently did not receive
-    the reply, because it retried."""
+    the reply, because the client retried."""
     DUPLICATE = "duplicate"
     """An exact copy of an earlier request or reply of the same call. The network or the capture made the
     copy, because all known clients give a retry a new serial."""
     CAPTURED_AGAIN = "captured again"
-    """An exact copy of an earlier frame of the same call that follows so soon that it is probably the same
-    packet, captured on another interface or a mirror port."""
+    """An exact copy of an earlier frame of the same call, captured so soon after that frame that both are
+    probably one packet. An example is a second interface or a mirror port."""
 
 
 class CallState(StrEnum):
@@ -91,25 +91,25 @@ class Call:
 
     Attributes:
         number: Number of the call in starting order, counted from 1 over all conversations.
-        reply_missed: Whether the capture may lack the reply, because it lacks bytes that the controller sent,
-            or holds only requests.
+        reply_missed: Whether the capture may lack the reply: bytes from the controller are missing, or the
+            capture holds only requests.
         request: First attempt of the call or, if it was not captured, the first captured retry.
         reply: Reply that the client accepted; None if no such reply was captured.
         last_attempt: Latest attempt of the call, the only one to which the client accepts a reply.
         other_frames: All frames of the call except `request` and `reply`, in capture order.
-        abandoned_at: Time when the client began another call without a reply to this one, ns since 1970; 0 if
-            it did not. For a reply that was later than the client's timeout, the time of this timeout.
-        gave_up_inferred: Whether `abandoned_at` follows only from the distances of the attempts.
-        is_guess: Whether it is uncertain which frames belong to the call, because the capture lacks attempts
-            that may belong to it.
+        abandoned_at: Time when the client began another call before it received a reply to this call, ns
+            since 1970; 0 if it did not. If the reply came after the client's timeout, the time of that
+            timeout.
+        gave_up_inferred: Whether `abandoned_at` is only inferred from the distances between the attempts.
+        is_guess: Whether the choice of frames for this call is a guess, because some attempts were not
+            captured.
         last_activity: Time of the latest frame of the call, ns since 1970.
-        no_reply_expected: Whether no reply can follow any more, although the client did not begin another
-            call.
+        no_reply_expected: Whether a reply can no longer follow, even though the client began no other call.
         state: State of the call; a complete call is unanswered, settled or evicted.
-        crossing_ns: Maximum time in ns between a reply and a retry of this client that may have crossed, as
-            known when the call settled.
-        skipped_handles: Number of handles that the controller skipped before the accepted handle; 0 unless
-            the call has more attempts than that.
+        crossing_ns: Maximum time in ns between a reply and a retry of this client that may have crossed on
+            the network. The value is from the time when the call settled.
+        skipped_handles: Number of handles that the controller skipped before the accepted handle. If it
+            skipped as many handles as the call has attempts, or more, `skipped_handles` is 0.
         unseen_serials: Serials of the retries that were not captured, inferred from the serials around them.
         reserved_usage: How client and controller used the reserved field, as far as known when the call
             settled.
@@ -223,7 +223,7 @@ class Call:
 
     @property
     def joined_frames(self) -> Iterator[JoinedObservation]:
-        """Yield the frames of the conversation that two places may have captured, in capture order."""
+        """Yield the frames of the call that are joined from two places of the capture, in capture order."""
         for event in self.frames:
             seen: object = event.observation
             if isinstance(seen, JoinedObservation):
@@ -243,7 +243,8 @@ class Call:
 
     @property
     def captured_again(self) -> tuple[FrameObservation, ...]:
-        """Frames whose packet the capture probably holds twice. They are no copies on the network."""
+        """Frames that are probably a second record of a packet in the capture, and no copies on the
+        network."""
         return self._frames_with_role(FrameRole.CAPTURED_AGAIN)
 
     @property
@@ -327,10 +328,10 @@ class StrayReply:
 
     Attributes:
         call_number: Number of the settled call that had the same serial; None if no such call is remembered.
-        request_missed: Whether the serials show that the request was sent and not captured. This turns False
-            if the client uses the serial only later.
-        may_answer_evicted: Whether the reply may belong to a call that was evicted from memory, and so is
-            reported neither as late nor as stray.
+        request_missed: Whether the serials show that the request was sent and not captured. If the client
+            uses the serial only later, `request_missed` becomes False.
+        may_answer_evicted: Whether the reply may belong to a call that was evicted from memory. Such a reply
+            is reported neither as late nor as stray.
     """
 
     observation: FrameObservation
@@ -340,4 +341,4 @@ class StrayReply:
 
 
 PairingResult: TypeAlias = Call | StrayReply
-"""What a `Tracker` returns: a completed call or a stray reply."""
+"""Result of a `Tracker`: a completed call or a stray reply."""

@@ -16,8 +16,8 @@ dropped and learned again. A session has a few dozen prefixes: one per pair of h
 
 MAX_SERIALS = 1024
 """Minimum number of latest requests of a conversation that `RecentRequests` remembers; the maximum is twice
-this. A thousand requests are enough to match a reply that is a second late to a set point that a client sends
-every millisecond."""
+this. A thousand requests are enough to match a reply that is a second late, even if the client sends a set
+point every millisecond."""
 
 MAX_CONVERSATIONS = 256
 """Maximum number of conversations that are followed. Beyond the limit, the conversation that was silent
@@ -91,7 +91,7 @@ class CallKinds:
         # Nearly all requests begin with a VT_I4 handle of 14 bytes, then the length of the command in bytes.
         # The prefix contains all bytes that determine the command, and no parameter.
         # `_learn` keeps no prefix if the length needs more than one byte or the handle has another type.
-        # The prefix includes the byte after the command, because a frame without this byte is cut.
+        # The prefix includes the byte after the command, because a frame without this byte is incomplete.
         prefix = raw[_FUNCTION_ID : _BSTR_DATA + raw[_BSTR_START] + 1]
         return self._by_prefix.get(prefix) or self._learn(request, prefix)
 
@@ -114,7 +114,7 @@ class CallKinds:
 class RecentRequests:
     """Remembers recent requests, so that a reply can be shown with the function that it answers.
 
-    A reply answers the latest request with its serial, as for the official server.
+    A reply belongs to the latest request with the same serial, as it does for the official server.
     """
 
     def __init__(self) -> None:

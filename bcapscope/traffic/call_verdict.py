@@ -1,4 +1,4 @@
-"""Outcome and verdict of a call, as far as its capture can tell."""
+"""Outcome and verdict of a call, as far as the capture shows."""
 
 from __future__ import annotations
 
@@ -23,14 +23,15 @@ class Outcome(StrEnum):
     REFUSED = "refused"
     """The result code reports a failure."""
     UNANSWERED = "unanswered"
-    """The client began another call without a reply, no reply came for a very long time, or the connection
-    ended."""
+    """No reply came before the client began another call, before the connection ended, or for a very long
+    time."""
     CAPTURE_ENDED = "capture_ended"
     """The capture ended before a reply; a reply may have followed."""
     NOT_FOLLOWED = "not_followed"
     """The call was evicted because too many calls were open; a reply may have followed."""
     NOT_CAPTURED = "not_captured"
-    """The capture may lack the reply: it lacks bytes that the controller sent, or holds only requests."""
+    """The capture may lack the reply: bytes from the controller are missing, or the capture holds only
+    requests."""
 
 
 class CallVerdict(StrEnum):
@@ -47,23 +48,23 @@ class CallVerdict(StrEnum):
     EXECUTED_TWICE = "executed twice"
     """The controller executed the call more than once: replies to its attempts differ in result or arguments.
     A server that recognises a retry sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c;
-    the two replies in DENSO Wave 2009 are equal as well). The accepted handle can also show this, if numbers
-    before it were skipped, at most one per unanswered attempt. The controller then created objects whose
+    the two replies in DENSO Wave 2009 are equal as well). Skipped numbers before the accepted handle also
+    show this, if there is at most one per unanswered attempt. The controller then created objects whose
     handles the client never received."""
     REPLY_LATE = "reply late"
     """A reply was captured after the client had sent the next attempt or begun another call, so the client
     discarded the reply. The client's timeout is too short, or the controller or the network took too long."""
     REPLY_LOST = "reply lost"
-    """A reply was captured, yet the client sent another attempt so much later that the two did not cross on
-    the network (see `capture_point`). The reply was lost between the capture point
-    and the client, or the client was too busy to read it. *Reply lost* is also the verdict if S_EXECUTING was
-    captured for an attempt whose result never came, and if a reply was captured at the controller's side of a
-    proxy but not at the client's side."""
+    """A reply was captured, but the client still sent another attempt, too late for the two to have crossed
+    on the network (see `capture_point`). The reply was lost between the capture point and the client, or the
+    client was too busy to read it. *Reply lost* is also the verdict in two other cases. S_EXECUTING was
+    captured for an attempt, but no result of that attempt. Or a reply was captured at the controller's side
+    of a proxy, but not at the client's side."""
     REQUEST_LOST = "request lost"
     """S_EXECUTING was captured for the answered attempt, and nothing for the earlier attempts. The earlier
-    attempts were lost, because the controller would have executed or answered them. *Request lost* is also
+    attempts were lost; otherwise the controller would have executed or answered them. *Request lost* is also
     the verdict if an attempt was captured at the client's side of a proxy but not at the controller's side.
-    If both requests and replies of a call were lost, the first loss decides."""
+    If both requests and replies of a call were lost, the first loss determines the verdict."""
     CANNOT_TELL = "cannot tell"
     """The client retried, and the capture does not show whether requests or replies were lost, or whether a
     reply was late."""

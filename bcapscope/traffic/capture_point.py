@@ -1,9 +1,9 @@
-"""Where a capture was taken, and what follows for a reply that was captured shortly before a retry.
+"""Where a capture was taken, and how this place affects replies that were captured shortly before a retry.
 
 A reply and a retry cross if the client sends the retry before it receives the reply. The reply is then late.
-Otherwise the client never received the reply: it was lost. A capture on the client's computer shows which of
-the two it was. Elsewhere, a reply that was captured first may still have crossed the retry, if the two were
-captured closer to each other than the round trip from the capture point to the client and back.
+Otherwise the client never received the reply: it was lost. A capture on the client's computer shows whether
+the reply was late or lost. In a capture elsewhere, a reply before the retry may still have crossed the retry.
+The time between the two is then shorter than the round trip from the capture point to the client and back.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ CROSSING_AT_CLIENT_NS = 500_000
 already be preparing the retry when the reply arrives."""
 
 LONGEST_ROUND_TRIP_NS = 100_000_000
-"""Round trip to the client in ns if the traffic shows no shorter one. Factory networks delay a frame by
-milliseconds."""
+"""Assumed round trip to the client in ns, unless the traffic shows a shorter one. Factory networks delay a
+frame by milliseconds."""
 
 _REACTIONS = 3  # a single reaction can be a coincidence
 _MARGIN = 2  # one round trip can take longer than another
@@ -37,15 +37,16 @@ class CapturePoint(StrEnum):
 class CrossingWindow:
     """The time within which a reply and a retry of one client may cross.
 
-    The client's reactions show it: the time from a reply to the client's next request is the round trip from
-    the capture point to the client and back, and the time in which the client prepares the request.
+    The client's reactions show this time. A reaction lasts from a reply to the client's next request. This
+    time is the round trip from the capture point to the client and back, plus the client's time to prepare
+    the request.
 
     Attributes:
-        considered_below_ns: Reactions that take longer show nothing new.
+        considered_below_ns: Only reactions shorter than this can narrow the window.
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:
-        """Create a window. `taken_at` is the place of the capture; None if only the traffic shows it."""
+        """Create a window. `taken_at` is the capture point; None to infer the window from the traffic."""
         self.considered_below_ns = 0 if taken_at else LONGEST_ROUND_TRIP_NS
         self._taken_at = taken_at
         self._shortest: list[int] = []
@@ -58,7 +59,8 @@ class CrossingWindow:
             self.considered_below_ns = self._shortest[-1]
 
     def ignore_reactions(self) -> None:
-        """Learn nothing, because the client does not wait for replies before it begins another call."""
+        """Drop all reactions and ignore further ones, because the client begins calls without waiting for
+        replies."""
         self.considered_below_ns = 0
         self._shortest.clear()
 

@@ -1,4 +1,4 @@
-"""How long a client waits for a reply, as the distances between its attempts show."""
+"""How long a client waits for a reply, inferred from the distances between its attempts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from bcapscope.traffic.unseen_attempts import skipped_serials
 
 SHORTEST_TIMEOUT_NS = 2_000_000
 """Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). A client that begins a new call sooner after
-the previous request does not wait for replies, and so may still accept the reply to the previous request."""
+the previous request does not wait for replies. It may therefore still accept the reply to the previous
+request."""
 
 TIMEOUTS_TO_GIVE_UP = 4
 """Number of timeouts without an attempt after which the client has given up a call that it retried."""
@@ -23,8 +24,8 @@ SHORTEST_SILENCE_NS = 50_000_000
 client or network delays an attempt by less."""
 
 OVERDUE_TIMEOUTS = 2
-"""Number of timeouts after the last attempt from which on a reply is late. Attempts do not arrive exactly one
-timeout apart, so an earlier reply may have been in time."""
+"""Number of timeouts after the last attempt; any later reply counts as late. Attempts do not arrive exactly
+one timeout apart, so an earlier reply may have been in time."""
 
 _MAX_DISTANCES = 32
 _MAX_KINDS = 64
@@ -33,7 +34,8 @@ _MAX_KINDS = 64
 def attempt_distances(call: Call) -> list[int]:
     """Return the distances between successive attempts of a call in ns.
 
-    Where attempts were not captured, a distance is divided evenly among all attempts.
+    If attempts between two captured attempts were not captured, the time between the captured attempts is
+    divided evenly.
     """
     attempts = call.attempts
     if len(attempts) == 1:
@@ -48,9 +50,10 @@ def attempt_distances(call: Call) -> list[int]:
 
 
 def gives_up_at(call: Call) -> int:
-    """Return when the client has evidently given up an unanswered call, ns since 1970; 0 if it does not show.
+    """Return when the client has evidently given up an unanswered call, ns since 1970; 0 if unknown.
 
-    Only a retried call shows it. S_EXECUTING prolongs the client's timeout (DENSO Wave 2009).
+    The time is known only for a retried call without S_EXECUTING, which prolongs the client's timeout (DENSO
+    Wave 2009).
     """
     distances = attempt_distances(call) if call.other_frames and not call.notices else ()
     if not distances:
@@ -60,8 +63,8 @@ def gives_up_at(call: Call) -> int:
 
 
 def waits_in_vain(call: Call, now: int) -> bool:
-    """Return whether so many timeouts have passed since the first attempt of an unanswered call that the
-    controller answered none of the attempts before the last one."""
+    """Return whether an unanswered call is so old that the controller evidently answered none of the attempts
+    before the last one."""
     distances = attempt_distances(call) if call.other_frames and not call.notices else ()
     if not distances:
         return False
@@ -71,7 +74,7 @@ def waits_in_vain(call: Call, now: int) -> bool:
 
 
 class ShownTimeouts:
-    """The timeouts that the attempts of one client show, for each kind of call."""
+    """The timeouts of one client for each kind of call, inferred from its attempts."""
 
     def __init__(self) -> None:
         self._distances: dict[CallKind, deque[int]] = {}

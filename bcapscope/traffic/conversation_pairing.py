@@ -1,4 +1,4 @@
-"""Pair the frames of one conversation into calls. `pairing_states` has the table of how a frame changes the
+"""Pair the frames of one conversation into calls. The table in `pairing_states` shows how a frame changes the
 state of its call.
 """
 
@@ -43,7 +43,7 @@ older C client retries without end (start-jsk/denso b-Cap.c), and so reaches the
 one retry every 20 ms."""
 
 _FRAME_COST = 512  # bytes of overhead per frame
-# Size in bytes above which a settled call does not stay in memory as the newest call.
+# Maximum size in bytes of a settled call that is kept in memory as the newest call.
 _LARGE_CALL = 64 * 1024
 
 _WAITING, _ANSWERED, _SETTLED = CallState.WAITING, CallState.ANSWERED, CallState.SETTLED
@@ -186,7 +186,7 @@ class ConversationPairing:
             self._apply(call, CallEvent.NOTICE if is_notice else CallEvent.UNDELIVERED_REPLY, observation)
 
     def add_own_request(self, observation: FrameObservation, frame: Frame) -> None:
-        """Add a request that a proxy sent on its own. Only a copy of a client's request belongs to a call."""
+        """Add a request that a proxy itself made. Only a copy of a client's request belongs to a call."""
         prior = self._by_serial.get(frame.serial)
         if prior is not None:
             self._add_to_prior(prior, observation, frame)
@@ -214,7 +214,7 @@ class ConversationPairing:
         begun_at = 0 if self._newest_call is None else self._newest_call.request.time
         for _ in range(min(count, len(self.open_calls))):
             call = self.open_calls.popleft()
-            # a reply would be late if the newest call began so long after the client gave this call up
+            # so long after the client gave this call up, a reply would be late
             is_past = 0 < call.abandoned_at <= begun_at - LATE_WITHIN_NS
             event = _EXPIRY if is_past else _EVICTION
             self._latest_evicted = max(self._latest_evicted, call.number)
@@ -223,7 +223,7 @@ class ConversationPairing:
     def close(self, now: int = 0) -> Iterator[Call]:
         """Yield all open calls, because the traffic of the conversation has ended.
 
-        `now` is the time until which the capture reaches, ns since 1970; 0 if it ends with the conversation.
+        `now` is the time when the capture ends, ns since 1970; 0 if the capture ends with the conversation.
         """
         mark_unanswerable(self._conversation, self.open_calls, now)
         while self.open_calls:
@@ -435,9 +435,9 @@ class ConversationPairing:
         return call
 
     def _settle_irregular(self, call: Call, event: CallEvent) -> None:
-        """Settle a call without a reply, or with other frames than one request and one reply.
+        """Settle a call without a reply, or with frames besides one request and one reply.
 
-        The reply is late if the distances of the attempts show that the client had given up.
+        The reply is late if the distances between the attempts show that the client had given up.
         """
         gave_up_at = self._timeouts.add_call(call) if call.other_frames and not self._is_tcp else 0
         if gave_up_at and call.state is _ANSWERED and call.reply is not None:

@@ -1,4 +1,5 @@
-"""The handles that a controller gives in a session, which show calls that it executed more than once."""
+"""The sequence of handles in a session. Skipped handles show that the controller executed a call more than
+once."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ OPENERS = frozenset((_SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.res
 
 
 class HandleSequence:
-    """The handles of one conversation, which a controller counts up in each session."""
+    """The handles of one conversation. The controller counts them up in each session."""
 
     def __init__(self) -> None:
         self._last_handle = 0  # the last handle returned in this session

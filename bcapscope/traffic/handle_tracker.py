@@ -67,8 +67,8 @@ class ServiceSession:
 
     Attributes:
         started_by_call: Number of the Service_Start call; None if this call was not captured.
-        unreleased: Objects that the client did not release, in creation order, after those whose handle the
-            client never received.
+        unreleased: Objects that the client did not release: first those whose handle the client never
+            received, then the others in creation order.
     """
 
     conversation: Conversation
@@ -123,7 +123,7 @@ class HandleTracker:
     def sessions(self) -> tuple[ServiceSession, ...]:
         """Return the ended sessions in the order of their ends, then the open sessions.
 
-        In an open session, `unreleased` has the objects that the client has not released so far.
+        In an open session, `unreleased` lists the objects that the client has not released so far.
         """
         begun = [client for client in self._clients.values() if client.has_session]
         return (*self._ended_sessions, *(client.to_session(SessionEnding.OPEN) for client in begun))
@@ -246,8 +246,8 @@ def _handles_made(call: Call) -> list[int]:
 
 
 def _succeeded(call: Call) -> bool:
-    """Return whether any reply to the call reports success, even a lost or late reply, or may do so because
-    it was not captured."""
+    """Return whether any reply to the call reports success, even a lost or late reply. A reply that was not
+    captured counts as success."""
     replies = (call.reply, *call.late_replies, *call.lost_replies)
     if call.reply_not_captured:
         return True

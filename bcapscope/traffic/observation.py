@@ -78,9 +78,9 @@ class Conversation:
             evidence in the traffic.
         connection_end: End of the TCP connection, as far as captured; None while the connection is open, and
             for UDP.
-        interface: Name of the interface on which it was captured; "" if the capture names none.
-        controller_leg: Conversation between the proxy and the controller, if this one is between the client
-            and the proxy, and the capture holds both; otherwise None.
+        interface: Name of the interface on which the conversation was captured; "" if the capture names none.
+        controller_leg: For the leg between client and proxy, the conversation of the leg between proxy and
+            controller; None for other conversations, or if the capture lacks the second leg.
         capture_side: The capture that the conversation comes from, if two captures hold the same
             conversation; otherwise None.
     """
@@ -98,8 +98,8 @@ class Conversation:
         self.capture_side: CaptureSide | None = None
 
     def record_end(self, by: Direction, reset: bool, time: int) -> None:
-        """Record that the client or the controller closed or reset the connection. The first such event stays
-        recorded."""
+        """Record that the client or the controller closed or reset the connection. Later events are
+        ignored."""
         if self.connection_end is None:
             self.connection_end = ConnectionEnd(by, reset, time)
         elif reset or by is not self.connection_end.by:

@@ -39,8 +39,8 @@ class CallEvent(StrEnum):
     EARLIER_REPLY = "earlier reply"
     """The controller answers an attempt before the latest one."""
     OVERDUE_REPLY = "overdue reply"
-    """The reply to the latest attempt came after the client had given up. The distances of the attempts
-    show it when the call is complete."""
+    """The reply to the latest attempt came after the client had given up. The distances between the attempts
+    show this once the call is complete."""
     UNDELIVERED_REPLY = "undelivered reply"
     """The controller sends a reply that is lost before it reaches the client's side."""
     NEXT_CALL = "next call"
@@ -52,7 +52,7 @@ class CallEvent(StrEnum):
 
 
 class Transition(NamedTuple):
-    """What an event leads to.
+    """The effect of an event on a call.
 
     Attributes:
         role: Role of the event's frame in the call; None if the event has no frame.

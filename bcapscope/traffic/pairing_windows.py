@@ -1,4 +1,4 @@
-"""How long a further frame of a call can follow: the time windows of `ConversationPairing`."""
+"""How long further frames of a call can follow: the time windows of `ConversationPairing`."""
 
 from __future__ import annotations
 
@@ -26,13 +26,12 @@ BUSY_WITHIN_NS = 30_000_000_000
 answered a later call. The controller may still be executing the call, because controllers answer in order."""
 
 EXECUTION_NS = 180_000_000_000
-"""Maximum time in ns without a frame of a call, if no later call was answered: the server's InvokeTimeout,
-after which the server never answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+"""Maximum time in ns without a frame of a call, if no later call was answered. It is the server's
+InvokeTimeout, after which the server never answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
 
 def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequence[tuple[int, int]]) -> int:
-    """Return the time from which on no further frame can belong to an open call without a reply, ns since
-    1970.
+    """Return the time after which no further frame can belong to an open call without a reply, ns since 1970.
 
     Args:
         latest_answered: Highest number of an answered call of the conversation.
@@ -53,13 +52,13 @@ def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequ
 def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], now: int) -> None:
     """Mark the open calls that could no longer be answered when the traffic of their conversation ended.
 
-    A later call that was answered shows this, because controllers answer in order and the network reorders
-    replies only within a short time. The distances of the attempts show it if the capture reaches beyond the
-    time when the client gave up.
+    An answer to a later call shows this, because controllers answer in order and the network reorders replies
+    only within a short time. The distances between the attempts show this if the capture ends after the
+    client gave up.
 
     Args:
         open_calls: Open calls of the conversation, oldest first.
-        now: Time until which the capture reaches, ns since 1970; 0 if it ends with the conversation.
+        now: Time when the capture ends, ns since 1970; 0 if the capture ends with the conversation.
     """
     closing = conversation.connection_end
     over = closing is not None and closing.ends_replies

@@ -100,11 +100,11 @@ class Pipeline:
         """Create a pipeline.
 
         Args:
-            handles: Handle tracker to update, for a caller that also reads it. If None, the pipeline follows
-                handles only if a subscriber needs targets.
-            slave_mode: Slave-mode tracker to update, for a caller that also reads it. If None, the pipeline
-                follows slave mode only if a subscriber overrides `on_slave_mode`.
-            joiner: Joins what several places captured of one conversation; None for traffic from one place.
+            handles: Handle tracker to update, for a caller that reads the tracker. If None, the pipeline
+                follows handles only if a subscriber needs targets.
+            slave_mode: Slave-mode tracker to update, for a caller that reads the tracker. If None, the
+                pipeline follows slave mode only if a subscriber overrides `on_slave_mode`.
+            joiner: Joins captures of one conversation from several places; None for traffic from one place.
             taken_at: Where the capture was taken; None if only the traffic shows it.
         """
         self._tracker = Tracker(taken_at)

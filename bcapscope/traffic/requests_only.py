@@ -7,19 +7,19 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.handle_tracker import handle_of
 
 FEWEST_CALLS = 8
-"""Minimum number of calls in a row that show that a client gets replies."""
+"""Minimum number of successive calls that prove that a client receives replies."""
 
 LONGEST_STEP_NS = 500_000_000
-"""Maximum time in ns from one call to the next of a client that gets replies. A client without a reply waits
-for its timeout: 1 s in DENSO Wave 2009, 3 s in orin_bcap Python bcapclient.py. A call may take longer, but
-not each of several."""
+"""Maximum time in ns from one call to the next if the client receives replies. A client without a reply waits
+for its timeout: 1 s in DENSO Wave 2009, 3 s in orin_bcap Python bcapclient.py. One call may take as long even
+with a reply, but not several in succession."""
 
 
 class RequestsOnlyEvidence:
     """Recognises by a client's requests that the controller answered, although no reply was captured.
 
-    A client that uses a handle has received the reply with this handle. A client that makes several calls one
-    soon after the other, and retries none, has received replies as well.
+    A client that uses a handle has received the reply with this handle. A client that makes several calls in
+    quick succession, without a retry, has received replies as well.
 
     Attributes:
         is_proven: Whether the requests show that the controller answered.

@@ -10,7 +10,7 @@ __all__ = ["ReplyReserved", "ReservedConvention", "ReservedFieldUsage"]
 
 
 class ReservedFieldUsage(NamedTuple):
-    """What is known so far about how client and controller use the reserved field.
+    """Use of the reserved field by client and controller, as far as known.
 
     Attributes:
         reply_reserved: How the controller fills the reserved field of its replies.

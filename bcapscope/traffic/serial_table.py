@@ -18,7 +18,7 @@ class SerialTable:
     Attributes:
         open_calls: The open calls, each listed under the serials of all its attempts.
         reused: For each reused serial on TCP, the calls that still wait for a reply although a later request
-            has this serial, oldest first. A number instead of a call is that of a settled call.
+            has this serial, oldest first. A settled call is listed by its number.
     """
 
     def __init__(self) -> None:

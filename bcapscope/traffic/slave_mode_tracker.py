@@ -32,7 +32,7 @@ _PARAMETER = 2
 
 
 class SlaveModeEffect(Enum):
-    """What a call shows about slave mode, or how it changes slave mode."""
+    """Evidence of a call about slave mode, or its effect on slave mode."""
 
     SET_POINT = "set point"
     """The call is a set point that was accepted, found the buffer full, or has no captured reply."""
@@ -43,15 +43,15 @@ class SlaveModeEffect(Enum):
     MODE_CHANGED = "mode changed"
     """The call is a slvChangeMode that the controller did not refuse."""
     SESSION_BOUNDARY = "session boundary"
-    """The client began or ended its session with this call, which was not refused."""
+    """The client began or ended its session with this call, and the controller did not refuse the call."""
     ROBOT_RELEASED = "robot released"
-    """The client released a robot with this call, which was not refused."""
+    """The client released a robot with this call, and the controller did not refuse the call."""
     ERROR = "error"
     """Another call failed with an error that switches slave mode off."""
 
 
 def slave_mode_effect(call: Call) -> SlaveModeEffect | None:
-    """Return what a call shows about slave mode; None if the call has nothing to do with slave mode."""
+    """Return the evidence or effect of a call; None if the call has nothing to do with slave mode."""
     function_id, command = call.kind
     code = call.hresult
     refused = code is not None and is_failure(code)
@@ -149,13 +149,14 @@ class SlaveModeTracker:
         return self._clients.get(conversation, _NOTHING_KNOWN)
 
     def clients_in_slave_mode(self) -> Iterator[Conversation]:
-        """Yield the conversations of the clients in slave mode, unless their latest set point was refused."""
+        """Yield the conversations of the clients in slave mode, except those whose latest set point was
+        refused."""
         for conversation, known in self._clients.items():
             if known.robots and not known.set_points_refused:
                 yield conversation
 
     def close_conversation(self, conversation: Conversation) -> OpenSlaveMode:
-        """Drop a client that has disconnected, and return the slave mode that the client left on."""
+        """Drop a client that has disconnected, and return its slave mode at that time."""
         return self._clients.pop(conversation, _NOTHING_KNOWN)
 
     def _keep(self, conversation: Conversation, known: OpenSlaveMode) -> None:

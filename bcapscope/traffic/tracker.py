@@ -26,8 +26,8 @@ open calls is evicted from the conversation with the largest calls. One call wit
 and reply stays within this limit."""
 
 SWEEP_NS = 50_000_000
-"""Time in ns between two searches for settled calls, by the times of the observations: too short to
-notice."""
+"""Time in ns between two searches for settled calls, by the times of the observations. Users do not notice
+this delay."""
 
 _REQUEST = Direction.REQUEST
 
@@ -97,8 +97,8 @@ class Tracker:
     def observe_joined(self, observation: JoinedObservation) -> Sequence[PairingResult]:
         """Add the next observation of a conversation that was captured at two places (see `observe`).
 
-        A reply that never came to the client's side is a lost reply of its call. What a proxy exchanged with
-        the controller on its own belongs to no call of the client.
+        A reply that was not captured at the client's side is a lost reply of its call. Requests that a proxy
+        itself made, and the replies to them, belong to no call of the client.
         """
         item = observation.item
         is_own = observation.was_made_between and observation.is_request

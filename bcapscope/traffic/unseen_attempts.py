@@ -1,7 +1,7 @@
 """Attempts that were not captured, inferred from the serials around them.
 
-Every known client on UDP counts its serials up by one per attempt, so a skipped serial is that of an attempt
-that the client sent and that was not captured. It was lost before the capture point, or the capture missed
+On UDP, every known client increments the serial by one per attempt. A skipped serial therefore belongs to an
+attempt that was not captured. The network lost this attempt before the capture point, or the capture missed
 it.
 """
 
@@ -16,20 +16,20 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, StrayReply
 
 MAX_UNSEEN = 64
-"""Maximum number of successive attempts without a captured one between them. A larger gap in the serials
-shows something else, such as a client that began anew."""
+"""Maximum number of successive attempts that were not captured. A larger gap in the serials shows something
+else, such as a restart of the client."""
 
 
 MAX_RECENT = 1024
-"""Maximum distance of a serial to the latest one that counts as recent. The serials of at least as many
-settled calls are remembered (`serial_table`)."""
+"""Maximum distance of a recent serial from the latest serial. The serials of at least as many settled calls
+are remembered (`serial_table`)."""
 
 
 def skipped_serials(before: int, after: int) -> tuple[int, ...]:
     """Return the serials between those of two successive captured frames of a client, oldest first.
 
-    The result is empty if the gap is too large to be one of missed attempts. Serial 0 is left out, because
-    most clients skip it.
+    The result is empty if the gap is too large to be caused by attempts that were not captured. Serial 0 is
+    left out, because most clients skip it.
     """
     gap = (after - before) & 0xFFFF
     if gap > MAX_UNSEEN + 1:
@@ -40,12 +40,12 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
 class UnseenRequests:
     """The stray replies of one client that answer requests which were not captured.
 
-    The serial of such a reply is one that the client skipped, or used before the capture began, or one that
-    follows the client's latest captured frame. In the last case, the request may be a retry of the client's
-    newest call. The next request shows whether the client has used the serial.
+    There are three cases. The client skipped the serial of the reply, or used this serial before the capture
+    began, or the serial follows the client's latest captured serial. In the third case, the request may be a
+    retry of the client's newest call. The next request shows whether the client has used the serial.
 
     Attributes:
-        waiting: Whether the next request matters.
+        waiting: Whether the serial of the next request can change `request_missed` of a stray reply.
     """
 
     def __init__(self) -> None:
@@ -64,9 +64,10 @@ class UnseenRequests:
             del self._ahead[:-MAX_UNSEEN]
 
     def check_next_request(self, serial: int) -> None:
-        """Correct what earlier replies seemed to show, if the client uses their serials only now or later.
+        """Set `request_missed` of earlier stray replies to False if the client uses their serials only now or
+        later.
 
-        A copy of the client's latest frame shows nothing.
+        A copy of the client's latest frame has no effect.
         """
         for stray, newest in self._ahead:
             latest = newest.last_attempt.item.serial

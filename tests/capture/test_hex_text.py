@@ -143,13 +143,15 @@ def test_bytes_that_tell_nothing() -> None:
 def test_a_caption_that_the_bytes_contradict() -> None:
     packet = only("TX\n" + window(DONE))
     assert packet.direction is REQUEST
-    assert packet.notes == ("called a request, but it holds a result, 0x00000000, that no request can carry",)
+    assert packet.notes == (
+        "captioned as a request, but the bytes hold a result, 0x00000000, that no request can carry",
+    )
 
 
 def test_a_serial_that_no_request_has() -> None:
     other = encode_frame(8, 0, 0)
     notes = [packet.notes for packet in packets_in("\n\n".join(map(window, (CHANGE_MODE, other, DONE))))]
-    assert notes == [(), ("serial 8, the request above has 5: they do not belong together",), ()]
+    assert notes == [(), ("serial 8 does not match the request above, which has serial 5",), ()]
 
 
 def test_replies_to_earlier_tries_are_no_mismatch() -> None:
@@ -254,7 +256,7 @@ def test_whole_packets_of_a_network_card(
     assert read.data == data
     assert read.direction is (direction or REQUEST)
     assert read.is_direction_guessed is (direction is None)
-    assert read.notes == (f"headers of {skipped} bytes, down to the port, taken off",)
+    assert read.notes == (f"removed {skipped} bytes of network headers",)
 
 
 def test_packets_of_other_protocols_stay_as_they_are() -> None:
@@ -423,4 +425,4 @@ def test_bytes_of_a_dump_that_are_no_frames_are_cut_and_said_to_be() -> None:
     first, *others = packets_in("\n".join(lines))
     assert not first.notes
     assert len(first.data) + sum(len(packet.data) for packet in others) == 2 * LARGEST_BLOCK
-    assert all("of which there are too many" in packet.notes[0] for packet in others)
+    assert all("which are too many for one packet" in packet.notes[0] for packet in others)

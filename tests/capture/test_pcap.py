@@ -63,7 +63,7 @@ def test_every_cut_leaves_the_packets_before_it() -> None:
 
 def test_says_where_it_breaks_off() -> None:
     _, error = read_until_damage(pcap(b"abcdef", b"ghijkl")[:-4])
-    assert str(error) == "the capture breaks off inside packet 2 (byte 46), which has 18 bytes"
+    assert str(error) == "the capture ends inside packet 2 (byte 46), which has 18 bytes"
 
 
 def test_a_claim_is_not_believed_beyond_the_limit() -> None:

@@ -217,5 +217,5 @@ def _as_scapy_has_it(packet: Packet) -> tuple[object, ...]:
 def test_a_truncated_error_is_a_capture_error() -> None:
     packets, error = read_until_damage(BEFORE + enhanced(b"bad!")[:-1])
     assert isinstance(error, CaptureError)
-    assert str(error) == f"the capture breaks off inside the block at byte {len(BEFORE)}, after 1 packets"
+    assert str(error) == f"the capture ends inside the block at byte {len(BEFORE)}, after 1 packets"
     assert len(packets) == 1

@@ -71,7 +71,7 @@ def test_a_damaged_capture_is_compared_as_far_as_it_goes(tmp_path: Path) -> None
     for paths in ((cut, BAD), (BAD, cut)):
         done = run_here("compare", *paths)
         assert done.code == ExitCode.DAMAGED
-        assert "breaks off" in done.err
+        assert "the capture ends inside" in done.err
         assert "notable" in done.lines
 
 

@@ -85,4 +85,4 @@ def test_time_stays_absolute_and_names_t() -> None:
 def test_fields_lists_t() -> None:
     lines = run_here("fields").lines
     assert any(line.split()[:3] == ["t", "both", "duration"] for line in lines)
-    assert any("the first frame, as the lines show, compare t" in line for line in lines)
+    assert any("For seconds since the first frame, compare t" in line for line in lines)

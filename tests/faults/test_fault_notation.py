@@ -150,7 +150,7 @@ def test_words_that_mean_something_else_are_quoted() -> None:
         ("delay=3ms±1ms±1ms", 6, "expected time±jitter"),
         ("burst=1%", 8, "leave is missing"),
         ("drop reply request", 11, "direction is given twice"),
-        ("drop time 3ms", 5, "'time' has no meaning here, did you mean 'times'?"),
+        ("drop time 3ms", 5, "'time' is not allowed here, did you mean 'times'?"),
         ("drop times", 10, "a value for times is missing"),
         ("drop times 0", 11, "Expected int >= 1"),
         ("drop name a=b", 10, "a name has at most 60 letters, digits and _ . + -"),

@@ -170,7 +170,7 @@ def test_a_request_is_written_as_documented() -> None:
         ({"do": "edit", "number": 8, "hex": "00"}, "no message 8 is held"),
         ({"do": "edit", "number": 1}, "edit takes all bytes in hex, or changes such as set arg[2]=0"),
         ({"do": "edit", "number": 1, "hex": "0"}, "non-hexadecimal number found"),
-        ({"do": "edit", "number": 1, "rewrite": "sett"}, "'sett' has no meaning here"),
+        ({"do": "edit", "number": 1, "rewrite": "sett"}, "'sett' is not allowed here"),
         (
             {"do": "edit", "number": 1, "rewrite": "set arg[9]=1"},
             "this changes nothing: the argument does not exist",

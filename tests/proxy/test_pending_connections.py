@@ -182,7 +182,9 @@ def test_a_stop_gets_through_when_all_places_are_taken() -> None:
         late = connect(proxy, stack, "127.0.0.3")
         late.sendall(START)
         assert is_cut_off(late)
-        eventually(lambda: "is one client too many; its connection is closed" in proxy.notices())
+        eventually(
+            lambda: "exceeds the maximum number of clients; its connection is closed" in proxy.notices()
+        )
         for host in ("127.0.0.1", "127.0.0.3") * 4:
             client = connect(proxy, stack, host)
             client.sendall(HALT)

@@ -17,7 +17,7 @@ def test_a_silence_and_its_end_are_told_once() -> None:
     ]
     assert list(monitor.check([(CLIENT, 0)], 2 * SECOND)) == []
     assert list(map(str, monitor.check([(CLIENT, 3 * SECOND)], 3 * SECOND))) == [
-        "10.0.0.2:50001 is heard again, after 3.0 s"
+        "10.0.0.2:50001 sends again, after 3.0 s of silence"
     ]
     assert list(monitor.check([(CLIENT, 3 * SECOND)], 3 * SECOND + 1)) == []
 

@@ -209,7 +209,9 @@ def test_one_client_too_many_waits_until_one_is_silent() -> None:
     ):
         late.send(b"too many")
         eventually(lambda: proxy.relay.counts[RelayCounter.DENIED] == 1)
-        eventually(lambda: "is one client too many; its datagrams are dropped" in proxy.notices())
+        eventually(
+            lambda: "exceeds the maximum number of clients; its datagrams are dropped" in proxy.notices()
+        )
         silent = next(iter(proxy.relay.sessions.values()))
         silent.last_heard -= udp_listener.EVICTABLE_AFTER_NS
         server.settimeout(0.1)

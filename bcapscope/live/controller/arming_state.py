@@ -12,7 +12,7 @@ When arming expires, bcapscope assumes that nobody watches the robot any more.
 class ArmingState:
     """Whether the user has armed; the user or a timeout disarms.
 
-    The built-in simulator clears `is_required`.
+    `is_required` is False for the built-in simulator.
     """
 
     def __init__(self) -> None:

@@ -58,7 +58,7 @@ CLOSE_TIMEOUT = 8.0
 _CLEANUP_RETRY_POLICY = RetryPolicy(300_000_000, 2)
 """Maximum number of attempts for each call that releases an object.
 
-The number is small, so that `close` is fast if the controller is gone.
+The number is small, so that `close` is fast if the controller does not respond.
 """
 
 
@@ -137,7 +137,7 @@ class ControllerSession:
         self.action_log.close()
 
     async def _shut_down(self) -> None:
-        """Disconnect, and wait for releases of objects that are already under way."""
+        """Disconnect, and wait until releases of objects that have already begun are complete."""
         await self.disconnect()
         others = asyncio.all_tasks() - {asyncio.current_task()}
         if others:
@@ -344,7 +344,7 @@ class ControllerSession:
             self._loop.create_task(self._halt_on_session(self.status.robot))
 
     async def _halt_on_session(self, robot: ObjectHandle) -> None:
-        """Send HALT also on the main connection once its call under way has ended; leave slave mode."""
+        """Send HALT on the main connection, too, after its running call has ended. Then leave slave mode."""
         with suppress(BcapError, OSError):
             record = await self.invoke("Robot_Halt", robot.handle, "")
             if self._halt_connection is None:
@@ -409,7 +409,7 @@ class ControllerSession:
 
 
 def _raw_needs_arming(session: Session, item: Frame | Malformed) -> bool:
-    """Return whether sending raw bytes needs arming; bytes that are not an intact frame always do."""
+    """Return whether sending raw bytes needs arming; bytes that are not an intact frame always need it."""
     return (
         not isinstance(item, Frame) or bool(item.problems) or session.needs_arming(item.code, item.variants)
     )

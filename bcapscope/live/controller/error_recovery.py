@@ -1,8 +1,8 @@
 """Recovery after an error: read the errors, clear them, and return to slave mode.
 
-The steps are those of DENSO Wave 2009, How to use the Slave mode (Clearing errors): clear, start RobSlave
-again, move to the first position, enter slave mode. bcapscope reads the errors first, because clearing
-deletes them.
+The steps are those of DENSO Wave 2009, How to use the Slave mode (Clearing errors). They clear the errors,
+start RobSlave again, move to the first position, and enter slave mode. Before these steps, the errors are
+read, because clearing deletes them.
 """
 
 from __future__ import annotations

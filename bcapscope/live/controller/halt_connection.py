@@ -33,7 +33,7 @@ RETRY_WITHIN = 3.0
 _REOPEN_DELAY = 0.05
 
 _STALE_CONNECTION_CODES = (E_HANDLE, E_NOT_CONNECTED)
-"""Result codes of a controller that has forgotten the connection, as over UDP after the pendant's Reset."""
+"""Result codes of a controller that no longer knows the connection, as over UDP after the pendant's Reset."""
 
 CLOSE_TIMEOUT = 3.0
 """Maximum time in seconds that `close` waits until the connection has released its objects."""
@@ -96,7 +96,7 @@ class HaltConnection:
         self._loop = asyncio.new_event_loop()
         self._pressed = asyncio.Event()
         self._retry_until = 0.0
-        self._was_refused = False  # once since HALT was pressed
+        self._was_refused = False  # whether the controller refused HALT since it was pressed
         self._closing = False
         self._thread = threading.Thread(target=self._run, name="halt", daemon=True)
         self._thread.start()
@@ -211,7 +211,7 @@ class HaltConnection:
     async def _halt_robot(self, session: Session, handle: int) -> None:
         """Halt the robot.
 
-        After a first refusal, reopen the connection, because the controller may have forgotten it.
+        After a first refusal, reopen the connection, because the controller may no longer know the old one.
         """
         self._report(HaltUpdate(HaltState.HALTING))
         began = self._loop.time()

@@ -78,15 +78,15 @@ class HistoryRecorder:
             )
 
     def abandon_own_call(self, now: int) -> None:
-        """Abandon the call under way if the running task made it.
+        """Abandon the running call if the current task made it.
 
-        The running task may also be waiting for another task's call to end.
+        The current task may also be waiting for another task's call to end.
         """
         if self._call is not None and self._call.task is asyncio.current_task():
             self.abandon_call(now)
 
     def abandon_call(self, now: int) -> None:
-        """End the call under way, if there is one, as abandoned; `now` is ns since 1970-01-01 UTC."""
+        """End the running call, if there is one, as abandoned; `now` is ns since 1970-01-01 UTC."""
         if self._call is not None:
             took = max(0, now - self._call.began)
             self._complete_call(self._call, RecordOutcome.ABANDONED, None, (), took)

@@ -7,7 +7,7 @@ REPLY_OVERDUE_AFTER = 1_500_000_000
 
 
 class ReplyMonitor:
-    """Keeps when the controller last sent something, on any connection, and since when a reply is due.
+    """Stores when the controller last sent something on any connection, and since when a reply is due.
 
     Any thread may report requests and received packets. All times are ns of one clock. A reply is due only
     after a request.

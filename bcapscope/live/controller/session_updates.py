@@ -35,7 +35,7 @@ class ConnectStepUpdate:
 
     Attributes:
         done: Whether the step succeeded; None while the step runs.
-        result: What the step found, or why the step failed.
+        result: Result of the step, or the reason of its failure.
     """
 
     step: ConnectStep
@@ -45,7 +45,7 @@ class ConnectStepUpdate:
 
 @dataclass(frozen=True, slots=True)
 class ControllerIdentity:
-    """What the controller reports about itself.
+    """Facts that the controller reports about itself.
 
     Attributes:
         version: Version of the controller's software; empty if not reported.
@@ -106,7 +106,7 @@ def _slave_mode_after(record: HistoryRecord) -> int | None:
     if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
         code = record.reply.code
         level = describe_hresult(code).level or 0
-        # Each error of level 3 or above ends slave mode (DENSO Wave 2009: any result but S_OK does on RC7).
+        # Each error of level 3 or above ends slave mode (DENSO Wave 2009: on RC7, any result except S_OK).
         return 0 if code == E_NOT_IN_SLAVE_MODE or level >= _LEVEL_THAT_ENDS_SLAVE_MODE else None
     return None
 

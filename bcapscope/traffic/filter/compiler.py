@@ -18,8 +18,9 @@ A comparison has a field on the left, then one of
                          expression (RE2 syntax) anywhere
 
 arg[2][0] is the first element of the third argument: indexes start at 0 and
-work on every list. A field alone is true unless its value is missing, 0,
-false, an empty text or an empty list. true and false also stand alone.
+work on every list. A field without a comparison is true unless its value is
+missing, 0, false, an empty text or an empty list. true and false need no
+comparison either.
 
 On the right is one of
 
@@ -36,9 +37,9 @@ On the right is one of
     10.0.0.2  10.0.0.2:5007  [::1]:5007
                          endpoint; without a port, any port matches
     "2024-05-01 12:00:00.5"
-                         time in UTC, or with a zone such as +09:00; a bare
-                         number is in seconds since 1970. For seconds since
-                         the first frame, as the lines show, compare t
+                         time in UTC, or with a zone such as +09:00. A
+                         number without a unit is in seconds since 1970.
+                         For seconds since the first frame, compare t
     true  false  null
 
 Text comparisons ignore case, as controllers do. Regular expressions ignore
@@ -93,9 +94,9 @@ class Filter:
 
     Attributes:
         getter_names: Names of the getters that must be passed to `bind`.
-        warnings: Comparisons that are valid, but hardly what the user means.
-        unknown_values: Values that a field is compared with, and that are in no table. Such a value can be
-            right, but explains why a filter selects nothing.
+        warnings: Comparisons that are valid, but probably a mistake.
+        unknown_values: Values in the expression that are in no table. Such a value can be right, but may
+            explain why a filter selects nothing.
     """
 
     expression: str
@@ -112,8 +113,8 @@ class Filter:
 
         Args:
             getters: One getter for each name in `getter_names`. A getter takes a record and returns a value
-                as `FieldType` specifies. Additional getters do no harm. The getter of `t` is made if it is
-                missing.
+                as `FieldType` specifies. Additional getters are ignored. If the getter of `t` is missing,
+                `bind` makes it.
             first_time: Returns the time from which `t` counts, ns since 1970; None if `t` counts from the
                 first record that is tested.
 
@@ -161,8 +162,8 @@ def compile_filter(expression: str, kind: RecordKind) -> Filter:
 
 
 class _Parser:
-    """Recursive-descent parser. Each method `parse_...` consumes the tokens of one construct and returns its
-    binder."""
+    """Recursive-descent parser. Each method `parse_...` consumes the tokens of one construct, and returns the
+    binder of this construct."""
 
     def __init__(self, expression: str, kind: RecordKind) -> None:
         self.expression = expression
@@ -291,7 +292,7 @@ class _Parser:
         return sign.text, found.getter_name
 
     def parse_match(self, subject: ComparedField) -> Match:
-        """Consume a comparison sign and its operand. A field without a sign is tested for truth."""
+        """Consume a comparison sign and its operand. A field without a sign must be true."""
         sign = self.peek()
         if sign.is_sign("==", "!="):
             self.advance()

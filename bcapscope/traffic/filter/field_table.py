@@ -71,7 +71,7 @@ class FilterField(NamedTuple):
         meaning: Description of the field for the help.
         unit: Unit of a number without a unit that is compared with the field; "" if there is none.
         values: All words that the field can equal; () if the field can equal any word.
-        known: Returns words that the field usually equals; a field without `values` can equal others, too.
+        known: Returns the usual words of the field. A field without `values` can equal other words, too.
         reads_as: Name of the field whose getter this field uses; "" if the field has its own getter.
     """
 
@@ -114,7 +114,7 @@ FIELDS: tuple[FilterField, ...] = (
         SINCE_FIRST,
         FieldType.DURATION,
         _BOTH,
-        "seconds since the first frame, to the frame or to the call's first request",
+        "seconds from the first frame to this frame, or to the call's first request",
         unit="s",
     ),
     FilterField("src", FieldType.ENDPOINT, _FRAME, "sender"),
@@ -135,7 +135,7 @@ FIELDS: tuple[FilterField, ...] = (
     ),
     FilterField("serial", FieldType.NUMBER, _FRAME, "serial number"),
     FilterField(
-        "reserved", FieldType.NUMBER, _FRAME, "reserved field; in a retry it names the first attempt"
+        "reserved", FieldType.NUMBER, _FRAME, "reserved field; in a retry it names an earlier attempt"
     ),
     FilterField("problems", FieldType.TEXTS, _FRAME, "problems of the frame"),
     FilterField("call", FieldType.NUMBER, _CALL, "number of the call, from 1"),
@@ -186,7 +186,7 @@ FIELDS: tuple[FilterField, ...] = (
         "unseen_retries",
         FieldType.NUMBER,
         _CALL,
-        "number of retries that were not captured, by their serials",
+        "number of retries that were not captured, inferred from skipped serials",
     ),
     FilterField("replies", FieldType.NUMBERS, _CALL, "frame numbers of the replies that the client accepted"),
     FilterField("late_replies", FieldType.NUMBERS, _CALL, "frame numbers of late replies"),
@@ -204,7 +204,7 @@ FIELDS: tuple[FilterField, ...] = (
         "captured_again",
         FieldType.NUMBERS,
         _CALL,
-        "frame numbers of packets that were probably captured twice",
+        "numbers of frames whose packet was probably captured twice",
     ),
     FilterField("outcome", FieldType.TEXT, _CALL, "how the call ended", values=tuple(Outcome)),
     FilterField("latency", FieldType.DURATION, _CALL, "time from the first request to the accepted reply"),
@@ -212,7 +212,7 @@ FIELDS: tuple[FilterField, ...] = (
         "latency_ms",
         FieldType.DURATION,
         _CALL,
-        "like latency, but a bare number is in ms",
+        "like latency, but a number without a unit is in ms",
         unit="ms",
         reads_as="latency",
     ),
@@ -220,7 +220,12 @@ FIELDS: tuple[FilterField, ...] = (
         "rtt", FieldType.DURATION, _CALL, "time from the request that was answered to the accepted reply"
     ),
     FilterField(
-        "rtt_ms", FieldType.DURATION, _CALL, "like rtt, but a bare number is in ms", unit="ms", reads_as="rtt"
+        "rtt_ms",
+        FieldType.DURATION,
+        _CALL,
+        "like rtt, but a number without a unit is in ms",
+        unit="ms",
+        reads_as="rtt",
     ),
     FilterField(
         "convention",

@@ -27,7 +27,7 @@ NUMERIC = frozenset({FieldType.NUMBER, FieldType.TIME, FieldType.DURATION})
 _LISTS = frozenset({FieldType.NUMBERS, FieldType.TEXTS, FieldType.VALUES})
 _LITERALS = frozenset({TokenKind.WORD, TokenKind.NUMBER, TokenKind.TEXT, TokenKind.ADDRESS})
 _EARLIEST_TIME = 100_000_000 * 10**9
-"""Times before 1973, in ns since 1970, are no times of a capture."""
+"""Smallest plausible capture time, in 1973, in ns since 1970. A smaller number is probably a mistake."""
 
 _RESERVED = ("and", "or", "not", "in", "contains", "matches")
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -37,7 +37,7 @@ _TIMESTAMP = re.compile(
 
 
 class ComparedField(NamedTuple):
-    """The left side of a comparison: what the compiler of the right side needs to know about it.
+    """The left side of a comparison, as far as the compiler of the right side needs it.
 
     Attributes:
         expression: The whole filter expression, for error messages.
@@ -115,7 +115,7 @@ def search(compared: ComparedField, literal: Token) -> Match:
 
 
 def doubts(compared: ComparedField, sign: str, literal: Token) -> Iterator[Message]:
-    """Yield what is doubtful about a valid comparison: a time is compared with a few seconds since 1970."""
+    """Yield a warning if a valid comparison compares a time with a few seconds since 1970."""
     if compared.type is not FieldType.TIME or literal.kind is not TokenKind.NUMBER:
         return
     if -_EARLIEST_TIME < _nanoseconds(compared, literal) < _EARLIEST_TIME:
@@ -124,7 +124,7 @@ def doubts(compared: ComparedField, sign: str, literal: Token) -> Iterator[Messa
 
 
 def unknown_value(compared: ComparedField, literal: Token) -> Iterator[Message]:
-    """Yield a message about a value that is in no table, with the most similar value that is."""
+    """Yield a message about a value that is in no table, with the most similar value of the table."""
     if compared.type is FieldType.HRESULT and literal.kind is TokenKind.NUMBER:
         if not is_known_code(int_of(literal)):
             yield Message("filter.unknown-value", name=compared.name, value=literal.text)

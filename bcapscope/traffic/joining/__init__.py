@@ -1,1 +1,1 @@
-"""Join what several places captured of one conversation, such as both legs of a proxy."""
+"""Join the captures of one conversation from several places, such as both legs of a proxy."""

@@ -1,4 +1,4 @@
-"""What is known in advance about a conversation that two captures hold."""
+"""Facts about a conversation in two captures that are known before the captures are joined."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bcapscope.traffic.joining.place_merger import Coverage
 
 
 class CapturedTwins:
-    """A conversation in two captures, each from another place.
+    """A conversation in two captures that were taken at different places.
 
     Twins are compared by identity.
 

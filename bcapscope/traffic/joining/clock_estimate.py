@@ -1,8 +1,8 @@
-"""Estimate how the clock at one place differs from the clock at another, from the frames that both captured.
+"""Estimate the difference between the clocks at two places, from the frames that both places captured.
 
-A frame cannot arrive before it was sent. A request therefore shows how far the controller's clock is ahead at
-most, and a reply how far it is ahead at least. The truth lies between the closest request and the closest
-reply.
+A frame cannot arrive before it was sent. A request therefore gives an upper bound of how far the controller's
+clock is ahead, and a reply gives a lower bound. The estimate is between the lowest upper bound and the
+highest lower bound.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class ClockEstimate(NamedTuple):
             Between the points, and beyond them, the offset follows a straight line.
         error: Uncertainty of the offset, ns: half the distance between its bounds.
         drift: How much faster the controller-side clock runs, as a ratio: 1e-6 is one microsecond per second.
-            None if the traffic does not show it.
+            None if the traffic does not show the drift.
     """
 
     points: tuple[tuple[int, int], ...]
@@ -54,7 +54,7 @@ class ClockEstimate(NamedTuple):
 
 
 class _Segment:
-    """Bounds of the offset in one segment of time, each with its time."""
+    """Lower and upper bound of the offset in one segment of time, each with the time of its frame."""
 
     def __init__(self) -> None:
         self.most: tuple[int, int] | None = None
@@ -115,9 +115,9 @@ class ClockEstimator:
 
 
 class _LowerHull:
-    """The corners of the lower convex hull of points, of which the times increase.
+    """The corners of the lower convex hull of points in order of time.
 
-    A point whose time does not increase is left out.
+    A point that is not later than the previous point is left out.
     """
 
     def __init__(self) -> None:
@@ -185,7 +185,7 @@ class _OffsetBounds:
 
 
 def _highest(value: Callable[[float], float], low: float, high: float) -> float:
-    """Return where a concave function is highest between two bounds."""
+    """Return the argument between `low` and `high` for which a concave function is highest."""
     for _ in range(_STEPS):
         third = (high - low) / 3
         if value(low + third) < value(high - third):
@@ -196,7 +196,8 @@ def _highest(value: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _last_sound(value: Callable[[float], float], sound: float, bound: float) -> float:
-    """Return the last place, from `sound` toward `bound`, where a concave function is not negative."""
+    """Return the argument, as far as possible from `sound` toward `bound`, for which a concave function is
+    not negative."""
     if value(bound) >= 0:
         return bound
     for _ in range(_STEPS):

@@ -1,4 +1,4 @@
-"""Gives observations of several conversations out in one order of time."""
+"""Put the observations of several conversations in order of time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from bcapscope.traffic.observation import Conversation, Observation
 
 
 class DeliveryQueue:
-    """Observations that wait until no earlier observation can follow. They come out by time, then number."""
+    """Observations that wait until no earlier observation can follow, ordered by time, then by number."""
 
     def __init__(self) -> None:
         self._waiting: list[tuple[int, int, Observation]] = []

@@ -1,4 +1,4 @@
-"""Recognise from a sample of their frames that two captures hold the same conversation."""
+"""Recognise by samples of frames whether two captures hold the same conversation."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ FEWEST_SHARED = 4
 """Minimum number of equal frames in two samples of the same conversation."""
 
 _SAME_OFFSET_NS = 500_000_000
-"""Maximum difference in ns between the times from one capture's sighting of a frame to the other's. Frames
-that only look alike, such as a poll whose serial came round again, are farther apart."""
+"""Maximum deviation in ns of a frame's offset from the median offset. The offset is the time from the frame
+in the first capture to the same bytes in the second. Frames with the same bytes by coincidence, such as polls
+with a reused serial, deviate more."""
 
 SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
-"""Minimum number and share of equal frames, and maximum median deviation in ns, if the captures did not run
-at the same time by their clocks. One of the clocks is then wrong, or the client ran the same program twice.
-A second run has another client port, other values, or other pauses."""
+"""Conditions for captures that did not run at the same time by their clocks. The numbers are the minimum
+number of equal frames, their minimum share, and the maximum median deviation in ns. Such captures have a
+wrong clock, or the client ran the same program twice. A second run has another client port, other values, or
+other pauses."""
 
 ConversationEnds: TypeAlias = tuple[Endpoint, Endpoint, Transport]
 """Client, controller and transport."""
@@ -33,12 +35,13 @@ class SharedConversation(NamedTuple):
     """A conversation that two captures hold.
 
     Attributes:
-        ends: Its ends in the first and in the second capture. They differ if a proxy or a router is between.
-        offset: Rough time from a sighting in the first capture to the sighting in the second, ns.
-        request_offset: The same for requests only; None without a common request.
-        reply_offset: The same for replies only; None without a common reply.
-        is_sure: Whether it is the same conversation even if the captures did not run at the same time, by
-            their clocks.
+        ends: Ends of the conversation in the first and in the second capture. They differ if a proxy or a
+            router is between the two capture points.
+        offset: Rough time from a frame in the first capture to the same frame in the second, ns.
+        request_offset: The offset of the requests only; None without a common request.
+        reply_offset: The offset of the replies only; None without a common reply.
+        is_sure: Whether the captures hold the same conversation even if, by their clocks, they did not run at
+            the same time.
     """
 
     ends: tuple[ConversationEnds, ConversationEnds]

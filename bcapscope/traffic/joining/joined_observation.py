@@ -20,16 +20,17 @@ class CapturePlace(IntEnum):
 
 
 class JoinedObservation(Observation):
-    """A frame of a conversation that was captured at two places, with its sighting at each place.
+    """A frame of a conversation that was captured at two places, with its sighting at each place. A sighting
+    is the frame as captured at one place.
 
-    As an `Observation`, it is the sighting at the client's side. If there is none, it is the sighting at the
-    controller's side, with the flow of the client's side.
+    The inherited fields are those of the sighting at the client's side. Without this sighting, the fields are
+    those of the sighting at the controller's side, but `flow` is that of the client's side.
 
     Attributes:
         at_client: Sighting at the client's side; None if there is none.
         at_controller: Sighting at the controller's side; None if there is none.
-        is_missed: Whether the place that lacks the frame captured at that time, so that the frame did not
-            pass there. False if both places have the frame.
+        is_missed: Whether the place that lacks the frame was capturing at that time, so the frame did not
+            pass there. False if both places captured the frame.
         is_relayed: Whether a proxy is between the two places.
         note: What a proxy did to the frame, from the comment on its packet; "" for nothing.
         delay_error: Uncertainty of `delay`, ns; 0 if both places have the same clock.
@@ -48,13 +49,13 @@ class JoinedObservation(Observation):
 
     @property
     def was_lost_between(self) -> bool:
-        """Whether the frame was lost between the two places: its receiver's side did not see it."""
+        """Whether the frame was lost between the two places: it was not captured at the receiver's side."""
         receiver = self.at_controller if self.is_request else self.at_client
         return self.is_missed and receiver is None
 
     @property
     def was_made_between(self) -> bool:
-        """Whether a proxy between the places made the frame: its sender's side did not see it."""
+        """Whether a proxy between the places made the frame: it was not captured at the sender's side."""
         sender = self.at_client if self.is_request else self.at_controller
         return self.is_missed and self.is_relayed and sender is None
 

@@ -1,4 +1,4 @@
-"""Join the conversations that several places captured, and give all observations out in order of time."""
+"""Join the conversations that several places captured, and return all observations in order of time."""
 
 from __future__ import annotations
 
@@ -22,19 +22,20 @@ HELD_NS = 1_000_000_000
 """Maximum time in ns for which the traffic of a new conversation is held until its twin is known."""
 
 HELD_UNANSWERED_NS = 5_000_000_000
-"""The same for a conversation without any reply. Its first requests may be lost in the proxy, and the client
-retries within this time (`pairing_windows.RETRY_WITHIN_NS`)."""
+"""Maximum time in ns for which a conversation without any reply is held. The proxy may have lost its first
+requests, and the client retries within this time (`pairing_windows.RETRY_WITHIN_NS`)."""
 
 MAX_WAITING = 32768
-"""Maximum number of observations that wait for earlier ones. Beyond this limit, all decisions are made at
-once."""
+"""Maximum number of observations that wait for earlier ones. Beyond this limit, bcapscope decides about all
+held conversations at once."""
 
 HELD_FRAMES = 512
 """Maximum number of frames of a new conversation that are held until its twin is known."""
 
 OWN_CALLS = 2
-"""Number of answered calls after which a conversation has no twin, if no other conversation has the same
-requests. A proxy forwards a request before its reply comes."""
+"""Number of answered calls after which a conversation is assumed to have no twin, if no other conversation
+has the same requests. A proxy forwards a request before it receives the reply, so a twin would have been
+found."""
 
 MAX_NEW = 1024
 """Maximum number of conversations that are held at a time."""
@@ -43,17 +44,17 @@ MAX_SUSPECTS = 32
 """Maximum number of conversations that are compared with a new one."""
 
 MAX_CONVERSATIONS = 4096
-"""Maximum number of conversations that are remembered. Beyond this limit, all are forgotten, and recognised
-anew."""
+"""Maximum number of conversations that are remembered. Beyond this limit, all are dropped and recognised
+again."""
 
 MAX_JOINED = 256
-"""Maximum number of joined conversations. Beyond this limit, the first one is no longer joined."""
+"""Maximum number of joined conversations. Beyond this limit, bcapscope stops joining the oldest."""
 
 MAX_SENDERS = 16
 """Maximum number of conversations that are compared because they have the same request."""
 
 MAX_REQUESTS = 65536
-"""Maximum number of requests of new conversations that are remembered to compare them."""
+"""Maximum number of requests of new conversations that are remembered for comparison."""
 
 _REQUEST = Direction.REQUEST
 
@@ -88,20 +89,20 @@ class _NewConversation:
             self.suspects[conversation] = None
 
     def drop_before(self, client_side: _NewConversation) -> None:
-        """Drop the first requests, which the client's side has already passed on."""
+        """Drop the first frames, up to the first one that the client's side still holds."""
         waiting = {each.item.raw for each in client_side.held}
         while self.held and self.held[0].item.raw not in waiting:
             del self.held[0]
 
 
 class Joiner:
-    """Joins conversations that are the two legs of one conversation through a proxy.
+    """Joins twins: conversations that are the two legs of one conversation through a proxy.
 
-    A new conversation is held until it is known whether it has a twin: at most `HELD_NS`. The observations of
-    joined conversations come out as `JoinedObservation`, all others unchanged.
+    A new conversation is held until it is known whether it has a twin: at most `HELD_NS`. The joiner returns
+    observations of joined conversations as `JoinedObservation`, and all others unchanged.
 
     Attributes:
-        passing: Flows whose observations need not be added, because nothing waits and they have no twin.
+        passing: Flows without a twin whose observations need not be added, because no observation waits.
     """
 
     def __init__(
@@ -111,8 +112,8 @@ class Joiner:
 
         Args:
             comments: Comments on the latest packets, by packet number.
-            only: CapturePlace whose observations come out, instead of joined observations; None to join.
-                Conversations without a twin always come out.
+            only: Place whose observations are returned instead of joined observations; None to join. The
+                observations of conversations without a twin are always returned.
         """
         self.passing: set[Flow] = set()
         self._comments = comments
@@ -159,7 +160,8 @@ class Joiner:
         return sum(merger.own_requests for merger in self._distinct_mergers())
 
     def expire(self, now: int) -> Sequence[Observation]:
-        """Return the observations that are due at the time `now`, ns since 1970, without a new one."""
+        """Return the observations that are due at the time `now`, ns since 1970, without a new
+        observation."""
         self._now = max(self._now, now)
         return self._pop_due()
 
@@ -245,7 +247,8 @@ class Joiner:
         self._recent_count = 0
 
     def _note_sender(self, request: Observation) -> list[Conversation]:
-        """Remember who sent a request; return the other conversations that have the same request."""
+        """Remember the conversation of a request; return the other conversations that have the same
+        request."""
         if len(self._senders) >= MAX_REQUESTS:
             self._senders.clear()
         senders = self._senders.setdefault(request.item.raw, {})
@@ -260,7 +263,7 @@ class Joiner:
             self._join(*twins)
 
     def _decide(self, new: _NewConversation) -> None:
-        """Join a conversation with its twin, or pass it on alone."""
+        """Join a conversation with its twin; without a twin, release the conversation alone."""
         twins = self._best_twins(new)
         if twins is None:
             self._release(new)
@@ -290,7 +293,8 @@ class Joiner:
         self._busy[merger] = None
 
     def _take_over(self, twin: _NewConversation) -> None:
-        """Take a conversation, and its traffic that has not come out yet, out of all other collections."""
+        """Remove a conversation, and its observations that were not returned yet, from all other
+        collections."""
         conversation = twin.conversation
         if conversation in self._single:
             self._single.remove(conversation)
@@ -305,7 +309,8 @@ class Joiner:
         """Return the pair of a conversation and its twin, the client's side first; None without a twin.
 
         Args:
-            calls: Minimum number of nested calls; by default as many as prove twins at the end of the hold.
+            calls: Minimum number of nested calls; by default the number that proves twins when the holding
+                time ends.
         """
         found: list[tuple[NestedCalls, _NewConversation, _NewConversation]] = []
         for suspect in new.suspects:
@@ -323,9 +328,11 @@ class Joiner:
         return outer, inner
 
     def _waiting_traffic(self, conversation: Conversation) -> _NewConversation | None:
-        """Return the recent traffic of a conversation without a twin. A newer conversation holds it back.
+        """Return the recent traffic of a conversation without a twin, which waits for a newer conversation;
+        None if no such traffic waits.
 
-        A client whose first request the proxy dropped begins long before the proxy's own leg.
+        If the proxy dropped the client's first request, the client's leg begins long before the controller's
+        leg.
         """
         recent = self._recent.get(conversation)
         if recent is None or conversation not in self._single:
@@ -340,7 +347,7 @@ class Joiner:
             del self._mergers[conversation]
 
     def _release(self, new: _NewConversation) -> None:
-        """Pass a conversation without a twin on."""
+        """Release the held observations of a conversation that has no twin."""
         if len(self._single) >= MAX_CONVERSATIONS:
             self._single.clear()
             self._single_flows.clear()
@@ -383,7 +390,7 @@ class Joiner:
         self._next_due = min((each.due_at for each in self._new.values()), default=now)
 
     def _decide_all(self) -> None:
-        """Make all decisions that wait for further traffic."""
+        """Decide about all held conversations and frames now, without waiting for further traffic."""
         while self._new:
             self._decide(next(iter(self._new.values())))
         for merger in self._distinct_mergers():

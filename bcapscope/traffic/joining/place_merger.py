@@ -1,4 +1,4 @@
-"""Merge what two places captured of one conversation: each frame once, with its sightings."""
+"""Merge the captures of one conversation from two places: each frame once, with its sightings."""
 
 from __future__ import annotations
 
@@ -15,21 +15,23 @@ JOIN_WITHIN_NS = 1_000_000_000
 after this time counts as lost between the two places. A proxy's delay faults are shorter."""
 
 MAX_PENDING = 65536
-"""Maximum number of frames that wait for the other place. Beyond this limit, the oldest waits no longer."""
+"""Maximum number of frames that wait for the other place. Beyond this limit, the oldest frame is delivered
+without the other sighting."""
 
 MAX_COMPARED = 1024
 """Maximum number of waiting frames that are compared with a frame, because a proxy may have changed it."""
 
 MAX_OVERDUE = 256
 """Maximum number of frames that counted as lost, and are still recognised if the other place captures them
-later, such as a message that the proxy's user held and then released."""
+later. An example is a held message that the proxy's user released."""
 
 NO_COMMENTS: Mapping[int, tuple[str, ...]] = {}
 
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """When a place captured, ns since 1970. None means: as long as the traffic that is read."""
+    """When the capture of a place began and ended, ns since 1970. None stands for the beginning or the end of
+    the traffic that is read."""
 
     begins: int | None = None
     ends: int | None = None
@@ -47,8 +49,8 @@ class _Waiting:
 class PlaceMerger:
     """Merges the observations of one conversation from two places.
 
-    A frame is recognised by its bytes and its direction. If a proxy changed its bytes, it is recognised by
-    its serial. Add the observations of both places in order of time.
+    The merger recognises a frame by its bytes and direction, or by its serial and direction if a proxy
+    changed the bytes. Add the observations of both places in order of time.
 
     Attributes:
         conversation: Conversation to which all joined observations belong, normally that at the client's
@@ -69,10 +71,9 @@ class PlaceMerger:
         """Start without observations.
 
         Args:
-            deliver: Receives each joined observation. Their order is not the order of time; see
-                `earliest_pending`.
+            deliver: Receives each joined observation, not in order of time; see `earliest_pending`.
             is_relayed: Whether a proxy is between the places.
-            coverage: When each place captured.
+            coverage: When the capture of each place began and ended.
             clock_error: Uncertainty of the difference between the clocks of both places, ns.
             comments: Comments by packet number.
         """
@@ -187,9 +188,9 @@ class PlaceMerger:
         self._deliver(joined)
 
     def _is_missed(self, observation: Observation, place: CapturePlace, is_at_end: bool) -> bool:
-        """Return whether the other place captured when this frame would have passed it."""
+        """Return whether the other place was capturing when this frame would have passed there."""
         if not self._is_relayed and self.conversation.transport is Transport.TCP:
-            return False  # TCP repeats what the network loses, so the other capture has a gap
+            return False  # TCP retransmits lost bytes, so the other capture has a gap
         other, time = self._coverage[1 - place], observation.time
         if other.begins is not None and time < other.begins:
             return False
@@ -197,10 +198,10 @@ class PlaceMerger:
             observation.flow.direction is Direction.REQUEST
         )
         if is_sender_side or _serial_of(observation) in self._own_serials:
-            return True  # a frame passes its sender's side first
+            return True  # a frame passes the sender's side first, so the other place had time to capture it
         closing = self.conversation.connection_end
         if self._is_relayed and closing is not None and closing.ends_replies:
-            return True  # nothing more can pass
+            return True  # the connection has ended, so no further frame can pass
         if is_at_end or (other.ends is not None and time > other.ends - JOIN_WITHIN_NS):
             return time < self._latest_joined[observation.flow.direction]
         return True
@@ -243,7 +244,7 @@ class PlaceMerger:
         return True
 
     def _note_on(self, *observations: Observation) -> str:
-        """Return the comments on the packets of a frame, in which a proxy says what it did."""
+        """Return the comments on the packets of a frame. In the comments, a proxy describes its changes."""
         if not self._comments:
             return ""
         notes = dict.fromkeys(note for each in observations for note in self._comments.get(each.packet, ()))

@@ -1,4 +1,5 @@
-"""Recognise from their frames that two conversations are the two legs of one conversation through a proxy."""
+"""Recognise by their frames whether two conversations are the two legs of one conversation through a
+proxy."""
 
 from __future__ import annotations
 
@@ -9,13 +10,13 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 ENOUGH_CALLS = 8
 """Number of nested calls that prove twins in the middle of the traffic. Two clients that start the same
-program at the same time send the same bytes, but their calls are hardly nested eight times in a row."""
+program at the same time send the same bytes. However, eight nested calls in a row are very unlikely."""
 
 FEWEST_CALLS = 2
-"""Number of nested calls that prove twins if the traffic holds no more."""
+"""Number of nested calls that prove twins if the traffic holds no further calls."""
 
 CLIENT_LEG, CONTROLLER_LEG = "clients of ", "controller "
-"""Beginnings of the names that bcapscope's proxy gives the interfaces of its two legs in a recording."""
+"""Prefixes of the interface names that bcapscope's proxy uses for its two legs in a recording."""
 
 _REQUEST = Direction.REQUEST
 
@@ -28,8 +29,9 @@ class NestedCalls(NamedTuple):
 
     Attributes:
         calls: Number of nested calls.
-        lag: Sum of the times between the same requests, ns.
-        is_contradicted: Whether a request or a reply is earlier than in the other order.
+        lag: Sum of the times from each outer request to the same inner request, ns.
+        is_contradicted: Whether an inner request precedes the same outer request, or an outer reply the same
+            inner reply. Such calls cannot be nested.
     """
 
     calls: int
@@ -59,7 +61,7 @@ def fewest_calls(outer: Conversation, inner: Conversation) -> int | None:
     """Return how many nested calls prove that `outer` is the client's leg and `inner` the controller's leg.
 
     Returns:
-        None if the names of the interfaces contradict it.
+        None if the names of the interfaces contradict these legs.
     """
     if outer.interface.startswith(CLIENT_LEG) or inner.interface.startswith(CONTROLLER_LEG):
         are_legs = outer.interface.startswith(CLIENT_LEG) and inner.interface.startswith(CONTROLLER_LEG)

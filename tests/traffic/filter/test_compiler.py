@@ -355,7 +355,7 @@ def test_arguments_are_taken_out_of_their_variants() -> None:
         ("serial == 1e999", 10, "too large"),
         ("serial contains 5", 0, "cannot contain anything"),
         ("serial[0] == 5", 6, "serial is not a list"),
-        ("function == 64", 12, "the number is function_id"),
+        ("function == 64", 12, "for numbers, use function_id"),
         ("command == 64", 11, "command is a text, not a number"),
         ("command contains 64", 17, "put the text that it contains in quotes"),
         ("command < slvMove", 0, "which cannot be compared with < or >"),
@@ -405,7 +405,7 @@ def test_arguments_are_taken_out_of_their_variants() -> None:
         ("command ~", 9, "is missing"),
         ('command == "slv', 11, "no closing quote"),
         ("command == 'slv", 11, "no closing quote"),
-        ("serial == 5 # note", 12, "'#' has no meaning here"),
+        ("serial == 5 # note", 12, "'#' is not allowed here"),
         ("serial == " + "9" * 41, 10, "more than 40 characters"),
     ],
 )

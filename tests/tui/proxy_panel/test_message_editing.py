@@ -40,9 +40,9 @@ def test_what_is_typed_is_done(text: str, made: bytes) -> None:
         ("set arg[2]=258", "changes nothing"),
         ("set arg[2]=many", "changes nothing"),
         ("set arg[2]", "expected an argument"),
-        ("drop", "has no meaning here"),
+        ("drop", "is not allowed here"),
         ("limit arg[x]=1..2", "is not an argument"),
-        ("[/foo]\x1b[31m", "has no meaning here"),
+        ("[/foo]\x1b[31m", "is not allowed here"),
     ],
 )
 def test_what_makes_no_sense_is_told(text: str, reason: str) -> None:

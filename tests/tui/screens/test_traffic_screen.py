@@ -269,7 +269,7 @@ def test_no_such_capture_and_a_damaged_one(tmp_path: Path) -> None:
     cut.write_bytes(SESSION.read_bytes()[:-10])
 
     async def act(pilot: Pilot[None]) -> None:
-        await until(pilot, lambda: "breaks off" in note(pilot))
+        await until(pilot, lambda: "ends inside" in note(pilot))
         assert screen(pilot).frames.count == 517
 
     act_on(cut, act)

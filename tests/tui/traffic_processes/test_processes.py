@@ -125,7 +125,7 @@ def test_packets_of_other_protocols_tell_the_screen_too_how_long_a_capture_goes_
 def test_damage_and_missing_files_are_told(tmp_path: Path) -> None:
     cut = tmp_path / "cut.pcapng"
     cut.write_bytes((CAPTURES / "slave-session.pcapng").read_bytes()[:-10])
-    for name, path, why in (("a", cut, "breaks off"), ("b", tmp_path / "none", "no such file")):
+    for name, path, why in (("a", cut, "the capture ends inside"), ("b", tmp_path / "none", "no such file")):
         (tmp_path / name).mkdir()
         *_, end = read(tmp_path / name, path)
         assert isinstance(end, ReadProgress)
