@@ -19,7 +19,7 @@ class RunTable:
         self._numbers = array("Q")
 
     def add(self, start: int, source: int, number: int) -> None:
-        """Begin a run: `start` and the numbers after it belong to `number` and the numbers after it in `source`.
+        """Begin a run: the numbers from `start` on belong to the numbers from `number` on in `source`.
 
         A run that begins at the same number as the latest one replaces it. A run that only continues the
         latest one adds nothing.
