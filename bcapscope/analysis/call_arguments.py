@@ -1,4 +1,4 @@
-"""Arguments and results of calls, as far as the rules read them."""
+"""Read the arguments and results of calls for the rules."""
 
 from __future__ import annotations
 

@@ -13,7 +13,8 @@ from bcapscope.traffic.observation import Observation
 
 
 class CallSelection:
-    """Marks each occurrence that a rule reports as selected or not, and passes it to `report_occurrence`.
+    """Marks each reported occurrence as selected or not selected, then passes the occurrence to
+    `report_occurrence`.
 
     Rules check all calls, because a call that is not selected can cause a problem in a selected call. An
     occurrence is selected if one of the frames that prove it belongs to a selected call. A call can be tested

@@ -1,4 +1,4 @@
-"""Compare two captures, such as one from a good day and one from a bad day."""
+"""Compare two captures, such as a capture from a good day with a capture from a bad day."""
 
 from __future__ import annotations
 
@@ -62,10 +62,10 @@ class Difference:
 
     Attributes:
         subject: Kind of call, or number of the slave-mode session in both captures; None for all calls.
-        figure: Name of the figure, as in the JSON of ``stats`` if it occurs there.
+        figure: Name of the figure, the same as in the JSON of ``stats`` if that JSON has the figure.
         good: Value in the first capture, a number or a word; None if the capture has no such value.
         bad: Value in the second capture, like `good`.
-        notable: True if the difference is larger than between two captures of the same faultless program.
+        notable: True if two captures of the same faultless program would not differ this much.
     """
 
     subject: CallKind | int | None
@@ -108,9 +108,9 @@ class CaptureComparison:
     """All differences between two captures.
 
     Attributes:
-        differences: Figures that differ, notable ones first. The notable and the other figures each begin
-            with those of slave-mode sessions, then those of all calls, then those of kinds of call, longest
-            total time first.
+        differences: Figures that differ: first all notable figures, then all others. Each part lists
+            slave-mode sessions, all calls together, and kinds of call, in this order. The kind of call with
+            the longest total time comes first.
         session_counts: Number of slave-mode sessions in the first and in the second capture.
         rules: Rules with a different number of findings. Rules with more findings in the second capture come
             first, in the order in which ``diagnose`` lists them for that capture.
@@ -124,7 +124,7 @@ class CaptureComparison:
 
     @property
     def is_notable(self) -> bool:
-        """Whether any difference is notable, apart from kinds of call that occur in only one capture."""
+        """Whether the captures differ notably. Kinds of call that occur in only one capture do not count."""
         sessions_differ = self.session_counts[0] != self.session_counts[1]
         rules = any(each.severity is not Severity.NOTE for each in self.rules)
         return sessions_differ or rules or any(each.notable for each in self.differences)
@@ -185,7 +185,7 @@ def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
 
 
 def _judge_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether the shares of events that always have a reason, such as refusals, differ notably."""
+    """Return whether two shares of calls differ notably, for events that are not random, such as refusals."""
     return isinstance(good, float) and isinstance(bad, float) and abs(good - bad) > NOTABLE_SHARE
 
 
@@ -200,7 +200,7 @@ def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> boo
 
 
 def _judge_word(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether two different words are notable; they are if both captures show the value."""
+    """Return whether both captures show the value. Only then are two different words notable."""
     unseen = (None, ExitReason.CAPTURE_ENDED.value)
     return good not in unseen and bad not in unseen
 
@@ -246,7 +246,7 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], .
     ("late_replies_per_call", _per_call(lambda figures: figures.late_replies), _judge_chance_share),
     ("refused_share", _per_call(lambda figures: figures.refused), _judge_share),
     ("unanswered_share", _per_call(lambda figures: figures.unanswered), _judge_share),
-    # Not notable, because bcapscope's own memory limit causes evictions, not the traffic.
+    # Not notable, because evictions depend on bcapscope's memory limit, not on the traffic.
     ("not_followed_share", _per_call(lambda figures: figures.not_followed), _never_notable),
 )
 

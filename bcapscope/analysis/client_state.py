@@ -1,4 +1,4 @@
-"""State of each client, from its calls so far. Rules use it to explain why a controller refuses a call."""
+"""State of each client, from its calls so far. The state explains why a controller refuses a call."""
 
 from __future__ import annotations
 
@@ -30,19 +30,18 @@ MAX_HANDLES = 1024
 """
 
 MAX_CLOSED_CLIENTS = 32
-"""Maximum number of clients with a closed connection that are remembered. A client with a closed connection
-may have left slave mode on or objects open."""
+"""Maximum number of remembered clients that closed the connection, perhaps with slave mode still on."""
 
 SLOW_CALL_NS = 50_000_000
-"""Latency in ns above which a call counts as slow: the controller may still execute it when the next call
-arrives."""
+"""Latency in ns above which a call counts as slow: the controller may still be executing a slow call when the
+next call arrives."""
 
 # Maximum size in bytes of all frames of a remembered set point; a real frame has a few hundred bytes.
 _LARGEST_POINT = 8192
 # Maximum size in bytes of all frames of an attempt that is remembered in `latest_calls` or `failed_openings`.
 _LARGEST_ATTEMPT = 65_536
 RECENT_SET_POINTS = 64
-"""Maximum number of remembered set points, to explain a refused one: half a second at 8 ms."""
+"""Maximum number of set points that are remembered to explain a refused set point: half a second at 8 ms."""
 
 EXECUTES = frozenset(
     (ID["Controller_Execute"], ID["Robot_Execute"], ID["Task_Execute"], ID["Extension_Execute"])
@@ -75,18 +74,18 @@ class ClientState:
         longest_pause_ns: Longest time in ns between two calls of the client; pauses between set points do not
             count.
         service_start: The Service_Start call of the current session; None if this call was not captured.
-        failed_start: The Service_Start call that the controller refused, or that it probably did not execute
-            because its serial was 0; None once a session is open.
+        failed_start: The Service_Start call that the controller refused, or that the controller probably did
+            not execute because the serial of the call was 0; None once a session is open.
         session_end: The Service_Stop or Controller_Disconnect call that ended the session, or may have ended
-            it without a captured reply; None while the session is open.
-        latest_calls: The latest call of each command in `_FOLLOWED_COMMANDS` in this session, whatever its
-            result, by the command in lower case. A write to @SERVO_ON counts as `motor`, and a Task_Start of
+            the session although no reply was captured; None while the session is open.
+        latest_calls: Latest call in this session of each command in `_FOLLOWED_COMMANDS`, successful or not.
+            The key is the command in lower case. A write to @SERVO_ON counts as `motor`, and a Task_Start of
             RobSlave has the key `robslave`.
-        failed_openings: For each class of objects, the latest call of this session that should have opened
-            one and was not answered with success; none after such a call succeeded.
+        failed_openings: For each class of objects, the latest call of this session that should have opened an
+            object, but got no successful reply. After a later call succeeded, the class has no entry.
         motor_on: Whether the client last switched the motor on; None if unknown.
         take_arm_call: The TakeArm call by which the client holds the arm; None after GiveArm.
-        give_arm_call: The GiveArm call by which the client gave back the arm; None if it holds the arm.
+        give_arm_call: The GiveArm call that gave back the arm; None if the client holds the arm.
         robslave_start: The client's latest successful start of the task RobSlave.
         robslave_not_found: The client's first Controller_GetTask call for the task RobSlave that the
             controller refused.
@@ -96,11 +95,11 @@ class ClientState:
         mode_ended_by: The latest call that ended slave mode.
         uncleared_error: The failed call that reported the first controller error since the client last
             cleared errors.
-        latest_error: The latest failed call that reported a controller error, even if it was cleared.
+        latest_error: The latest failed call that reported a controller error, even if the error was cleared.
         clear_call: The client's latest successful ClearError call.
         error_was_read: Whether the client has read the details of the error since `uncleared_error`.
         slow_call: Latest call, not evicted, that got no reply or whose latency exceeds `SLOW_CALL_NS`.
-        may_be_answered: Whether a stray reply was captured that may answer one of the client's evicted calls.
+        may_be_answered: Whether a captured stray reply may answer one of the client's evicted calls.
         opened_objects: For each handle, the object for which the controller last gave this handle.
         released_by: The latest calls that released handles, by object class and handle.
         target_object: Object to which the handle of the current call refers; None if unknown.
@@ -149,7 +148,7 @@ class ClientState:
 
     @property
     def controller_closing(self) -> ConnectionEnd | None:
-        """How the controller closed the connection; None if it did not, or if the client did so first."""
+        """How the controller closed the connection; None if it is open, or the client closed it first."""
         leg = self.conversation.controller_leg or self.conversation
         closing = leg.connection_end
         return closing if closing is not None and closing.by is Direction.RESPONSE else None
@@ -218,7 +217,7 @@ class ClientState:
             if is_point and self.mode_value:
                 self._remember_set_point(call)
             elif call.reply_not_captured:
-                self._on_success(call)  # what was not captured is not held against the client
+                self._on_success(call)  # a reply that was not captured may have been a success
             return
         self.answered_count += 1
         code = reply.item.code
@@ -230,7 +229,7 @@ class ClientState:
             self._on_success(call)
 
     def _follow_attempt(self, call: Call) -> None:
-        """Update what a call shows whatever its result, so that no rule claims that it was never made."""
+        """Record that a call was made, successful or not, so that no rule reports the call as missing."""
         function_id = call.kind.function_id
         topic = self.topic_of(call)
         is_small = call.memory_bytes <= _LARGEST_ATTEMPT
@@ -246,7 +245,8 @@ class ClientState:
             self.failed_openings[creates] = call
 
     def topic_of(self, call: Call) -> str:
-        """Return what a call is about: its command, or for some calls of objects the object's name."""
+        """Return the command, or the name of the object that a call reads, writes or starts; "" if not
+        needed."""
         function_id, command = call.kind
         if command is not None:
             return call.kind.folded_command if function_id in EXECUTES else ""
@@ -408,7 +408,7 @@ class ClientRegistry:
 
     def __init__(self, on_drop: Callable[[ClientState], None]) -> None:
         """Create an empty registry. When the memory limit is reached, the registry drops a client and calls
-        `on_drop` with its state."""
+        `on_drop` with the state of that client."""
         self._on_drop = on_drop
         self._by_conversation: dict[Conversation, ClientState] = {}
         self._closed: deque[Conversation] = deque()

@@ -58,8 +58,8 @@ class Diagnosis(PipelineSubscriber):
         """Create a diagnosis.
 
         Args:
-            is_selected: Returns whether a call is selected; None to select all calls. Findings are reported
-                only about selected calls and their causes, although the rules check all calls.
+            is_selected: Returns whether a call is selected; None to select all calls. The rules check all
+                calls, but only findings about selected calls, and the causes of these findings, are reported.
             on_slave_session: Receives each slave-mode session when it is complete. With `is_selected`, the
                 function receives only sessions with selected set points. The method `remaining_sessions`
                 returns the sessions that are not complete.

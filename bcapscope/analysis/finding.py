@@ -53,16 +53,16 @@ class Finding:
     """A root cause or a consequence, as data; `render.finding_text` writes the sentences.
 
     Attributes:
-        fact: Message that says what happened; it can contain raw text from the wire, which must be escaped
-            for output.
-        frames: Numbers of the frames that prove the described occurrence, and of one frame each of the first
-            and the last occurrence, in ascending order.
+        fact: Message that says what happened; raw text from the wire in the message must be escaped for
+            output.
+        frames: Numbers, in ascending order, of the frames that prove the described occurrence. One frame of
+            the first occurrence and one of the last occurrence are included.
         consequence_of: Number of the finding that caused this finding, counted from 1 in the order of the
             report; None if no cause was found.
         began: Time when the described occurrence began, ns since 1970.
         consequences: The consequences that the text of a root cause names; empty for a consequence.
         followed_by: Numbers of the first and the last consequence of a root cause; None if `consequences`
-            already names all of them.
+            already has all consequences.
         explains_rest: Whether all later errors and warnings are consequences of this root cause.
     """
 
@@ -86,7 +86,7 @@ class TrafficTotals(NamedTuple):
     """Amount of traffic that a diagnosis examined.
 
     Attributes:
-        frames: Number of frames and of damaged items that are no frame.
+        frames: Number of frames, plus the number of damaged items that are not frames.
         duration_ns: Time from the first frame to the end of the traffic, ns.
         not_followed: Number of calls that were evicted before a reply arrived.
         selected_calls: Number of calls that the filter selected; None if there is no filter.

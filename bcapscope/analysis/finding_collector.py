@@ -1,4 +1,4 @@
-"""Collect the occurrences that rules report, link each to its cause, and turn them into findings."""
+"""Collect the occurrences that rules report, link each to its cause, and make findings of them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MAX_FINDINGS = 16
 finding."""
 
 MAX_CALLS = 256
-"""Maximum number of calls, the latest ones, whose occurrences can be found by call number."""
+"""Maximum number of calls whose occurrences can be found by call number: the latest calls."""
 
 MAX_FRAMES_NAMED = 16
 """Maximum number of frames of one occurrence that a finding lists."""
@@ -60,7 +60,8 @@ class FindingGroup:
             self._causes.append(occurrence)
 
     def replace(self, update: Occurrence) -> Occurrence | None:
-        """Replace the kept occurrence of the same call and return the old one; None if none was kept."""
+        """Replace the kept occurrence of the same call, and return the replaced one. Return None if no
+        occurrence of this call was kept."""
         replaced = next((each for each in self if each.call == update.call), None)
         if replaced is not None:
             for kept in (self._earliest, self._latest, self._causes):
@@ -147,8 +148,10 @@ class FindingCollector:
         return group
 
     def _link_cause(self, occurrence: Occurrence) -> None:
-        """Link an occurrence to its cause: the latest problem that explains its call for certain, else a
-        problem in `explaining_calls`, else the latest possible cause.
+        """Link an occurrence to its cause.
+
+        The cause is the latest problem that certainly explains the call. Without such a problem, the cause is
+        a problem in `explaining_calls`, otherwise the latest possible cause.
 
         `findings` searches again for every occurrence, because a better cause may have been reported later.
         """
@@ -176,7 +179,7 @@ class FindingCollector:
         self._group_of(cause).keep_cause(cause)
 
     def _certain_cause(self, effect: Occurrence) -> Occurrence | None:
-        """Return the problem that was reported last as the certain cause of the effect's call."""
+        """Return the problem that was reported last as a certain cause of problems in the effect's call."""
         for each in reversed(self._explained.get(effect.call, ())):
             if effect.call and each is not effect and not self._leads_to(each, effect):
                 return each
@@ -238,10 +241,11 @@ class FindingCollector:
     def findings(self, provisional: Iterable[Occurrence] = ()) -> tuple[Finding, ...]:
         """Return the findings about selected calls, and their causes.
 
-        Each root cause is followed by its consequences. Root causes of the same client stand together. The
-        client with the gravest root cause comes first, and so does the gravest root cause of each client.
-        What stopped the robot is graver than what kept it from moving, and that is graver than any other
-        problem. Otherwise the gravest severity of a root cause and its consequences decides, then the time.
+        Each root cause is followed by its consequences. Root causes of the same client are listed together.
+        The client with the gravest root cause comes first. Among the root causes of one client, the gravest
+        comes first. The gravest problems stopped the robot; next come problems that kept the robot from
+        moving, then all others. Among equally grave root causes, the gravest severity of a root cause and its
+        consequences decides, then the time.
 
         Args:
             provisional: Occurrences that are included in the returned findings, but are not added to the
@@ -274,7 +278,7 @@ class FindingCollector:
     def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
         """Choose the occurrence that each finding describes.
 
-        It is the first occurrence with a consequence, else the first with the gravest impact.
+        This is the first occurrence with a consequence, otherwise the first with the gravest impact.
         """
         followed = set(self._causes.values())
         for group in groups:
@@ -359,7 +363,7 @@ class _FindingOrder:
             yield group
 
     def _ordered_roots(self, roots: list[FindingGroup]) -> list[FindingGroup]:
-        """Return root causes, which are sorted by time, by client and by what they did."""
+        """Return root causes, which are in order of time, by client, effect on the robot, and severity."""
         ranked = sorted(roots, key=lambda root: (self._impact(root), self._worst_severity(root)))
         clients = dict.fromkeys(root.shown.conversation for root in ranked)
         rank = {client: number for number, client in enumerate(clients)}

@@ -1,4 +1,4 @@
-"""Values for the places in sentences about traffic: clients, calls and result codes."""
+"""Values that messages about traffic contain: clients, calls and result codes."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ def client_place(conversation: Conversation) -> ClientPlace:
 
 
 def call_place(call: Call) -> CallPlace:
-    """Return the place for a call that is shown with its name and its first serial, such as `slvMove 250`."""
+    """Return the value that shows a call with its name and its first serial, such as `slvMove 250`."""
     return CallPlace(_name_of(call), call.request.item.serial, call.number)
 
 
 def call_places(call: Call) -> dict[str, PlaceValue]:
-    """Return the values for the places `at`, `call` and `client` in a sentence about a call."""
+    """Return the values `at`, `call` and `client` for a message about a call."""
     return {
         "at": Moment(call.request.time),
         "call": call_place(call),
@@ -29,12 +29,12 @@ def call_places(call: Call) -> dict[str, PlaceValue]:
 
 
 def attempt_place(call: Call, serial: int) -> CallPlace:
-    """Return the place for a call that is shown with its name and the serial of one of its attempts."""
+    """Return the value that shows a call with its name and the serial of one of its attempts."""
     return CallPlace(_name_of(call), serial, call.number)
 
 
 def call_name_place(call: Call) -> CallPlace:
-    """Return the place for a call that is shown with its name only."""
+    """Return the value that shows a call with its name only."""
     return CallPlace(_name_of(call), None, call.number)
 
 

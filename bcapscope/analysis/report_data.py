@@ -34,7 +34,7 @@ MAX_TIMELINES = 256
 """Maximum number of clients that have a timeline of their own."""
 
 MAX_COUNTED = 65536
-"""Maximum number of clients that are counted because there is no room for their timeline."""
+"""Maximum number of further clients, without a timeline, that are counted."""
 
 MAX_RETRY_CHAINS = 12
 """Maximum number of calls of which the report shows every frame: the calls with the most retries. Of calls
@@ -55,12 +55,13 @@ MAX_SESSIONS = 256
 
 
 class DamagedFrame(NamedTuple):
-    """A frame with problems, or bytes that are no frame.
+    """A frame with problems, or bytes that are not a frame.
 
     Attributes:
         time: Time when the damaged frame was captured, ns since 1970.
         raw: The first `MAX_DAMAGED_BYTES` bytes of the damaged frame.
-        missing_bytes: Number of bytes of the TCP stream that are missing from the capture before this place.
+        missing_bytes: Number of bytes of the TCP stream, before the damaged frame, that are missing from the
+            capture.
     """
 
     frame: int

@@ -37,7 +37,7 @@ class LogFiles:
     """Appends lines to ``actions-<date>.jsonl``, then ``actions-<date>.2.jsonl`` and so on.
 
     Attributes:
-        path: Path of the file that holds the last line; the folder before the first line.
+        path: Path of the file with the last line; path of the folder if no line was written yet.
         max_file_size: Size limit of a file in bytes. Beyond this size, the next file of the day begins.
         max_total_size: Size limit of all files in bytes. Before a new file begins, the oldest are deleted.
     """
@@ -151,8 +151,8 @@ class ActionLog:
     def __init__(self, folder: Path, program: str, on_error: ErrorCallback) -> None:
         """Set up the log; the first line creates the files.
 
-        `program` is the name of the sending program, such as "call". If the log cannot be written, `on_error`
-        is called once, and again only after writing has worked in between.
+        `program` is the name of the sending program, such as "call". If writing fails, `on_error` is called
+        once, and again only if writing has succeeded in the meantime.
         """
         self.folder = folder
         self._program = program
@@ -172,7 +172,8 @@ class ActionLog:
         who: str,
         is_logged: bool = True,
     ) -> None:
-        """Log a request that `who` sent at `time`, ns since 1970-01-01 UTC, and remember to log its reply.
+        """Log a request that `who` sent at `time`, ns since 1970-01-01 UTC, so that `log_reply` logs its
+        reply.
 
         If `is_logged` is False, log neither the request nor its reply.
         """
@@ -316,8 +317,8 @@ _FUNCTION_ID = 9
 class ArmedCallLogger:
     """Logs the calls that need arming, from all frames of a connection.
 
-    Of consecutive set points, the logger logs the first one like any other call, and later the number of set
-    points. A set point that is sent again before any reply is a retry.
+    Of consecutive set points, the logger logs the first set point like any other call, and later their
+    number. A set point that is sent again before any reply is a retry.
     """
 
     def __init__(self, log: ActionLog, connection: LoggedConnection) -> None:

@@ -38,8 +38,8 @@ class Caller:
     ) -> None:
         """Start without a link, because a link needs the caller as its receiver.
 
-        With `fails_if_refused`, a call over UDP fails at the first error of the system for sent data, unless
-        the peer has already sent data.
+        With `fails_if_refused`, a call over UDP fails at the first error that the operating system reports
+        for sent data, unless the controller has already sent data.
         """
         self._fails_if_refused = fails_if_refused
         self._observer = observer
@@ -59,7 +59,7 @@ class Caller:
         self._requester = Requester(convention)
         transport = Transport.UDP if link.datagrams else Transport.TCP
         conversation = Conversation(
-            Endpoint(*link.local), Endpoint(*link.peer), transport, "we are the client"
+            Endpoint(*link.local), Endpoint(*link.peer), transport, "bcapscope is the client"
         )
         self._request_flow = Flow(conversation, Direction.REQUEST)
         self._reply_flow = Flow(conversation, Direction.RESPONSE)
@@ -70,7 +70,7 @@ class Caller:
         """Make a call and return its outcome.
 
         Raises LocalProtocolError as `Requester.start_call` does, and ConnectionError if the link is lost.
-        With `fails_if_refused`, a peer whose port is closed also raises ConnectionError.
+        With `fails_if_refused`, a closed port of the controller also raises ConnectionError.
         """
         async with self._one_at_a_time:
             if self._lost_reason is not None:

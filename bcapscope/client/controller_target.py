@@ -25,7 +25,7 @@ class RetryPolicies(NamedTuple):
     """Timeouts and numbers of retries (DENSO Wave 2009, How to use the Slave mode).
 
     Attributes:
-        others: Policy for all calls but slvMove. In an Async mode, the default policy has one retry less.
+        others: Policy for all calls but slvMove. In an Async mode, the default policy has one retry fewer.
         sync: Policy for slvMove in a mode that is not Async: 2 ms and 7 retries, together two cycle times.
         asynchronous: Policy for slvMove in an Async mode: no retry, because the next set point follows.
     """

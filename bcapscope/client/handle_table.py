@@ -35,7 +35,7 @@ class HandleTable:
         self._unreleased: dict[tuple[ObjectClass, int], ObjectHandle] = {}
 
     def record_call(self, function: Function, arguments: Sequence[Variant], reply: Frame) -> None:
-        """Record a successful call. Recording it again changes nothing."""
+        """Record a successful call. Further records of the same call change nothing."""
         handle = first_number(arguments)
         if function.creates is ObjectClass.SERVICE:
             self.is_service_started = True

@@ -70,7 +70,7 @@ class ObjectOpener:
         return kind(self.session, await self.handle_for(kind.owner))
 
     async def start_service(self) -> None:
-        """Start the service, if the session has not started it yet."""
+        """Start the service unless the session has already started the service."""
         if not self.session.handles.is_service_started:
             await self.session.invoke("Service_Start", self._target.service)
 
@@ -102,7 +102,7 @@ class ObjectOpener:
         return required_variant(await self.session.invoke("Variable_GetValue", variable), name)
 
     async def is_simulator(self) -> bool:
-        """Ask whether the controller is bcapscope's simulator; no real controller gives the same answer."""
+        """Return whether the controller is bcapscope's simulator, which has a special variable."""
         value = await read_variable_once(await self.open_remote(Controller), SIMULATOR_VARIABLE)
         return value is not None and value.value == SIMULATOR_TEXT
 
@@ -125,7 +125,7 @@ class ObjectOpener:
     async def _open_named(self, object_class: ObjectClass) -> int:
         name = self._names.get(object_class)
         if name is None:
-            raise ValueError(f"which {object_class}? Give its name, or open it before")
+            raise ValueError(f"the {object_class} has no known name; pass its name, or open it first")
         parent = ObjectClass.CONTROLLER
         if object_class is ObjectClass.VARIABLE and find_variable(ObjectClass.CONTROLLER, name) is None:
             others = (ObjectClass.ROBOT, ObjectClass.TASK)
@@ -136,7 +136,8 @@ class ObjectOpener:
 
 
 async def read_variable_once(owner: Controller | Robot, name: str) -> Variant | None:
-    """Open, read and release a variable; EMPTY if the reply has no value, None if the controller refuses."""
+    """Open, read and release a variable. Return EMPTY if the reply has no value, None if the controller
+    refuses."""
     try:
         variable = await owner.get_variable(name)
     except ControllerError:

@@ -29,7 +29,7 @@ def first_variant(reply: Frame) -> Variant | None:
 
 
 def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
-    """Return the value in a reply, or raise RemoteProtocolError if it is not of type `kind`.
+    """Return the value in a reply, or raise RemoteProtocolError if the value is not of type `kind`.
 
     `wanted` is the message id of the type's name.
     """
@@ -41,7 +41,8 @@ def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
 
 
 def required_variant(reply: Frame, name: str) -> Variant:
-    """Return the value in a reply, or raise RemoteProtocolError; `name` names what was read."""
+    """Return the value in a reply, or raise RemoteProtocolError; `name` describes the value in the error
+    text."""
     variant = first_variant(reply)
     if variant is None:
         raise RemoteProtocolError(Message("reply.no-value", name=name), reply.raw)

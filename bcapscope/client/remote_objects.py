@@ -2,7 +2,7 @@
 
 A method has the vendor's name in lower case. The class completes the name of the function:
 `Robot.get_attribute` calls Robot_GetAttribute. Types and order of the arguments are those of
-`protocol.tables.function_table`. Every method raises what `Session.call` raises. It raises
+`protocol.tables.function_table`. Every method raises what `Session.call` raises. A method also raises
 RemoteProtocolError if the value in the reply has a wrong type. Dates are in the controller's time zone.
 """
 
@@ -83,7 +83,7 @@ class Controller(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
     owner = ObjectClass.CONTROLLER
 
     async def release(self) -> None:
-        """Controller_Disconnect. The session calls it automatically at the end of its block."""
+        """Call Controller_Disconnect. The end of the session's block does this automatically."""
         await self._invoke("Disconnect")
 
     async def get_extension(self, name: str, option: str = "") -> Extension:
@@ -225,14 +225,16 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Unhold", option)
 
     async def slv_change_mode(self, mode: int) -> None:
-        """Enter a slave mode; mode 0 leaves it, and so does the end of the session's block."""
+        """Enter a slave mode, or leave slave mode with mode 0. The end of the session's block also leaves
+        slave mode."""
         await self.execute("slvChangeMode", Variant(VT.I4, mode))
 
     async def slv_get_mode(self) -> int:
         return expect_value(await self._invoke("Execute", "slvGetMode", None), int, "reply.a-mode")
 
     async def slv_move(self, point: object) -> Value:
-        """Send a set point, a list as R8 or a Variant with its type; return the position of the robot."""
+        """Send a set point and return the position of the robot. A list is sent as R8, a Variant with its own
+        type."""
         return await self._invoke_value("Execute", "slvMove", point)
 
 
@@ -327,17 +329,17 @@ class Service:
         self.session = session
 
     async def start(self, option: str = "") -> None:
-        """Service_Start; the option ``,WDT=400`` requests a notice every 400 ms during a long call."""
+        """Call Service_Start. The option ``,WDT=400`` requests a notice every 400 ms during a long call."""
         await self.session.invoke("Service_Start", option)
 
     async def stop(self) -> None:
-        """Service_Stop. The session calls it automatically at the end of its block."""
+        """Call Service_Stop. The end of the session's block does this automatically."""
         await self.session.invoke("Service_Stop")
 
     async def connect(
         self, name: str = "", provider: str = "", machine: str = "", option: str = ""
     ) -> Controller:
-        """Controller_Connect: RC7 ignores all four arguments; RC8 and later need the provider.
+        """Call Controller_Connect. RC7 ignores all four arguments; RC8 and later need the provider.
 
         The provider is ``CaoProv.DENSO.VRC``, or ``CaoProv.DENSO.VRC9`` on RC9 and COBOTTA PRO; the machine
         is ``localhost``. For an empty name, the controller chooses a name. An option is ``@IfNotMember``.

@@ -66,7 +66,7 @@ class BaseCaller(Protocol):
 
 
 class Session:
-    """Makes calls and remembers the objects that they opened.
+    """Makes calls and remembers the objects that these calls opened.
 
     On TCP, a call has one attempt, whose timeout is that of all UDP attempts together. On TCP, slvMove has
     the timeout of other calls, because TCP needs longer than a cycle time to retransmit lost data.
@@ -108,8 +108,8 @@ class Session:
     async def call(self, function_id: int, arguments: Sequence[Variant]) -> Frame:
         """Make a call and return the reply.
 
-        Raises ControllerError if the controller refuses the call, CallTimeout if it answers no attempt in
-        time, LocalProtocolError if the call cannot be sent, and ConnectionError if the link is lost.
+        Raises ControllerError if the controller refuses the call, and CallTimeout if no reply arrives in
+        time. Raises LocalProtocolError if the call cannot be sent, and ConnectionError if the link is lost.
         """
         settled = await self.perform_call(function_id, arguments)
         if isinstance(settled, CallAnswered):
@@ -130,15 +130,15 @@ class Session:
         """Leave slave mode, release the open objects, newest first, and close the link.
 
         If the controller no longer replies, the session sends Service_Stop once and releases no further
-        objects. If the controller is only busy with an abandoned motion, it reads Service_Stop when the
-        motion ends. Releasing the remaining objects is left to the controller.
+        objects. A controller that is busy with an abandoned motion reads Service_Stop when the motion ends.
+        The controller itself must release the remaining objects.
         """
         try:
             if self._is_starting:
                 patience = min(self.retry_policies.others.timeout, DEFAULT_RETRY_POLICIES.others.timeout)
                 self.retry_policies = self.retry_policies._replace(
                     others=RetryPolicy(patience, 0)
-                )  # one attempt, since a silent controller may not exist
+                )  # one attempt, since there may be no controller at this address
                 await self._call_ignoring_refusal(_SERVICE_STOP, ())
             robots = [handle for handle, mode in self._slave_modes.items() if mode]
             objects = [(opened.kind, opened.handle) for opened in self.handles.unreleased_handles()]
@@ -186,7 +186,8 @@ class Session:
         return needs_arming(function_id, arguments, "" if variable is None else variable.label)
 
     def record_call(self, function_id: int, arguments: Sequence[Variant], reply: Frame) -> None:
-        """Record what a successful call opened, released or changed. Recording it again changes nothing."""
+        """Record what a successful call opened, released or changed. Further records of the same call change
+        nothing."""
         function = FUNCTIONS.get(function_id)
         if function is None:
             return
@@ -199,7 +200,7 @@ class Session:
 async def halt_robot(session: Session, robot: int, pause: Callable[[int], Awaitable[None]]) -> None:
     """Stop the arm at once, or raise the errors of `Session.call`; `pause` waits for a number of ns.
 
-    While a controller executes another call of the connection, it replies that it is busy, or does not reply
+    While another call of the connection runs, the controller replies that it is busy, or does not reply
     (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
     usual = session.retry_policies

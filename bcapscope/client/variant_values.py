@@ -37,7 +37,8 @@ def variant_of(value: object) -> Variant:
 
 
 def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant, ...]:
-    """Convert values to the arguments of a request, handle first; raise LocalProtocolError if one is bad."""
+    """Convert values to the arguments of a request, handle first; raise LocalProtocolError if a value does
+    not fit."""
     return tuple(
         variant_of(value)
         if isinstance(value, Variant) or param.type == "VARIANT"
@@ -54,7 +55,8 @@ def plain_value(variant: Variant) -> Value:
 
 
 def date_of(days: float) -> datetime | None:
-    """Convert a DATE to a datetime in the controller's time zone; None if it is outside Python's calendar."""
+    """Convert a DATE to a datetime in the controller's time zone; None if the date is outside Python's
+    calendar."""
     try:
         return _DATE_ZERO + timedelta(days=days)
     except (OverflowError, ValueError):

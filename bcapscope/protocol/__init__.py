@@ -10,8 +10,8 @@ Standard library only, no I/O and no clock. Other programs can import these name
 * `FUNCTIONS`, `Function`, `function_name`, `function_by_name`, `call_name`: the functions that requests call.
 * `is_failure`, `is_success`, `hresult_name`, `describe_hresult`, `HresultInfo`: the meanings of result codes.
 
-The submodules hold the rest. Each name is loaded on first use, so that importing one submodule does not load
-the others.
+The submodules hold the rest. Each name is loaded on first use, so that an import of one submodule does not
+load the other submodules.
 """
 
 from __future__ import annotations

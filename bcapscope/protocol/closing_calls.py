@@ -1,6 +1,6 @@
 """The calls that close a session.
 
-A client makes them when it ends; the proxy makes them for a lost client.
+A client makes these calls when it ends. The proxy makes them for a client that is lost.
 """
 
 from __future__ import annotations

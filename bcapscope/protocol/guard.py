@@ -1,7 +1,7 @@
-"""Decide from a request's function and arguments how it affects the robot, and whether it stops the robot.
+"""Decide from a request's function and arguments how the request affects the robot, and what stops the robot.
 
-All clients of bcapscope and the proxy's guard use these functions. In doubt, the functions assume that a
-request moves the robot: unknown function ids, unknown commands, and missing or mistyped arguments.
+All clients of bcapscope and the proxy's guard use these functions. The functions assume that a request moves
+the robot if its function id or command is unknown, or if arguments are missing or mistyped.
 """
 
 from __future__ import annotations

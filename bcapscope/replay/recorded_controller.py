@@ -23,8 +23,8 @@ from bcapscope.simulator.simulator import ClientHost, Peer
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 
 IDLE_CLIENT_NS = 2_000_000_000
-"""Time in ns without a request after which another client may take the place of a UDP client. A waiting
-client sends its next attempt sooner (DENSO Wave 2009, How to use the Slave mode: 1 s)."""
+"""Time in ns without a request after which another client may replace a UDP client. A waiting client sends
+its next attempt sooner (DENSO Wave 2009, How to use the Slave mode: 1 s)."""
 
 _SERVICE_START = CallKind(1, None)
 
@@ -186,10 +186,10 @@ class _ReplayClient:
 
 
 class RecordedController(ClientHost):
-    """Plays the role of a recorded controller. Each client is answered with the whole script.
+    """Plays the role of a recorded controller. The script begins anew for each client.
 
-    `unknown_calls` counts the calls without a usable recorded reply, which get E_NOTIMPL. The replayed time
-    may stop while the process gets no processor, and a call waits only for its recorded delay.
+    `unknown_calls` counts the calls without a usable recorded reply, which get E_NOTIMPL. A call waits only
+    for its recorded delay, so time may stop for the replay while the process does not run.
     """
 
     evictable_after = IDLE_CLIENT_NS

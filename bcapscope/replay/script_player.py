@@ -32,7 +32,7 @@ class NotAtStartError(BcapError):
 
 
 class PlayedCall(NamedTuple):
-    """A call of the script, and the result that it had when it was played.
+    """A call of the script, and its result in the replay.
 
     `delay` is the time in ns from the planned time to the call; long earlier calls increase it.
     """
@@ -72,8 +72,8 @@ class PlayedCall(NamedTuple):
 class ScriptPlayer:
     """Plays a script.
 
-    If the recording does not begin with Service_Start, it may use objects that it does not open.
-    `ObjectOpener` opens these. The session releases the objects that the recording leaves open.
+    A recording that does not begin with Service_Start may use objects that it does not open. `ObjectOpener`
+    opens these objects. The session releases the objects that the recording leaves open.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class ScriptPlayer:
         longest_pause: int,
         anywhere: bool = False,
     ) -> None:
-        """Prepare to play, and send nothing yet; shorten pauses between two calls to `longest_pause` ns.
+        """Prepare to play, but send nothing yet. A pause between two calls takes at most `longest_pause` ns.
 
         `anywhere` allows slave mode even if the robot is not at the first set point.
         """
@@ -96,10 +96,11 @@ class ScriptPlayer:
         self._handles: dict[tuple[ObjectClass, int], int] = {}
 
     async def play(self, on_played: Callable[[PlayedCall], bool]) -> None:
-        """Play the script to its end, or until `on_played`, called after each played call, returns False.
+        """Play the script to its end, or until `on_played` returns False. `on_played` receives each played
+        call.
 
-        Raises NotAtStartError, ValueError if the script uses an object of unknown name, BcapError if an
-        object cannot be opened or a call cannot be sent, and OSError.
+        Raises NotAtStartError and OSError; ValueError if the script uses an object with an unknown name.
+        Raises BcapError if an object cannot be opened or a call cannot be sent.
         """
         channel = self._channel
         start = channel.now()

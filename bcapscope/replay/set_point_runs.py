@@ -40,7 +40,7 @@ class UnreadableSetPointError(BcapError):
 class SetPointRun(NamedTuple):
     """Successive set points of a script, between which the client does not leave slave mode.
 
-    The trajectory has refused set points too, because a replay sends all. `sent_at` is in s.
+    The trajectory also contains refused set points, because a replay sends all set points. `sent_at` is in s.
     """
 
     first_call: int
@@ -56,9 +56,11 @@ def mode_entered(call: ScriptCall) -> int | None:
 
 
 def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
-    """Yield the runs of set points in a script; read those before a known mode as joint positions.
+    """Yield the runs of set points in a script. Until the slave mode is known, set points are joint
+    positions.
 
-    Raises UnreadableSetPointError if a set point is no pose, or if the number of axes changes within a run.
+    Raises UnreadableSetPointError if a set point is not a pose, or if the number of axes changes within a
+    run.
     """
     kind, points = PoseType.J, list[ScriptCall]()
     for line in script.calls:

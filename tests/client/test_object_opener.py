@@ -89,7 +89,7 @@ def test_after_service_stop_all_begins_anew() -> None:
 
 def test_what_has_no_usual_name_must_be_named() -> None:
     async def act(opener: ObjectOpener) -> None:
-        with pytest.raises(ValueError, match="which Extension"):
+        with pytest.raises(ValueError, match="the Extension has no known name"):
             await opener.handle_for(ObjectClass.EXTENSION)
 
     _play(act)

@@ -109,7 +109,7 @@ def test_result_is_coloured_by_how_it_ended(code: int, style: str, words: str) -
 def test_failure_comes_with_advice() -> None:
     lines = tree(encode_frame(5, 0, 0x83500121), Direction.RESPONSE)
     assert "0x83500121, slvMove while slave mode is off" in lines[4]
-    assert "look for the error before it" in lines[5]
+    assert "look for an earlier error" in lines[5]
 
 
 @pytest.mark.parametrize("full", [False, True])

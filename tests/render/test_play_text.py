@@ -33,7 +33,7 @@ def test_who_is_there() -> None:
     peer = ControllerInfo(False, "RC7", {"type name": HOSTILE}, 2, (0.0,), 0.0)
     assert controller_line(peer) == (
         "a controller whose robot may move, RC7, type name a\\x1b[31m\\n\\u202eb; slave mode 0x002: J type, "
-        "Sync: each slvMove is answered when taken; a late one is an error"
+        "Sync: slvMove is answered when the controller takes the set point; a late set point is an error"
     )
     assert controller_line(ControllerInfo(True, "RC8", {}, 0x999, (), 0.0)) == (
         "bcapscope's simulator, no robot moves, RC8; slave mode 0x999"

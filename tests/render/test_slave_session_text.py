@@ -67,7 +67,7 @@ def test_retries_that_should_not_be() -> None:
         driver.move(ms, retries=(2.0,))
     text = text_of(plan)
     assert "retries     30 (retries × set points: 1 × 30)" in text
-    assert "30 superfluous: the newest point wins in this mode" in text
+    assert "30 superfluous: new set points replace waiting ones" in text
     assert "frames 4, 7, 10, 13, 16, 19, 22, 25 and 22 more" in text.replace("\n              ", " ")
 
 

@@ -1,5 +1,4 @@
-"""The rules of `diagnose`. Each module of this package defines some rules and the checker that applies
-these."""
+"""The rules of `diagnose`. Each module of this package defines rules and the checker that applies them."""
 
 from __future__ import annotations
 
@@ -23,7 +22,7 @@ from bcapscope.analysis.rules.slave_mode_rules import SlaveModeChecker
 from bcapscope.analysis.rules.wire_rules import WireChecker
 
 CHECKERS: tuple[type[RuleChecker], ...] = (
-    ProxyChecker,  # first, so that its findings can be causes
+    ProxyChecker,  # first, so that later checkers can use its findings as causes
     WireChecker,
     ConnectionChecker,
     ReplyChecker,

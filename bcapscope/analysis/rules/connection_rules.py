@@ -93,7 +93,8 @@ def _hung_up(last: Call, closing: ConnectionEnd) -> Occurrence:
 
 
 def _hung_up_by_proxy(last: Call, closing: ConnectionEnd) -> Occurrence:
-    """Return that a proxy ended the connection to the client, although the controller had not ended its."""
+    """Return the occurrence for a proxy that closed its connection to the client while the controller's was
+    open."""
     near = last.conversation
     server = str((near.controller_leg or near).server)
     fact = Message(

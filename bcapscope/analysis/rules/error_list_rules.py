@@ -1,7 +1,8 @@
-"""Report the errors that a client read from the controller as the causes of earlier refusals.
+"""Report errors from the controller's error list as causes of earlier refusals.
 
 Some refusals name no cause. For example, 84201486 says that set points were abandoned because of an earlier
-error. The controller's error list names this error, and so do the rules whose codes it contains.
+error. The controller's error list contains the code of this error. A rule for this code then explains the
+error.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ _ABANDONED = 0x84201486
 """Set points were abandoned because of an earlier error."""
 
 _NAMES_NO_CAUSE = SLAVE_MODE_OFF_CODES | ACTIVE_CODES | {_ABANDONED}
-"""Codes of errors that follow from another error, and do not say from which."""
+"""Codes of errors that follow from another error without naming that error."""
 
 _LASTING = (
     EMERGENCY_STOP,
@@ -54,8 +55,9 @@ _LASTING = (
     NO_LICENCE,
     MANUAL_RESET_MISSING,
 )
-"""Rules about states that ClearError does not end. Any other error that is only still listed explains no
-refusal because of an active error: there, ClearError was missing."""
+"""Rules about states that ClearError does not end. If a call is refused because an error is active, only the
+errors of these rules explain the refusal. For any other error in the list, the reason is the missing
+ClearError."""
 
 _MAX_CONTROLLERS = 256
 _MAX_CLIENTS = 32
@@ -63,7 +65,7 @@ _MAX_READS = 64
 _MAX_CLEARS = 16
 _MAX_CODES = 64
 _LARGEST_CALL = 8192
-"""Maximum size in bytes of all frames of a remembered call; a real one has a few hundred bytes."""
+"""Maximum size in bytes of all frames of a remembered call; a real call has a few hundred bytes."""
 
 
 class _ErrorRead(NamedTuple):
@@ -74,13 +76,14 @@ class _ErrorRead(NamedTuple):
 
 
 class _RefusedCalls:
-    """The refusals of one client since errors were last cleared, and the read errors that explain the first.
+    """The refusals of one client since errors were last cleared, and the errors that explain the first
+    refusal.
 
     Attributes:
-        began: Time from which the error behind the first refusal may have been active: that of the set point
-            before, or else of the refusal.
+        began: Earliest time of the error that caused the first refusal, ns since 1970. For a refused set
+            point, this is the time of the previous set point; otherwise, the time of the refused call.
         codes: Result codes of the refusals.
-        reported: The call that read each reported error, by the error's code.
+        reported: The call that read each error which was reported as a cause, by the error's code.
     """
 
     def __init__(self, first: Call, code: int, client: ClientState) -> None:
@@ -94,7 +97,8 @@ class _RefusedCalls:
         self.reported: dict[int, Call] = {}
 
     def may_follow_from(self, rule: DiagnosisRule, code: int) -> bool:
-        """Return whether the first refusal may follow from an error with this code, which `rule` reports."""
+        """Return whether the error with this code may have caused the first refusal. `rule` is the rule for
+        the code."""
         is_notice = not describe_hresult(code).level and rule is CONTROLLER_ERROR
         only_listed = self.first.hresult in ACTIVE_CODES and rule not in _LASTING
         return not is_notice and not only_listed and (self.names_no_cause or self.own_code_read)
@@ -113,10 +117,11 @@ class _ControllerErrors:
 
 
 class ErrorListChecker(RuleChecker):
-    """Reads GetCurErrorInfo and @ERROR_CODE, and reports the error that explains an earlier refusal.
+    """Reports errors that a client read with GetCurErrorInfo or @ERROR_CODE, if they explain an earlier
+    refusal.
 
     The calls of different clients are not passed to the checker in chronological order. The checker therefore
-    keeps the latest reads, and compares them with later reported refusals too.
+    keeps the latest reads, and also compares them with refusals that arrive afterwards.
     """
 
     rules = ()
@@ -172,8 +177,8 @@ class ErrorListChecker(RuleChecker):
     def _compare(self, errors: _ControllerErrors, refused: _RefusedCalls, read: _ErrorRead) -> None:
         """Report a read error if it explains the first refusal.
 
-        The error list begins with the newest error. An error that is read after the refusal's own error is
-        therefore older than the refusal.
+        The error list begins with the newest error. An error that the client reads after the refusal's own
+        error is therefore older than the refusal.
         """
         first, code = refused.first, read.code
         read_at = read.call.request.time
@@ -230,6 +235,6 @@ def _read_error(call: Call, client: ClientState) -> _ErrorRead | None:
 
 
 def _rule_of(code: int) -> DiagnosisRule:
-    """Return the rule that reports a code, whatever call was refused with it."""
+    """Return the rule that reports a code, regardless of which call was refused with the code."""
     rules: Iterator[DiagnosisRule] = (each.rule for each in REFUSALS if code in each.codes)
     return next((rule for rule in rules if rule is not ARM_TAKEN_BY_OTHER), CONTROLLER_ERROR)

@@ -1,4 +1,4 @@
-"""Rules about controller errors: not cleared, cleared without being read, and without a rule of their own."""
+"""Rules about errors that a client does not clear or clears unread, and errors without a specific rule."""
 
 from __future__ import annotations
 
@@ -183,8 +183,8 @@ def _went_on(calls: _CallsAfterError, first: Call) -> Occurrence:
 
 
 def _shuts_down(call: Call, client: ClientState) -> bool:
-    """Return whether a call only stops something, gives something back or releases an object. A client may
-    make such calls after an error."""
+    """Return whether a call only stops something, switches the motor off, gives back the arm or releases an
+    object. A client may make such calls after an error."""
     if call.kind.folded_command == "givearm":
         return True
     target = "" if client.target_object is None else client.target_object.name

@@ -1,4 +1,4 @@
-"""Rule about calls that change the speed of the robot while it moves."""
+"""Rule about calls that change the robot's speed during a motion."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ SPEED_CHANGED_IN_MOTION = DiagnosisRule(
 
 _REMEMBERED = 32
 """Maximum number of motions, and also of speed changes, that are remembered: the latest of all controllers.
-The checker may receive a motion before or after the speed change, because the clients' calls settle
-independently."""
+The checker may receive a motion before or after the speed change, because the calls of different clients are
+completed independently."""
 
 _SPEED_VARIABLES = frozenset(("@extaccel", "@extdecel", "@extspeed"))
 

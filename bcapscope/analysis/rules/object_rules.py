@@ -39,7 +39,7 @@ _MAX_NAMES = 4096
 
 
 class _HandleTally:
-    """Present and highest number of open handles of one object, and the call that exceeded the limit."""
+    """Current and highest number of open handles of one object, and the call that exceeded the limit."""
 
     def __init__(self) -> None:
         self.open = self.most = 0
@@ -94,7 +94,7 @@ class ObjectChecker(RuleChecker):
             self.report_occurrence(_leak(tally.leak_call, kind, name, tally.most, is_update))
 
     def _least_relevant(self) -> tuple[Conversation, ObjectClass, str]:
-        """Return the oldest counted object with at most one open handle, or else the oldest one."""
+        """Return the oldest counted object with at most one open handle, otherwise the oldest object."""
         single = (key for key, tally in self._tallies.items() if tally.open <= 1)
         return next(single, next(iter(self._tallies)))
 

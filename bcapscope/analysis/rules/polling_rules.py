@@ -1,4 +1,4 @@
-"""Rule about clients that read values one by one, and so spend much of their time waiting for replies."""
+"""Rule about clients that read values one by one, and therefore wait for replies much of the time."""
 
 from __future__ import annotations
 

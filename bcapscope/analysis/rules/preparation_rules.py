@@ -104,8 +104,8 @@ _TOKEN_CODES = with_rc7_forms(
 _LICENCE_CODES = (0x80000901, 0x8000020C, 0x83500009, 0x83500126)
 _RESET_CODES = (0x83500372, 0x81501069, 0x81501070)
 _SWITCHES_OFF = 4
-"""Lowest error level at which the public list says that the controller stops all axes and switches the motor
-off."""
+"""Lowest error level at which the controller stops all axes and switches the motor off, by the public list.
+"""
 _MOTOR_CODES = with_rc7_forms((0x81501003, 0x2006))
 _ARM_CODES = with_rc7_forms((E_ARM_NOT_TAKEN, 0x21F7))
 
@@ -192,7 +192,8 @@ def _requests_mode(call: Call) -> bool:
 
 
 def _pass_of(motion: Call) -> str:
-    """Return the pass option of a motion as requested, such as `@P` or `@0`; "" if the request has none."""
+    """Return the pass option of a motion as requested, such as `@P` or `@0`; "" if the request has no pass
+    option."""
     for index in (2, 3):
         found = _pass_in(argument(motion, index))
         if found:
@@ -318,13 +319,14 @@ def _explain_arm_missing(call: Call, client: ClientState) -> RefusalReason | Non
 
 
 def _error_since(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the number of the client's latest error, cleared or not, if it is later than a call."""
+    """Return the number of the client's latest failed call that reported an error; () if `call` is later."""
     error = client.latest_error
     return (error.number,) if error is not None and error.number > call.number else ()
 
 
 def _unsuccessful(reason: str, attempt: Call) -> RefusalReason:
-    """Return the reason for a refusal: an earlier call had no success. `reason` is the id of the clause."""
+    """Return the reason for a refusal: the earlier call `attempt` was refused or not answered. `reason` is
+    the message id of the clause."""
     code = attempt.hresult
     if code is None:
         return _reason_of_call(reason, attempt)

@@ -20,8 +20,8 @@ INJECTED_FAULT = DiagnosisRule(
 )
 
 _HELD_NS = 1_000_000
-"""Minimum time in ns for which a proxy holds a frame before a finding mentions it. Without rules, the proxy
-forwards a frame in a fraction of this time."""
+"""Minimum time in ns that a proxy must hold a frame for a finding to mention the delay. Without rules, the
+proxy forwards a frame in a fraction of this time."""
 
 
 class ProxyChecker(RuleChecker):
@@ -66,7 +66,7 @@ class ProxyChecker(RuleChecker):
 
 
 def with_place(call: Call, fact: Message) -> Message:
-    """Return a sentence about a call that also says where its frames were lost or held, if that is known."""
+    """Return `fact` with the place where frames of the call were lost or held, if this place is known."""
     lost = call.lost_between
     if lost:
         case = "in-proxy" if lost[0].is_relayed else "between"
@@ -78,7 +78,7 @@ def with_place(call: Call, fact: Message) -> Message:
 
 
 def group_by_place(call: Call) -> str:
-    """Return the group key of a finding about a call: calls with another advice form another finding."""
+    """Return the group key of a finding about a call: calls with different advice form different findings."""
     advice = advice_by_place(call)
     return "" if advice is None else advice.id
 

@@ -42,7 +42,7 @@ class Refusal(NamedTuple):
 
     Attributes:
         codes: Result codes to which this kind of refusal applies; empty for all codes.
-        explain: Returns the reason for a refused call; None if the call is not of this kind of refusal.
+        explain: Returns the reason for a refused call; None if this kind of refusal does not apply.
     """
 
     rule: DiagnosisRule

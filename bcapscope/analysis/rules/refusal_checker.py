@@ -42,7 +42,7 @@ _PREPARATIONS = frozenset(
         *("clearerror", "manualreset", "manualresetpreparation", "motionpreparation"),
     )
 )
-"""Calls without which the robot does not move as the client wants (see `ClientState.topic_of`)."""
+"""Calls that must succeed before the robot moves as the client wants (see `ClientState.topic_of`)."""
 
 
 class RefusalChecker(RuleChecker):
@@ -75,7 +75,7 @@ class RefusalChecker(RuleChecker):
 
 
 def _impact(rule: DiagnosisRule, call: Call, client: ClientState) -> RobotImpact:
-    """Return what a refusal did to the motion of the robot."""
+    """Return the effect of a refusal on the motion of the robot."""
     code, command = call.hresult or 0, call.kind.folded_command
     moves = call.kind.function_id in MOTION_FUNCTIONS or command in MOTION_COMMANDS
     if rule is slave_mode_rules.REFUSED_IN_SLAVE_MODE:
@@ -91,14 +91,15 @@ def _impact(rule: DiagnosisRule, call: Call, client: ClientState) -> RobotImpact
 
 
 def _error_to_clear(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the call with the error that a ClearError call should have cleared. What caused the error often
-    refuses ClearError as well."""
+    """Return the call with the error that a ClearError call should have cleared. The cause of the error often
+    makes the controller refuse ClearError, too."""
     error = client.uncleared_error
     return (error.number,) if error is not None and call.kind.folded_command == "clearerror" else ()
 
 
 def _marked_guess(fact: Message, code: int) -> Message:
-    """Return the sentence, followed by a remark if the code is only a guess at how RC7 packs its codes."""
+    """Return the sentence, followed by a remark if the code's meaning rests on a guess at how RC7 packs its
+    codes."""
     digits = rc7_digits_guessed(code)
     return fact if digits is None else Message("finding.rc7-guess", fact=fact, digits=digits)
 

@@ -103,10 +103,10 @@ _MAX_STRAYS = 64
 
 @dataclass(slots=True)
 class _Pending:
-    """What the further traffic of a client decides.
+    """Calls and replies of a client that can be judged only by its later traffic.
 
     Attributes:
-        given_up: Call that the client gave up; the client may have stopped.
+        given_up: Latest call that the client gave up, unless the client program stopped.
         strays: Replies whose requests were not captured, unless the client uses their serials later.
     """
 
@@ -115,7 +115,7 @@ class _Pending:
 
 
 class ReplyChecker(RuleChecker):
-    """Checks the replies to calls that were retried, not answered or answered late."""
+    """Checks calls that were retried, not answered or answered late, and replies without a request."""
 
     rules = (
         LATE_REPLY,
@@ -173,7 +173,7 @@ class ReplyChecker(RuleChecker):
             return  # the capture began after the request for this reply
         elif not stray.request_missed:
             self.report_occurrence(_to_nothing(seen))
-        else:  # the client's next request may show that no request was missed
+        else:  # the client's next request may show that the capture lacks no request
             strays = self.by_client.setdefault(conversation, _Pending()).strays
             strays.append(stray)
             del strays[:-_MAX_STRAYS]
@@ -232,7 +232,7 @@ class ReplyChecker(RuleChecker):
         if call.abandoned_at or closing is not None or not gives_up_at(call):
             self.report_occurrence(_no_reply(call))
             return
-        # The client may have stopped. The end of its traffic shows it.
+        # The client program may have stopped. The client's later traffic, or its absence, shows this.
         pending = self.by_client.setdefault(call.conversation, _Pending())
         if pending.given_up is not None:
             self.report_occurrence(_no_reply(pending.given_up))
@@ -295,7 +295,7 @@ class _Grouping(TypedDict, total=False):
 
 
 def _grouped_by_place(call: Call) -> _Grouping:
-    """Return the arguments that give calls disturbed by a proxy a finding and an advice of their own."""
+    """Return arguments that put calls disturbed by a proxy into a separate finding with its own advice."""
     advice = advice_by_place(call)
     return {} if advice is None else {"group_key": group_by_place(call), "advice": advice}
 
@@ -384,7 +384,7 @@ def _waited_for_room(call: Call, client: ClientState) -> bool:
     """Return whether a reply was late because the controller waited until its buffer had room.
 
     The controller delays replies only in modes that pace the client. DENSO recommends a time-out of 2 ms for
-    these modes, so the client retries in the meantime. The set point still arrives if one of its attempts is
+    these modes, so the client retries in the meantime. The set point still arrives if only some attempts are
     lost.
     """
     mode, latency = client.slave_mode, call.latency
@@ -410,7 +410,8 @@ class _AttemptIndex:
         return sent[-1] if sent else self._call.request
 
     def given_up_at(self, reply: FrameObservation) -> int:
-        """Return when the client gave up the attempt that `reply` answers, ns since 1970; 0 if never."""
+        """Return the time when the client gave up the attempt that `reply` answers, ns since 1970; 0 if the
+        attempt was not given up."""
         sent_at, abandoned_at = self.answered_by(reply).time, self._call.abandoned_at
         after = bisect_right(self._times, sent_at)
         if after < len(self._times) and self._times[after] <= reply.time:

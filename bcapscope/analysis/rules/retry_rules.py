@@ -52,8 +52,8 @@ MIXED_CONVENTIONS = DiagnosisRule(
 )
 
 _FIRST_FUNCTIONS = (ID["Service_Start"], ID["Controller_Connect"])
-"""Functions with which a session begins. After another function with serial 0, the capture began in
-mid-session."""
+"""Functions with which a session begins. If the first captured call has serial 0 and another function, the
+capture began in mid-session."""
 
 
 class RetryChecker(RuleChecker):
@@ -150,7 +150,7 @@ class RetryChecker(RuleChecker):
         if frame.raw[9:] != earlier.raw[9:] or _answered_before(before, call):
             return
         if frame.reserved in skipped_serials(earlier.serial, frame.serial):
-            return  # it names an attempt that was not captured
+            return  # `reserved` names an attempt that was not captured
         fact = Message(
             "finding.wrong-reserved",
             at=Moment(call.request.time),
@@ -215,7 +215,7 @@ def _is_same_request(one: Call, other: Call) -> bool:
 
 
 def _may_hold_position(client: ClientState) -> bool:
-    """Return whether the client may be sending the same set point repeatedly to hold its position."""
+    """Return whether the client may repeat a set point to hold the robot's position."""
     last = client.last_call
     if last.kind.folded_command != "slvmove":
         return False

@@ -48,12 +48,12 @@ class DiagnosisRule:
 
 
 class RobotImpact(IntEnum):
-    """What a problem did to the motion of the robot, the gravest first."""
+    """Effect of a problem on the motion of the robot, the gravest first."""
 
     STOPPED = 0
-    """It ended slave mode or a motion."""
+    """The problem ended slave mode or a motion."""
     PREVENTED = 1
-    """It kept the robot from moving: the client could not connect, prepare or begin a motion."""
+    """The problem kept the robot from moving: the client could not connect, prepare or begin a motion."""
     NONE = 2
 
 
@@ -67,7 +67,7 @@ class Occurrence:
         frames: Numbers of the frames that prove the problem.
         fact: Sentence that says what happened: the message `finding.<rule>` or `finding.<rule>.<case>`.
         clause: Message `clause.<rule>`, which names the problem as a consequence in another finding's
-            sentence; None if no sentence names it.
+            sentence; None if no sentence names the problem.
         call: Number of the call that has the problem; 0 if the problem concerns no call.
         explaining_calls: Numbers of other calls; a problem in one of these calls is the likeliest cause.
         group_key: Occurrences of one rule with different group keys become different findings.
@@ -75,9 +75,9 @@ class Occurrence:
         count: Number of occurrences that this object represents; 1 if each is reported on its own.
         is_update: True if this occurrence replaces the earlier one of the same rule and call.
         selected: True if the occurrence concerns selected calls; False to report it only as a cause.
-        explains: Numbers of calls whose problems follow from this one for certain. The rules found this cause
-            after they reported the problems.
-        impact: What the problem did to the motion of the robot.
+        explains: Numbers of calls whose problems certainly follow from this problem. The rules found this
+            cause only after they reported those problems.
+        impact: Effect of the problem on the motion of the robot.
     """
 
     rule: DiagnosisRule
@@ -103,7 +103,7 @@ class ClientEnd(NamedTuple):
 
     Attributes:
         ended_at: Time when the traffic ended, ns since 1970, or time when the client was dropped from memory.
-        known_present: Whether the client is known to be still connected, even if it is silent.
+        known_present: Whether the client is known to be still connected, even without traffic.
         silent_session: Latest slave-mode session that ended because the client stopped sending set points.
     """
 
@@ -117,7 +117,7 @@ OccurrenceSink: TypeAlias = Callable[[Occurrence], None]
 
 
 class CallHealth(Enum):
-    """Whether a call had problems. Checkers choose the calls that they check by their health."""
+    """Whether a call had problems. Each checker selects the calls to check by this value."""
 
     SMOOTH = "smooth"
     """One request, one reply, success."""
@@ -131,7 +131,7 @@ class RuleChecker:
     """Checks one rule, or a few rules that need the same data, in one pass and in bounded memory.
 
     A subclass overrides the methods for the events that it needs. Methods that return occurrences do not
-    change the checker, because they are also called in the middle of live traffic.
+    change the checker, because bcapscope also calls these methods while live traffic continues.
 
     Attributes:
         needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove), perhaps millions. If
@@ -196,10 +196,10 @@ class RuleChecker:
         """Check a completed call. `client` is the state of its client before the call."""
 
     def on_suspect_frame(self, observation: Observation | FrameObservation) -> None:
-        """Check a large frame, a frame with problems, or bytes that are no frame."""
+        """Check a large frame, a frame with problems, or bytes that are not a frame."""
 
     def on_new_flow(self, observation: Observation) -> None:
-        """Check the first observation of a flow: a frame, or bytes that are no frame."""
+        """Check the first observation of a flow: a frame, or bytes that are not a frame."""
 
     def on_stray_reply(self, stray: StrayReply) -> None:
         """Check a reply that belongs to no call."""
@@ -212,7 +212,7 @@ class RuleChecker:
         """Release the data of a closed conversation. The conversation may have had no calls."""
 
     def end_occurrences(self, end: ClientEnd) -> Iterable[Occurrence]:
-        """Return the problems that only show at the end of a client's traffic."""
+        """Return the problems that become visible only at the end of a client's traffic."""
         return ()
 
     def drop_client(self, client: ClientState) -> None:

@@ -45,13 +45,13 @@ _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 _SEED = "DENSO Wave 2009, How to use the Slave mode"
 _LONG_CALL_NS = SECOND
 _SOON_NS = SECOND // 20
-"""Time in ns after an attempt. A reply within this time shows that earlier packets were lost, not that the
-call took long."""
+"""Minimum time in ns from an attempt of a long call to its reply. If the reply arrives sooner, earlier
+packets were lost, and the controller did not take long."""
 
 _SILENT_NS = 10 * SECOND
 _REPLACED_AFTER_NS = 2 * SECOND
 _USUAL_PAUSES = 2
-"""Minimum silence of a client that is considered gone, as a multiple of its longest earlier pause."""
+"""A client is considered gone at the earliest after this multiple of its longest earlier pause."""
 
 _SMALLEST_WDT_MS = 80
 
@@ -99,7 +99,8 @@ WDT_TOO_SMALL = DiagnosisRule("wdt-too-small", Severity.ERROR, _SERVER)
 _OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
 
 _NOT_STARTED_CODES = (E_NOT_CONNECTED, E_HANDLE, E_FAIL, E_UNEXPECTED, E_ACCESSDENIED, 0x80000903)
-"""Result codes that may refuse a call because the session was not started. Others name another reason."""
+"""Result codes with which a controller may refuse a call because no session was started. All other codes name
+another reason."""
 
 
 class SessionChecker(RuleChecker):
@@ -144,7 +145,7 @@ class SessionChecker(RuleChecker):
         conversation = client.conversation
         stays_connected = conversation.transport is Transport.TCP and conversation.connection_end is None
         if stays_connected and follower is None:
-            return  # the computer of a client that ends also closes its connection
+            return  # when a client program ends, its computer closes the TCP connection
         quiet = max((last_frame_time(each.last_call) for each in self.clients), default=silent) - silent
         patience = max(_SILENT_NS, _USUAL_PAUSES * client.longest_pause_ns)
         if quiet < (_REPLACED_AFTER_NS if follower is not None else patience):
@@ -281,7 +282,7 @@ def _explain_not_started(call: Call, client: ClientState) -> RefusalReason | Non
     if call.kind.function_id == ID["Service_Start"] or is_rc7_code(code):
         return None
     if describe_hresult(code).level is not None:
-        return None  # an error of the robot or the controller, which knows this session
+        return None  # an error of the robot or the controller shows that the session was started
     start = client.failed_start
     if start is not None:
         case = "refused" if start.hresult else "serial-zero"
@@ -348,15 +349,15 @@ def _busy_with(running: Call, call: Call, id: str) -> RefusalReason:
 
 
 def _share_call_slot(one: Call, other: Call) -> bool:
-    """Return whether two calls of different clients can delay each other. Each TCP connection has its own
-    call slot."""
+    """Return whether two calls of different clients can delay each other. Calls over different TCP
+    connections cannot."""
     ends = one.conversation, other.conversation
     return all(each.transport is Transport.UDP for each in ends) and ends[0].server == ends[1].server
 
 
 def _running_call(client: ClientState, call: Call) -> Call | None:
-    """Return the client's latest slow call, if the controller may have been executing it when `call` was
-    sent."""
+    """Return the client's latest slow call, if the controller may have been executing that call when `call`
+    was sent."""
     slow = client.slow_call
     return slow if slow is not None and _may_have_run(slow, call) else None
 

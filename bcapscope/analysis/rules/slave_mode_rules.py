@@ -1,5 +1,4 @@
-"""Rules about slave mode: entered wrongly, ended without the client's knowledge, disturbed by another
-client."""
+"""Rules about slave mode: wrong entry, end without the client's knowledge, disturbance by another client."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ MALFORMED_REPLY = DiagnosisRule(
 CAPTURE_GAP = DiagnosisRule(
     "capture-gap",
     Severity.NOTE,
-    "how captures work: the other end acknowledged these bytes, or they follow a gap",
+    "how captures work: the other end acknowledged these bytes, or these bytes follow a gap",
 )
 CAPTURE_CUT = DiagnosisRule(
     "capture-cut", Severity.NOTE, "the original length of the packet in the capture file"
@@ -51,7 +51,7 @@ ONE_DIRECTION = DiagnosisRule(
 SERVER_GUESSED = DiagnosisRule(
     "server-guessed",
     Severity.NOTE,
-    "no field of a frame separates requests from replies (orin_bcap C/include/bcap_common.h)",
+    "no field of a frame distinguishes requests from replies (orin_bcap C/include/bcap_common.h)",
 )
 DUPLICATE_FRAMES = DiagnosisRule(
     "duplicate-frames",
@@ -71,7 +71,7 @@ _MAX_PROBLEMS_NAMED = 3
 
 
 class WireChecker(RuleChecker):
-    """Checks damaged frames, and decides whether the capture or the sender damaged them."""
+    """Checks damaged frames, and decides whether the capture or the sender damaged a frame."""
 
     rules = (
         OVERSIZE_DATAGRAM,
@@ -134,9 +134,9 @@ class WireChecker(RuleChecker):
             self.report_call(DUPLICATE_FRAMES, call, fact)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Report replies of which the capture holds no request at all.
+        """Report a capture that holds only replies, and no request, of a conversation.
 
-        A capture that begins in the middle of a call holds one such reply, or a few notices.
+        A single reply or a few notices are not reported: the capture may have begun in the middle of a call.
         """
         reply, conversation = stray.observation, stray.observation.flow.conversation
         if reply.item.code == S_EXECUTING or self._directions.get(conversation) != {Direction.RESPONSE}:

@@ -15,16 +15,16 @@ _ROWS_AT_ONCE = 256
 """Maximum number of set points that each call of `add` compares: enough for an estimate, and fast."""
 
 _CLEAR = 4.0
-"""Minimum ratio of the squared errors of the worst and the best lag. Below this ratio of errors, the axis
-hardly moves."""
+"""Minimum ratio of the squared errors of the worst and the best lag. Below this ratio, the axis moves too
+little for an estimate."""
 
 
 class AxisLag:
     """Finds the lag at which the returned poses match the commanded poses best.
 
-    The lag is an estimate. The lag includes the time in the controller's buffer, the servo lag and the age of
-    the pose when the controller reported it. Fractions of a cycle come from a parabola through the errors of
-    the best lag and its neighbours.
+    The lag is an estimate. The lag includes the time in the controller's buffer, the servo lag, and the age
+    of the reported pose. Fractions of a cycle come from a parabola through the errors of the best lag and its
+    neighbours.
     """
 
     def __init__(self, axes: int) -> None:

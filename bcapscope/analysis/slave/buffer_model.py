@@ -1,4 +1,5 @@
-"""Model of the controller's buffer: how many set points it should have held when each set point arrived.
+"""Model of the controller's buffer: how many set points the buffer should have held when each set point
+arrived.
 
 The model is a prediction, not an observation. It assumes:
 
@@ -7,13 +8,13 @@ The model is a prediction, not an observation. It assumes:
 answered. The network delay is ignored, because it is nearly the same for all set points.
 - The controller does not put a refused set point into the buffer.
 - The clocks of the controller and of the capture agree. In reality the clocks drift slightly, so the results
-in captured replies correct the model. The buffer never holds more set points than it has slots. S_BUF_FULL
-means that the buffer is full. In modes that pace the client, a set point is in the buffer by the time its
-reply arrives.
+  in captured replies correct the model. The buffer holds at most one set point per slot. S_BUF_FULL means
+  that the buffer is full. In modes that pace the client, a set point is in the buffer by the time its reply
+  arrives.
 
 A capture does not show at which moment of its period (its phase) the controller takes a set point. The
-unknown phase alone can explain a single period without a set point, so the model reports only a possible
-underflow. An overflow is predicted only if the buffer is full even in a controller that takes set points as
+unknown phase alone can explain a single period without a set point. The model reports such an underflow only
+as possible. An overflow is predicted only if the buffer is full even in a controller that takes set points as
 early as possible. The number of slots per mode, the period, and their sources are in
 `bcapscope.protocol.slave_mode.modes`.
 """
@@ -67,11 +68,12 @@ class BufferFacts:
 
     Attributes:
         slots: Maximum number of set points that the buffer can hold.
-        overwrites: Whether a new set point replaces the waiting one, so that an empty buffer is no error.
+        overwrites: Whether a new set point replaces the waiting one, so that an empty buffer is not an error.
         replies_pace: Whether the controller delays each reply until the buffer has room.
-        underflows: Number of predicted underflows, without those that the controller's unknown phase can
+        underflows: Number of predicted underflows, excluding those that the controller's unknown phase can
             explain.
-        underflows_in_motion: Number of predicted underflows while the robot was moving, when they matter.
+        underflows_in_motion: Number of predicted underflows while the robot was moving; an underflow at
+            standstill is harmless.
         underflow_list: The first predicted underflows.
         possible_underflows: Number of underflows of one period, which the controller's unknown phase can
             explain.
@@ -82,7 +84,7 @@ class BufferFacts:
         smallest_level: Smallest number of set points in the buffer when a set point arrived; None for fewer
             than two set points.
         smallest_slack_ms: Shortest time in ms from the arrival of a set point until the buffer would have
-            been empty; negative if it was already empty.
+            been empty; negative if the buffer was already empty.
         smallest_slack_frame: Number of the request frame of the set point with the smallest slack; None for
             fewer than two set points.
         reported_underflows: Numbers of the first reply frames that report an underflow (0x84201482).
@@ -113,14 +115,14 @@ class BufferFacts:
 
 def slack_ms(slots: int) -> float:
     """Return how long a full buffer lasts without a new set point, in ms. A buffer lasts one period per slot,
-    but at least two periods: a single slot is refilled while the controller executes the previous set point.
+    but at least two periods. A single slot is refilled while the controller executes the previous set point.
     """
     return float(max(slots, 2) * PERIOD_MS)
 
 
 @dataclass(frozen=True, slots=True)
 class BufferBehaviour:
-    """How the controller's buffer behaves in one slave mode, and which parts of this are assumptions."""
+    """How the controller's buffer behaves in one slave mode, and what the model assumes about it."""
 
     slots: int
     overwrites: bool
@@ -145,7 +147,7 @@ class SetPointArrivals(NamedTuple):
 
     Attributes:
         times: Time when each set point arrived, ns since the origin of the model.
-        in_buffer_by: Latest time at which each set point was in the buffer: time of the reply in modes that
+        in_buffer_by: Latest time at which each set point entered the buffer: the reply's time in modes that
             pace the client, otherwise the arrival time.
         codes: HRESULT of each reply; 0 if no reply was captured.
         frames: Frame number of each first request.
@@ -205,10 +207,11 @@ class BufferModel:
         return slacks
 
     def _add_at_once(self, rows: SetPointArrivals) -> NDArray[np.int64] | None:
-        """Add set points in one step. If one is late, refused or too many, change nothing and return None.
+        """Add set points in one step. If a set point is late, refused or beyond the capacity, change nothing
+        and return None.
 
-        Each set point makes the buffer last one period longer, up to its capacity. A running minimum computes
-        how long the buffer lasts.
+        Each set point makes the buffer last one period longer, up to the capacity of the buffer. A running
+        minimum computes how long the buffer lasts.
         """
         periods = np.arange(len(rows.times) + 1) * _PERIOD
         latest = rows.in_buffer_by + self._capacity_ns

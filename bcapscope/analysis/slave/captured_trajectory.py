@@ -2,7 +2,7 @@
 
 One step is one slvMove call, however many retries it has. The time of a step is the time of its call's first
 request. Refused set points are left out, because the controller did not take them. Set points without a
-captured reply are kept, because the controller may have taken them and a gap would look like a jump.
+captured reply are kept: the controller may have taken them, and a gap would look like a jump.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ wait."""
 
 
 class LeftOutReason(StrEnum):
-    """Why a set point is no step of the trajectory."""
+    """Why a set point is not a step of the trajectory."""
 
     REFUSED = "refused"
     AFTER_END = "after-end"
@@ -48,7 +48,7 @@ class LeftOutReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CapturedTrajectory:
-    """Data of a trajectory that is known when its first step is known.
+    """What is known about a trajectory at its first step.
 
     Attributes:
         session_number: Number of the slave-mode session, the same as in the output of ``slave``.

@@ -1,8 +1,8 @@
 """Read the numbers in many frames at once.
 
 The frames of a slave-mode session's set points differ only in serial, reserved and the numbers in their
-arguments. A `ColumnReader` learns a template from one fully decoded frame without problems. `ColumnReader`
-then reads all frames that match the template as columns.
+arguments. A `ColumnReader` learns a template from one fully decoded frame without problems. The reader then
+reads the numbers of all matching frames into columns.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class NumberPicker:
     Attributes:
         pick: Returns the pose and the time stamp in an argument: an empty pose or None where the argument has
             none. To learn a template, the reader passes an argument in which each number is replaced by its
-            index. `pick` must therefore go by the structure of the argument, not by the numbers.
+            index. `pick` must therefore use the structure of the argument, not the values of the numbers.
     """
 
     argument: int

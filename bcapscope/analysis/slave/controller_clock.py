@@ -19,7 +19,8 @@ _WRAP_AT_LEAST = 1 << 31
 
 _US_AT_LEAST = 30.0
 """Minimum advance of the time stamps, per ms of the capture, if their unit is µs. This minimum is the
-geometric mean of 1 (unit ms) and 1000 (unit µs), so neither a fast client nor pauses lead to the wrong unit.
+geometric mean of 1 (unit ms) and 1000 (unit µs). Neither a fast client nor pauses therefore lead to the wrong
+unit.
 """
 
 

@@ -36,8 +36,7 @@ class ControllerState:
         pending_sessions: Slave-mode sessions that a client has begun without sending a set point yet.
         unanswered_entry: Latest slvChangeMode call that enters slave mode and has no captured reply; None if
             there is none.
-        reported_mode: Value of the slave mode that slvGetMode reported outside a known slave-mode session,
-            and its source.
+        reported_mode: Slave mode outside a known slave-mode session, and the command that showed this mode.
         position: Latest position that the controller reported; None if the robot may have moved since.
     """
 
@@ -59,7 +58,7 @@ class ControllerState:
         return SlaveSetup(value, known_by, self.clue, self._send, self._receive, position)
 
     def remember_call(self, call: Call) -> None:
-        """Keep a call that is no set point, and drop the oldest calls beyond the limits."""
+        """Keep a call other than a set point, and drop the oldest calls beyond the limits."""
         self.recent_calls.append(call)
         self._bytes_kept += call.memory_bytes
         while self.recent_calls and (len(self.recent_calls) > MAX_CALLS or self._bytes_kept > MAX_BYTES):
@@ -101,7 +100,8 @@ class ControllerState:
         return builder
 
     def claim_unanswered_entry(self) -> CallFact | None:
-        """Return the unanswered slvChangeMode and forget it, because a set point shows that it succeeded."""
+        """Return and forget the unanswered slvChangeMode call, when a set point shows that this call
+        succeeded."""
         entry, self.unanswered_entry = self.unanswered_entry, None
         if entry is None:
             return None

@@ -39,7 +39,7 @@ _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
 ENOUGH_TO_OBJECT = _FAIR
-"""Least strength of a clue that makes a set point of the other generation's number type unusual."""
+"""Least strength at which a clue makes a set point with the other generation's number type unusual."""
 
 # orin_bcap samples. A weak clue: NetwoRC is ORiN's provider for RC7, but an RC7 accepts any provider name.
 _PROVIDERS = {"CaoProv.DENSO.VRC": _RC8, "CaoProv.DENSO.NetwoRC": _RC7}
@@ -58,7 +58,7 @@ _COMMANDS = {
 
 
 def stronger_clue(known: GenerationClue, found: GenerationClue) -> GenerationClue:
-    """Return the stronger clue; of equally strong clues, the earlier clue."""
+    """Return the stronger clue, or the earlier clue if both are equally strong."""
     return found if found.strength > known.strength else known
 
 

@@ -32,8 +32,8 @@ step on only one side.
 """
 
 SMALLEST_JUMP = 0.2
-"""Smallest step that can be a jump, in degrees or mm: at 8 ms this is 25 per second. A smaller step is
-rounding or noise."""
+"""Smallest step that can be a jump, in degrees or mm: at 8 ms this is 25 degrees or mm per second. A smaller
+step is rounding or noise."""
 
 LARGEST_STEP = 180.0
 """Largest step in degrees or mm that can be normal motion. A larger step is always a jump.
@@ -124,7 +124,7 @@ class MotionFacts:
     """Facts about the commanded motion of a slave-mode session, and about the returned poses.
 
     Set points that the controller refused because its buffer was full are left out, because the client sends
-    them again.
+    these set points again.
 
     Attributes:
         read: Number of set points with a readable pose.
@@ -295,8 +295,7 @@ class MotionModel:
         self._tail, self._tail_frames, self._tail_times = points[-4:], frames[-4:], times[-4:]
 
     def _find_stutters(self, moves: Bools, frames: NDArray[np.int64], new: int) -> None:
-        """Find repeated set points in the middle of a motion. Steps from index `new` on were not examined
-        before."""
+        """Find repeated set points in mid-motion. Steps before index `new` were examined earlier."""
         first = max(new - 2, 0)
         still = ~moves[1:-1] & moves[:-2] & moves[2:]
         found = frames[2:-1][first:][still[first:]].tolist()
@@ -306,7 +305,7 @@ class MotionModel:
     def _find_jumps(
         self, steps: Floats, frames: NDArray[np.int64], times: NDArray[np.int64], new: int
     ) -> None:
-        """Find jumps of each kind. Steps from index `new` on were not examined before."""
+        """Find jumps of each kind. Steps before index `new` were examined earlier."""
         sizes = np.abs(steps[:, self._measured])
         absurd = sizes > LARGEST_STEP
         counted = np.logical_or.reduce(absurd, axis=1)  # no row counts twice
@@ -314,7 +313,7 @@ class MotionModel:
         alone[1:-1] = _stands_out(sizes[1:-1], np.maximum(sizes[:-2], sizes[2:]))
         alone[counted] = False
         counted |= np.logical_or.reduce(alone, axis=1)
-        counted[:-1] |= counted[1:]  # a step is no outlier if the step back already counts as a jump
+        counted[:-1] |= counted[1:]  # a step is not an outlier if the step back already counts as a jump
         beside = np.maximum(sizes[:-3], sizes[3:])
         turns = np.signbit(steps[1:-2, self._measured]) != np.signbit(steps[2:-1, self._measured])
         stray[1:-2] = _stands_out(sizes[1:-2], beside) & _stands_out(sizes[2:-1], beside) & turns
@@ -333,7 +332,7 @@ class MotionModel:
                 found.append(Jump(int(frames[row + 1]), int(times[row + 1]), name, step, kind))
 
     def _shortest(self, steps: Floats) -> Floats:
-        """Return the steps by the shorter way for angles that wrap: from 179 to -179 degrees it is 2
+        """Return the steps; for an angle that wraps, the shorter way: from 179 to -179 degrees, the step is 2
         degrees."""
         if self._turns.any():
             turning = steps[:, self._turns]

@@ -1,7 +1,8 @@
 """The pace of set points while the robot moves, and whether the replies set this pace.
 
-A client may pause or slow down while the robot stands still, and it waits longer after lost packets. Only
-cycles between two steps of the motion count, after a set point that was answered at the first attempt.
+A client may pause or slow down while the robot stands still, and may wait longer after lost packets. A cycle
+therefore counts only if it lies between two steps of the motion, and if the set point before was answered at
+the first attempt.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from bcapscope.analysis.statistics.distribution import Bools, Floats, Histogram
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 
 LONGEST_CYCLE_MS = 8.0 * PERIOD_MS
-"""Longest cycle in ms that belongs to a pace. A longer one is a pause."""
+"""Longest cycle in ms that belongs to a pace. A longer cycle is a pause."""
 
 PROMPT_MS = 1.0
 """Longest time in ms from a reply to the next set point of a client that waits only for the reply."""
@@ -29,8 +30,8 @@ class MotionPace(NamedTuple):
 
     Attributes:
         cycles: Number of cycles in motion, without pauses.
-        cycle_ms: Typical time between set points: the median if most cycles skip a period, else the mean of
-            those that do not.
+        cycle_ms: Typical time between set points: the median if most cycles skip a period, otherwise the mean
+            of the cycles that skip no period.
         long_cycle_ms: Time between set points that nine of ten cycles do not exceed.
         skipped: Number of cycles that are at least one and a half periods long.
         waits_for_reply: Whether the client sent most set points as soon as the previous reply arrived, so

@@ -33,9 +33,9 @@ class SlaveSessionBuilder:
     """Builds the facts of a slave-mode session, which may still continue.
 
     Attributes:
-        key: Client that sends the set points (before the first one, the client that entered slave mode), and
-            its robot's handle.
-        mode: Value of the slave mode, and how it is known.
+        key: Conversation of the client that sends the set points, and its robot's handle. Before the first
+            set point, the client is the one that entered slave mode.
+        mode: Value of the slave mode, and how the value is known.
         entry_call: The slvChangeMode call that began the session; None if the call was not captured.
         position: Position of the robot before the first set point; None if unknown.
         entered_at: Time of the reply to `entry_call`, ns since 1970.

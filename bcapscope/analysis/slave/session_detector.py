@@ -35,16 +35,16 @@ from bcapscope.traffic.slave_mode_tracker import (
 
 HOLD_BACK_NS = 6_000_000_000
 """Time in ns from the end of a slave-mode session until the session is returned. A call of another client may
-have ended the session, and this call may be completed this much later.
+have ended the session, and the detector may receive that call this much later.
 """
 
 SILENCE_NS = 1_000_000_000
-"""Time in ns before the end of the capture. A client whose last set point was sent earlier has stopped
-sending set points."""
+"""Maximum time in ns from a client's last set point to the end of the capture. After a longer time, the
+client counts as having stopped."""
 
 SUSPECT_WITHIN_NS = 2_000_000_000
-"""Maximum time in ns between a failed call of any client and the discovery that slave mode is off, for the
-failed call to be the cause."""
+"""Maximum time in ns from a failed call of any client to the reply which shows that slave mode is off. After
+a longer time, the failed call is not taken as the cause."""
 
 STILL_TAKING_NS = 200_000_000
 """Maximum time in ns for which a controller may still accept set points after an error that ends slave mode.
@@ -77,7 +77,8 @@ class _EndedSession(NamedTuple):
 
 
 class SlaveSessionDetector:
-    """Finds slave-mode sessions in calls, which must be added in the order in which a tracker completes them.
+    """Finds slave-mode sessions in calls, which must be added in the order in which a tracker completes the
+    calls.
 
     Memory depends on the number of open slave-mode sessions, not on their duration.
     """
@@ -129,7 +130,7 @@ class SlaveSessionDetector:
         return finished
 
     def _on_time(self, call: Call) -> Sequence[SlaveSession]:
-        """Return the slave-mode sessions that need not be held back any longer at the time of `call`."""
+        """Return the ended slave-mode sessions whose hold-back time is over at the time of `call`."""
         self._latest_time = max(self._latest_time, call.last_activity)
         return self._release_ended(self._latest_time - HOLD_BACK_NS) if self._held_back else ()
 
@@ -155,8 +156,8 @@ class SlaveSessionDetector:
             ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, its time is used
                 instead.
         """
-        # The result is cached, because a live diagnosis needs it twice.
-        # Building the sessions of 100,000 set points takes 13 ms.
+        # The result is cached, because a live diagnosis needs the result twice. Building the sessions of
+        # 100,000 set points takes 13 ms.
         unfinished = self._unfinished
         end = max((self._latest_time, ended_at, *(builder.last_activity for builder in unfinished)))
         if self._remaining is None or self._remaining[0] != end:
@@ -204,7 +205,7 @@ class SlaveSessionDetector:
             self._process_batch(builder)
 
     def _is_outside_session(self, key: SessionKey, call: Call, failed: bool) -> bool:
-        """Return whether a set point belongs to no slave-mode session and begins none."""
+        """Return whether a set point neither belongs to a slave-mode session nor begins one."""
         if self._controller(call).pending_sessions or not (failed or call.reply is None):
             return False
         ended = self._recently_ended.get(key)

@@ -47,9 +47,9 @@ _STEP = 1
 _SERIALS = 1 << 16
 _MOST_UNCAPTURED = 1000
 """Largest number of serials that a client can have used without a captured attempt. A larger difference means
-that it counts in another way."""
+that the client does not count serials one by one."""
 _TINY_STEP = 0.02
-"""Largest step of an axis that is no motion, as a share of the axis' largest step so far."""
+"""Largest step of an axis that does not count as motion, as a share of the axis's largest step so far."""
 
 
 class KnownPosition(NamedTuple):
@@ -194,7 +194,7 @@ class SessionModels:
         return self._slicer.slices()
 
     def _uncaptured(self, rows: SetPointTable, batch: SetPointBatch) -> NDArray[np.int64]:
-        """Return how many attempts before each set point the capture lacks, as the serials show."""
+        """Return how many attempts before each set point were not captured, judged by the serials."""
         serials = batch.requests.serials(len(batch))
         last_serial, last_retries = self._last_sent
         before = np.concatenate(((last_serial,), serials[:-1]))
@@ -208,8 +208,8 @@ class SessionModels:
     def _steps(self, commanded: PoseColumns) -> NDArray[np.int64]:
         """Return whether the robot moves to each set point: 1, 0 or -1 for unknown.
 
-        The first value is for the set point before these. A step that is tiny beside the largest one so far
-        is no motion: a smooth motion ends with such steps.
+        The first value belongs to the last set point before `commanded`. A step that is tiny compared with
+        the largest step so far does not count as motion: a smooth motion ends with tiny steps.
         """
         points = np.vstack((self._last_poses, commanded.poses))
         known = ~np.isnan(points).any(axis=1)

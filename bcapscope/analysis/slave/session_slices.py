@@ -13,8 +13,8 @@ from bcapscope.analysis.statistics.distribution_summary import DistributionSumma
 from bcapscope.protocol.tables.hresult import is_failure
 
 MAX_SLICES = 10_000
-"""Maximum number of slices of one slave-mode session. At one slice per second, they cover nearly three hours.
-Further slices are only counted."""
+"""Maximum number of slices of one slave-mode session. At one slice per second, these slices cover nearly
+three hours. Further slices are only counted."""
 
 
 class SessionSlice(NamedTuple):
@@ -22,8 +22,8 @@ class SessionSlice(NamedTuple):
 
     Attributes:
         begin: Start of the slice, ns since 1970.
-        unanswered: Number of unanswered set points, without evicted ones and those still open at the end of
-            the capture.
+        unanswered: Number of unanswered set points, excluding evicted set points and those still open at the
+            end of the capture.
         cycle: Cycle times in the slice, ms; None if the slice has no cycle.
         latency: Latencies of the answered set points in the slice, ms; None if none was answered.
         smallest_slack_ms: Smallest slack in the slice, ms (see `BufferFacts`); None if no slack is known.

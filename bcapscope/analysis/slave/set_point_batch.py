@@ -117,7 +117,7 @@ class SetPointBatch:
         return SetPointRow(*_ROW.unpack_from(self.row_data, start))
 
     def add_other_call(self, call: Call) -> None:
-        """Count the attempts of a call of the same client that is no set point."""
+        """Count the attempts of a call of the same client that is not a set point."""
         self._attempts_since += len(call.attempts)
 
     def _note_other_attempts(self) -> None:
@@ -145,7 +145,7 @@ class SetPointBatch:
             result: Frame
             # Unpacking is faster than reading the attributes one by one.
             frame, time, _, _, item, _ = call.request  # type: ignore[misc]  # a tuple behind its protocol
-            reply_frame, replied, _, _, result, _ = call.reply  # type: ignore[misc]  # the same
+            reply_frame, replied, _, _, result, _ = call.reply  # type: ignore[misc]  # also a tuple
             raw, answer = item.raw, result.raw
             if len(raw) != requests.size or len(answer) != results.size:
                 self._add_irregular(call)

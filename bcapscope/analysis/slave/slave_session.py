@@ -137,7 +137,7 @@ class SetPointCounts:
             other field includes these set points.
         by_retries: Number of set points for each number of retries, including 0.
         retries_forbidden: Number of retries over UDP in a mode where a new set point replaces the waiting
-            one, so that retries waste bandwidth (DENSO Wave 2009, How to use the Slave mode).
+            one. In such a mode, retries waste bandwidth (DENSO Wave 2009, How to use the Slave mode).
         late_replies: Number of replies that arrived after the client had sent another attempt.
         lost_replies: Number of replies that were captured, and that the client evidently did not receive.
     """
@@ -175,8 +175,9 @@ class SlaveSession:
         clock: Facts about the controller's time stamps; None if no reply has a time stamp.
         motion: Facts about the commanded motion; None if there are no set points.
         forbidden_retry_frames: Numbers of the first retry frames that the mode forbids.
-        other_calls: The last calls of any client to this controller, other than set points, during the
-            session and shortly before or after it, in chronological order.
+        other_calls: Latest calls other than set points that any client made to this controller, in
+            chronological order. Included are calls during the session, and shortly before or after the
+            session.
         slices: Figures of the session for each slice of time; () if no slices were requested.
     """
 

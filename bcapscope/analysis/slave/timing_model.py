@@ -33,7 +33,7 @@ _DRIVER = "DENSORobot/denso_robot_ros2 denso_robot_core"
 
 
 class Deadline(NamedTuple):
-    """A recommended time-out, and how many set points were not answered within it.
+    """A recommended time-out, and how many set points were answered too late or not at all.
 
     Attributes:
         timeout_ms: Time-out of one attempt, ms.

@@ -30,8 +30,8 @@ MAX_CODES = 16
 occur."""
 
 GRACE_NS = 200_000_000_000
-"""Time in ns from the end of a slice until all its calls are complete. A tracker keeps a silent call open for
-180 s (`pairing_windows.EXECUTION_NS`).
+"""Time in ns from the end of a slice until all its calls are complete. A tracker keeps a call without further
+frames open for 180 s (`pairing_windows.EXECUTION_NS`).
 """
 
 OTHER_KINDS = CallKind(0, None)
@@ -54,7 +54,7 @@ class CallFigures:
         open: Number of calls still open when the traffic ended.
         not_followed: Number of calls that were evicted from memory while open, because too many calls were
             open.
-        not_captured: Number of calls whose reply the capture lacks, because it lacks bytes that the
+        not_captured: Number of calls whose reply was not captured. The capture lacks bytes that the
             controller sent, or holds only requests.
         request_bytes: Size of all requests in bytes, including retries.
         calls_per_second: Number of calls divided by the length of the period in seconds; None if the length
@@ -172,7 +172,7 @@ class _CallTally:
         self.smooth_latencies, self.other_latencies = [], []
 
     def merge(self, other: _CallTally) -> None:
-        """Add the counts of another tally, and flush the other tally before."""
+        """Flush another tally, then add its counts."""
         for name in ("calls", "retries", "retried", "late", "executing", "request_bytes", "waited"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.outcomes.update(other.outcomes)
@@ -294,7 +294,7 @@ def _time_taken(row: StatisticsRow) -> tuple[float, int]:
 
 
 class SlicedStatistics:
-    """Figures of calls per slice of time. A call belongs to the slice in which it started.
+    """Figures of calls per slice of time. A call belongs to the slice in which the call started.
 
     If time goes back by more than `GRACE_NS`, because captures are not read in chronological order, all
     slices so far are completed. A slice can then be returned twice, each time with other calls.

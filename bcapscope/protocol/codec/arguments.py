@@ -28,10 +28,10 @@ bytes of a UI1 array are one value. Frames of real sessions hold fewer than a th
 stops at 1,000,000 items per packet (gui.max_tree_items)."""
 
 MAX_VALUES = 2_048
-"""Maximum number of arguments, elements of VARIANT arrays and strings to read from one frame. Reading one
-takes about 2 µs and 200 bytes, so the worst crafted frame delays a proxy by about 5 ms. With a limit of
-8,192, a flood of such frames delayed Robot_Halt through a proxy with rules by 3 s. The longest lists of known
-sessions hold a few hundred names."""
+"""Maximum number of arguments, elements of VARIANT arrays and strings to read from one frame. Each of these
+takes about 2 µs and 200 bytes to read, so the worst crafted frame delays a proxy by about 5 ms. With a limit
+of 8,192, a flood of such frames delayed Robot_Halt through a proxy with rules by 3 s. The longest lists of
+known sessions hold a few hundred names."""
 
 MAX_PROBLEMS = 100
 """Maximum number of problems to list for one frame. A crafted frame can hold one problem per seven bytes."""
@@ -84,8 +84,8 @@ class ArgumentReader:
 
     The next argument begins where the value of the previous one ends. The reader only compares the length
     field with the value, since DENSO's present libraries (orin_bcap C, C#, Java and Python) ignore the field.
-    If a value cannot be read to its end, the reader reads the value again within its length field, as the
-    older C client does. From then on, the length fields also bound all following arguments. So no byte
+    If a value cannot be read to its end, the reader reads the value again within its length field. The older
+    C client does the same. From then on, the length fields also bound all following arguments. So no byte
     belongs to two values, and no byte is read more than twice.
 
     Attributes:

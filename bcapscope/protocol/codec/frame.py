@@ -150,8 +150,8 @@ class Frame:
         """The template of this frame and the frame's own numbers; None for a frame without a template.
 
         Frames with problems and frames longer than `LARGEST_TEMPLATE_FRAME` have no template. To process
-        millions of frames, use this property: `arguments` returns the same values but creates an object for
-        each.
+        millions of frames, use this property: `arguments` has the same values but creates an object for each
+        value.
         """
         if self.external_problem is not None:
             return None
@@ -215,7 +215,7 @@ def parse_datagram(raw: bytes, templates: FrameTemplates | None = None) -> tuple
 def parse_captured_datagram(
     raw: bytes, templates: FrameTemplates | None = None
 ) -> tuple[Frame | Malformed, ...]:
-    """Split a captured datagram into its frames, and mark the first frame if the datagram goes on after it.
+    """Split a captured datagram into its frames, and mark the first frame if more bytes follow it.
 
     A datagram holds one frame. DENSO's C server and client compare the length of the frame with the number of
     bytes received. The official C server stops its UDP service if the two differ (orin_bcap
@@ -279,7 +279,8 @@ def encode_frame(
 
 
 def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
-    """Encode a frame whose only argument is a short row of numbers, such as slvMove's reply; else None."""
+    """Return the bytes of a frame whose only argument is a short row of numbers, such as the reply to
+    slvMove; None for other frames."""
     vt, values, count = row
     if (
         vt not in NUMBER_ARRAYS

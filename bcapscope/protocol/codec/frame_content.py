@@ -23,8 +23,8 @@ none."""
 
 LARGEST_UNPACKED = 256 * 1024
 """Largest size, in bytes, that a compressed body may unpack to. Frames of real sessions are below 10 KiB. A
-body of 16 MiB would fit into 16 KiB of zlib, and any sender of datagrams can send thousands of such frames
-per second."""
+zlib stream of 16 KiB can unpack to 16 MiB, and a sender of datagrams can send thousands of such frames per
+second."""
 
 _HEADER = struct.Struct("<xIHHIH")
 _ZLIB_BODY = 13
@@ -133,9 +133,10 @@ def crc16(data: bytes) -> int:
 
 
 def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:
-    """Return whether a zlib header is where the compressed body of a frame at `pos` would begin.
+    """Return whether a zlib header follows where a frame at `pos` would have its compressed body.
 
-    The TCP client of keioku/bcap-python unpacks a frame with a zlib header whatever its reserved field is.
+    The TCP client of keioku/bcap-python unpacks every frame with such a zlib header, whatever value the
+    reserved field has.
     """
     return (
         data[pos + _ZLIB_BODY] & 0x8F == 8

@@ -21,16 +21,16 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""How to fill a template in which a single argument holds numbers: the values before that argument, its
-filler, its prototype, and the values after it."""
+"""Parts of a template in which only one argument holds numbers: the values before that argument, its filler,
+its prototype, and the values after it."""
 
 LARGEST_TEMPLATE_FRAME = 1024
 """Largest frame that gets a template, in bytes. Each longer frame is decoded in full: long frames are rare,
 and their templates would take much memory."""
 
 MAX_TEMPLATES = 1024
-"""Maximum number of templates that a `FrameTemplates` keeps. When full, it drops all templates and learns
-new ones."""
+"""Maximum number of templates that a `FrameTemplates` object keeps. A full object drops all templates and
+learns new templates."""
 
 MAX_SHAPES_PER_LENGTH = 8
 """Maximum number of frame shapes that `FrameTemplates` tries for one frame length."""
@@ -76,7 +76,8 @@ class FrameTemplate:
         size: Size in bytes of every frame that matches the template.
         spans: Positions of the numbers that may differ between frames.
         mask: One byte per byte of a frame: 0 where frames may differ, otherwise 255.
-        fixed_parts: Function that extracts the bytes that must not differ from a frame of this size.
+        fixed_parts: Function that takes a frame of this size, and returns the bytes that must be the same in
+            all frames.
         expected_parts: Result of `fixed_parts` for every frame that matches the template.
     """
 
@@ -125,7 +126,7 @@ class FrameTemplate:
         return cls(shape, content.raw, content.arguments)
 
     def fill_arguments(self, numbers: FrameNumbers) -> tuple[Argument, ...]:
-        """Return the arguments of a frame with these `numbers`, in the order of the frame's bytes."""
+        """Return the arguments of a frame. `numbers` are in the order of the frame's bytes."""
         if not numbers:
             return self.prototype
         pairs = zip(self.fill_variants(numbers), self.prototype, strict=True)
@@ -148,7 +149,7 @@ class FrameTemplates:
     """Decodes frames, and learns templates from them in bounded memory.
 
     A program that receives many frames passes one `FrameTemplates` object to all of them, which makes
-    decoding faster. The decoded values are the same without it.
+    decoding faster. Without a shared object, the decoded values are the same.
     """
 
     __slots__ = ("_recent", "_shapes", "_template_count")
@@ -246,7 +247,7 @@ def iter_numbers(variant: Variant) -> Iterator[int | float | bytes]:
         for item in (item for item in value if isinstance(item, Variant)):
             yield from iter_numbers(item)
     else:
-        yield from value  # type: ignore[misc]  # the same
+        yield from value  # type: ignore[misc]  # numbers and bytes only
 
 
 def _filler(variant: Variant) -> Callable[[Variant, FrameNumbers], Variant]:
@@ -261,7 +262,7 @@ def _fill_scalar(variant: Variant, numbers: FrameNumbers) -> Variant:
 
 def _fill_row(variant: Variant, numbers: FrameNumbers) -> Variant:
     vt, _, elements = variant
-    return tuple.__new__(Variant, (vt, numbers, elements))  # faster than Variant(...), for set points
+    return tuple.__new__(Variant, (vt, numbers, elements))  # for set points: this is faster than Variant(...)
 
 
 def _fill_nest(variant: Variant, numbers: FrameNumbers) -> Variant:

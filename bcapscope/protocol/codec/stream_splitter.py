@@ -1,4 +1,4 @@
-"""Split a byte stream into frames, whatever its segments, and find the next frame after garbage."""
+"""Split a byte stream, in segments of any size, into frames, and find the next frame after garbage."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ the stream instead of all of it."""
 
 LARGEST_GARBAGE = 64 * 1024
 """Largest piece of garbage, in bytes outside any frame. The splitter returns longer garbage in several
-pieces, so that it does not fill the memory."""
+pieces, so that garbage does not fill the memory."""
 
 GUARANTEED_BUFFER = 16 * 1024
 """Number of bytes of an unfinished frame that a splitter keeps even if the shared budget is exceeded. Frames
@@ -37,8 +37,9 @@ STREAM_ENDED = Message("problem.cut.stream-ended")
 """Reason reported for an incomplete frame at the end of a stream."""
 
 MAX_RESYNC_ARGUMENTS = 64
-"""Maximum number of arguments of a frame at which the splitter continues after garbage. No function has more
-than four arguments, and no reply more than one. The limit prevents repeated walks over crafted garbage."""
+"""Maximum number of arguments of a frame that the splitter accepts as the next frame after garbage. No
+function has more than four arguments, and no reply more than one. The limit prevents repeated walks over
+crafted garbage."""
 
 _TAILS = (1, 2, 3)
 """Possible numbers of bytes after the last argument: EOT alone, mode byte and EOT, or CRC and EOT."""
@@ -73,9 +74,9 @@ class StreamSplitter:
     """Splits a stream into frames and garbage; the result never depends on how the stream is segmented.
 
     The splitter returns every byte of the stream in exactly one piece, in order. The splitter holds at most
-    `limit` bytes, or `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED` if these are larger. Splitters that share a
+    the largest of `limit`, `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED` in bytes. Splitters that share a
     budget together hold no more than the budget, plus `GUARANTEED_BUFFER` each. If a frame longer than
-    `GUARANTEED_BUFFER` exceeds the budget, the splitter returns its bytes unfinished.
+    `GUARANTEED_BUFFER` exceeds the budget, the splitter returns the unfinished frame.
     """
 
     def __init__(

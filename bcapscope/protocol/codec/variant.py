@@ -1,7 +1,7 @@
 """VARIANT: the typed values of b-CAP, their names and their encoding.
 
 Layout of a VARIANT, all numbers little-endian: u16 type, u32 element count, data. In an argument of a frame,
-a u32 byte length precedes it. The elements of a VARIANT array have no such length (orin_bcap
+a u32 byte length precedes the VARIANT. The elements of a VARIANT array have no such length (orin_bcap
 C/src/bcap_common.c, CSharp bCAPPacketConverter.cs and Python bcapclient.py agree).
 """
 
@@ -91,7 +91,7 @@ class Variant(NamedTuple):
             DATE as days since 1899-12-30). A tuple for arrays, `bytes` for an array of UI1, a tuple of
             Variant for an array of VARIANT. The raw `bytes` of an unknown type.
         elements: Element count in the frame: 1 for scalars, 0 or 1 for EMPTY and NULL. The count exceeds the
-            number of values if a frame holds fewer elements than it announces.
+            number of values if elements are missing from the frame.
     """
 
     vt: int
@@ -137,8 +137,8 @@ def encode_variant(variant: Variant) -> bytes:
     """Encode a VARIANT as type, element count and data, without the byte length of an argument.
 
     Raises:
-        LocalProtocolError: The value does not fit its type, the element count of an array differs from the
-            number of its values, VARIANT arrays nest deeper than `MAX_NESTING`, or b-CAP has no such type.
+        LocalProtocolError: b-CAP has no such type, or the value does not fit the type. An array has another
+            number of values than its element count. VARIANT arrays nest deeper than `MAX_NESTING`.
     """
     return _encode(variant, 0)
 
@@ -178,24 +178,24 @@ def _packer(vt: int, count: int) -> Callable[..., bytes]:
 
 def _check_elements(values: Value, elements: int) -> None:
     if not isinstance(values, tuple | bytes):
-        raise TypeError("an array takes a tuple, or bytes for VT_UI1")
+        raise TypeError("the value of an array must be a tuple, or bytes for VT_UI1")
     if len(values) != elements:
-        raise ValueError(f"element count is {elements}, there are {len(values)} values")
+        raise ValueError(f"element count is {elements}, but there are {len(values)} values")
 
 
 def _encode_array(base: int, values: Value, depth: int) -> bytes:
     assert isinstance(values, tuple | bytes)
     if base == VT.UI1:
-        return bytes(values)  # type: ignore[arg-type]  # a wrong element raises, and is reported as such
+        return bytes(values)  # type: ignore[arg-type]  # a wrong element raises an error, which is reported
     if base == VT.BSTR:
         return b"".join(map(_encode_bstr, values))
     if base == VT.VARIANT:
         if depth == MAX_NESTING:
-            raise ValueError(f"VARIANT arrays nested more than {MAX_NESTING} deep")
-        return b"".join(_encode(value, depth + 1) for value in values)  # type: ignore[arg-type]  # the same
+            raise ValueError(f"VARIANT arrays are nested more than {MAX_NESTING} deep")
+        return b"".join(_encode(value, depth + 1) for value in values)  # type: ignore[arg-type]  # see VT.UI1
     if base == VT.BOOL:
         return b"".join(map(_encode_bool, values))
-    raise ValueError(f"{vt_name(base)} is no type that b-CAP carries")
+    raise ValueError(f"{vt_name(base)} is not a type of b-CAP")
 
 
 def _encode_scalar(vt: int, value: Value) -> bytes:
@@ -204,7 +204,7 @@ def _encode_scalar(vt: int, value: Value) -> bytes:
     if vt == VT.BOOL:
         return _encode_bool(value)
     if vt not in (VT.EMPTY, VT.NULL):
-        raise ValueError(f"{vt_name(vt)} is no type that b-CAP carries")
+        raise ValueError(f"{vt_name(vt)} is not a type of b-CAP")
     if value is not None:
         raise TypeError(f"{vt_name(vt)} has no value")
     return b""
@@ -212,7 +212,7 @@ def _encode_scalar(vt: int, value: Value) -> bytes:
 
 def _encode_bstr(value: Value | Variant) -> bytes:
     if not isinstance(value, str):
-        raise TypeError("a string is needed")
+        raise TypeError("the value must be a string")
     data = value.encode("utf-16-le", "surrogatepass")
     return len(data).to_bytes(4, "little") + data
 

@@ -28,11 +28,11 @@ _TRUE, _FALSE = ("true", "1", "-1"), ("false", "0")
 def parse_variant(text: str) -> Variant:
     """Parse a value with its type before a colon, or guess the type of bare text.
 
-    These types are accepted, in lower or upper case: `i2 i4 r4 r8 cy date bstr error bool ui1 ui2 ui4 i8 ui8
-    empty null`. ``[]`` marks an array, whose elements are separated by commas. ``variant[]:`` takes elements
-    separated by semicolons, each with its own type. A hexadecimal integer may be the bit pattern of a
-    negative number, as in ``i4:0x84201482``. Bare text becomes an integer, a number, a list of them, or a
-    string. Empty text is EMPTY.
+    Types in lower or upper case: `i2 i4 r4 r8 cy date bstr error bool ui1 ui2 ui4 i8 ui8 empty null`. ``[]``
+    marks an array, whose elements are separated by commas. ``variant[]:`` takes elements separated by
+    semicolons, each with its own type. A hexadecimal integer may be the bit pattern of a negative number, as
+    in ``i4:0x84201482``. Bare text becomes an integer, a number, a list of numbers, or a string. Empty text
+    is EMPTY.
 
     Raises:
         InputError: The value does not fit the type.
@@ -47,9 +47,9 @@ def parse_variant(text: str) -> Variant:
 def parse_variant_as(text: str, types: Sequence[str]) -> Variant:
     """Parse a value of one of `types`, such as ``VT_I4`` or ``VT_R8|VT_ARRAY``.
 
-    Bare text becomes the first type that it fits, and VT_BSTR only if it fits no other. Text with its own
-    type keeps that type, whether or not it is one of `types`. If the only type is VT_BSTR, all text is taken
-    verbatim.
+    Bare text becomes the first type that the text fits, and VT_BSTR only if no other type fits. Text with its
+    own type keeps that type, even a type that is not in `types`. If the only type is VT_BSTR, all text is
+    taken verbatim.
 
     Raises:
         InputError: The text fits none of the types.

@@ -193,7 +193,8 @@ class _FieldBuilder:
         text: str = "",
         problems: tuple[Problem, ...] = (),
     ) -> FrameField:
-        """Return a field without children; its problems are `problems` and those found in its bytes."""
+        """Return a field without children; the field has these `problems` and the problems found in its
+        bytes."""
         return FrameField(
             name, start, stop, value, None, text, "", (*self.problems_within(start, stop), *problems)
         )

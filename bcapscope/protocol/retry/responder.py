@@ -31,15 +31,15 @@ _SERIAL_COUNT = 0xFFFF
 """Serials count from 1 to 65535, then start again at 1."""
 
 _MAX_ATTEMPTS = 16
-"""Limit of the attempts of one call, by which serials are compared. It is twice the number of attempts that
-known clients send, except for the client that retries without end."""
+"""Assumed maximum number of attempts of one call: serials further apart belong to different calls. Known
+clients send at most half as many attempts, except for one client that retries without end."""
 
 
 _CHAIN_CONVENTIONS = (ReservedConvention.UNKNOWN, ReservedConvention.CHAIN)
 
 
 class Defect(Flag):
-    """Defects of DENSO's C server (orin_bcap C/src/bCAPServer/bcap_server.c) that a responder can imitate."""
+    """Defects of DENSO's C server (orin_bcap C/src/bCAPServer/bcap_server.c) to imitate."""
 
     NONE = 0
     FORGETS_FIRST = 1
@@ -131,22 +131,22 @@ class Responder:
     that call and has the same function and arguments. The responder then adds the request's serial and the
     named serial to the call. A known serial with other contents shows that the client restarted.
 
-    In two cases, the request does not show whether it is a retry:
+    In two cases, a request does not show whether the client sent a new call or a retry:
 
     * A client of the old C library (`ReservedConvention.CHAIN`) names the previous attempt. If the previous
       attempt was lost, its serial is unknown. The request may then be a retry of the known call, or a retry
       of a new, equal call.
     * A program that uses the port of an earlier program may start with the same serial. A call of the new
-      program may equal a call of the earlier program that had the same serial or a slightly higher one. The
-      new call then looks like a delayed attempt of the earlier program's call.
+      program may equal a call of the earlier program with the same or a slightly higher serial. The new call
+      then looks like a delayed attempt of the earlier program's call.
 
-    In both cases, the responder assumes a retry, so that no call runs twice. If neither the serial nor the
-    named serial belongs to the known call, the responder assumes a retry only while the convention is `CHAIN`
-    or unknown. A new call that is mistaken for a retry is not executed, and its client gets the earlier
-    reply. Such a reply may hold an old value, or report a motion as done although the robot never made it.
+    In both cases, the responder assumes a retry, so that no call runs twice. If the known call has neither
+    the serial nor the named serial, the responder assumes a retry only while the convention is `CHAIN` or
+    unknown. A new call that is mistaken for a retry is not executed, and its client gets the earlier reply.
+    Such a reply may hold an old value, or report a motion as done although the robot never made it.
 
     The responder forgets the calls of an earlier program when the new program reuses one of their serials for
-    a different call, and at the latest after `remembered` further calls.
+    a different call. At the latest, the responder forgets these calls after `remembered` further calls.
     """
 
     def __init__(

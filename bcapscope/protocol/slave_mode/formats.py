@@ -121,7 +121,8 @@ class ReceiveFormat:
 
     @property
     def bare_pose_type(self) -> PoseType | None:
-        """Pose type of a result that is only the array of one pose; None for any other result."""
+        """Pose type of a result that consists only of the number array of one pose; None for any other
+        result."""
         words = self.timestamp or self.hand_io or self.current or self.mini_io or self.user_io
         return self.poses[0] if len(self.poses) == 1 and not words else None
 

@@ -98,7 +98,7 @@ _BEHAVIOURS: dict[ModeKind, tuple[int, bool, bool, bool | None, bool, str]] = {
         True,
         True,
         False,
-        "each slvMove is answered when taken; a late one is an error",
+        "slvMove is answered when the controller takes the set point; a late set point is an error",
     ),
     ModeKind.ASYNC: (
         1,
@@ -106,8 +106,8 @@ _BEHAVIOURS: dict[ModeKind, tuple[int, bool, bool, bool | None, bool, str]] = {
         False,
         None,
         False,
-        "slvMove is answered at once, the newest point wins; the pendant decides "
-        "whether a late one is an error",
+        "slvMove is answered at once; a new set point replaces the waiting one; a setting on the pendant "
+        "decides whether a late set point is an error",
     ),
     ModeKind.MODE_0: (
         3,
@@ -115,8 +115,8 @@ _BEHAVIOURS: dict[ModeKind, tuple[int, bool, bool, bool | None, bool, str]] = {
         False,
         True,
         True,
-        "slvMove is answered at once and tells when its buffer of 3 is full; running "
-        "empty while moving is an error",
+        "slvMove is answered at once, with S_BUF_FULL if the buffer of 3 set points is full; an empty buffer "
+        "during motion is an error",
     ),
     ModeKind.MODE_1: (
         1,
@@ -124,7 +124,7 @@ _BEHAVIOURS: dict[ModeKind, tuple[int, bool, bool, bool | None, bool, str]] = {
         False,
         False,
         False,
-        "slvMove is answered at once, the newest point wins and the last is held",
+        "slvMove is answered at once; a new set point replaces the waiting one; the robot holds the last one",
     ),
     ModeKind.MODE_2: (
         3,
@@ -132,7 +132,8 @@ _BEHAVIOURS: dict[ModeKind, tuple[int, bool, bool, bool | None, bool, str]] = {
         True,
         True,
         False,
-        "slvMove is answered when its buffer of 3 has room; running empty while moving is an error",
+        "slvMove is answered when the buffer of 3 set points has room; an empty buffer during motion is an "
+        "error",
     ),
 }
 """For each kind of mode: the fields of `SlaveMode` from `buffer_slots` to `overflow_is_error`, and a

@@ -281,7 +281,8 @@ def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[
 
 
 def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
-    """Return whether the user I/O of a guessed arrangement is valid and a lone word can be hand I/O."""
+    """Return whether parts fit a guessed arrangement: the user I/O is valid, and hand I/O without mini I/O is
+    a possible word."""
     named, problems = _name_parts(layout, parts)
     if not all(_is_valid_user_io(run) for run in (_user_io(named, "write"), _user_io(named, "read")) if run):
         return False

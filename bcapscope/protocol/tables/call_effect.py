@@ -1,4 +1,5 @@
-"""The strongest effect of a call: read, use the session, change a state, energise the robot, or move it.
+"""The strongest effect of a call: read, use the session, change a state, energise the robot, or move the
+robot.
 
 The effects follow from the meaning of each function in orin_bcap C/include/bcap_funcid.h and of each command
 in `commands.tsv`. Calls that could start a motion, and unknown calls, have the effect `MOVES`.

@@ -1,7 +1,7 @@
 """The catalogue of commands: the names that bstrCommand of an ..._Execute call may hold (`commands.tsv`).
 
-Controllers ignore the case of command names, and so does this catalogue. The slides of DENSO Wave 2009, How
-to use the Slave mode, themselves send both `SLVMOVE` and `slvMove`.
+Controllers and this catalogue ignore the case of command names. The slides of DENSO Wave 2009, How to use the
+Slave mode, show both `SLVMOVE` and `slvMove`.
 """
 
 from __future__ import annotations

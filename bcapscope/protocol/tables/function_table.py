@@ -66,7 +66,7 @@ class Function:
     Attributes:
         id: Function id, 1..137, at offset 9 of a request.
         name: The vendor's name of the function: class, underscore and verb, such as `Robot_Execute`.
-        owner: Class of the object that the first argument's handle must stand for.
+        owner: Class of the object to which the handle in the first argument must refer.
         params: Arguments of the request in order, the handle first. Clients always send optional strings, if
             need be empty.
         result: Kind of result in a successful reply.
@@ -89,7 +89,7 @@ class Function:
 
     @property
     def takes_handle(self) -> bool:
-        """Whether the first argument is a handle; all other arguments are never handles."""
+        """Whether the first argument is a handle; no other argument is a handle."""
         return bool(self.params) and self.params[0].name.startswith("h")
 
 

@@ -1,9 +1,9 @@
 """HRESULT: the meaning of a reply's result code, and what the digits of an unknown code show.
 
-A result is 32 bits at offset 9 of a reply. Clients print it signed or unsigned; the functions here accept
-both.
+A result is 32 bits at offset 9 of a reply. Clients print this number signed or unsigned; the functions here
+accept both.
 
-Codes of RC8 and later controllers have the form 8 L S nnnnn, where L is the error level and S the part of the
+Codes of RC8 and later controllers have the form 8 L S nnnnn. L is the error level, and S is the part of the
 controller. All 7687 codes of the list in nkawa/Denso_CobottaPro900_MQTT_Control
 (src/vendor/denso_cobotta/error_list.xlsx) have this form. No paper documents how RC7 packs its four-digit
 codes into 32 bits. 0000600B and 8000600B are both decoded as RC7's 600B and marked as a guess.
@@ -96,8 +96,9 @@ class HresultInfo:
 def is_failure(code: int) -> bool:
     """Return whether a result code, signed or unsigned, reports a failure.
 
-    The code of a failure has the top bit set, or is a four-digit number such as 0000600B. On RC7 any code but
-    S_OK is an error (DENSO Wave 2009, How to use the Slave mode), and no success code is a four-digit number.
+    The code of a failure has the top bit set, or is a four-digit number such as 0000600B. On RC7, any code
+    other than S_OK is an error (DENSO Wave 2009, How to use the Slave mode). No success code is a four-digit
+    number.
     """
     return bool(code & 0x80000000) or 0x1000 <= code & 0xFFFFFFFF <= 0xFFFF
 
@@ -135,8 +136,8 @@ def with_rc7_forms(codes: Iterable[int]) -> frozenset[int]:
 
 
 def rc7_digits_guessed(code: int) -> str | None:
-    """Return the four digits of a code that is only a guess at how RC7 packs its codes (8000xxxx); else
-    None."""
+    """Return the four digits of a code of the form 8000xxxx; None for any other code. That RC7 packs its
+    codes in this form is only a guess."""
     guessed = code >> 16 << 16 == _GUESSED_RC7_FORM and is_rc7_code(code)
     return f"{code & 0xFFFF:04X}" if guessed else None
 
@@ -147,7 +148,7 @@ def is_success(code: int) -> bool:
 
 
 def is_known_code(code: int) -> bool:
-    """Return whether a table has this code, or a family or range of codes that contains it."""
+    """Return whether a table has this code, or a family or range of codes that contains the code."""
     return describe_hresult(code).meaning.id not in _UNLISTED
 
 
@@ -294,4 +295,4 @@ _KNOWN = _build_table()
 _RC7 = _build_rc7_table()
 
 CODE_BY_NAME = {row["name"]: int(row["code"], 16) for row in _ROWS if row["name"]}
-"""Result codes that have a symbol, by symbol."""
+"""Result codes by their symbol; codes without a symbol are left out."""

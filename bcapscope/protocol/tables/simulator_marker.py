@@ -1,8 +1,8 @@
 """The variable by which bcapscope's simulator identifies itself.
 
-An address does not prove that a controller is simulated: behind a loopback address may be a proxy to a real
-robot. A real controller refuses to open an unknown variable (ShoheiKobata/orin_bcap_python_samples lists the
-variables of RC8).
+An address does not prove that a controller is simulated: a proxy to a real robot may listen on a loopback
+address. A real controller refuses to open an unknown variable (ShoheiKobata/orin_bcap_python_samples lists
+the variables of RC8).
 """
 
 from __future__ import annotations
