@@ -233,7 +233,8 @@ def test_the_host_is_typed_to_let_a_robot_move(tmp_path: Path, typed: str, code:
         terminal = Terminal("play", str(file), "127.0.0.1", "-p", str(server.port), "--mode", "async")
         terminal.until("Type 127.0.0.1 to confirm that this robot may move: ")
         terminal.press(f"{typed}\n")
-        terminal.until({0: "played to the end", 10: "not played", 130: "was requested"}[code])
+        if code != 130:  # a second Ctrl-C may end the command before it prints why
+            terminal.until("not played" if code else "played to the end")
         assert terminal.close() == code
         (peer,) = server.peers.values()
     moved = [call for call in peer.executed if "slvMove" in call]
