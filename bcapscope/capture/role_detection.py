@@ -49,7 +49,8 @@ def direction_evidence(item: Frame | Malformed) -> tuple[Direction, str] | None:
 
 
 def _arguments_fit(frame: Frame) -> bool:
-    """Return whether a frame's arguments fit its function and show that it is not an S_FALSE reply."""
+    """Return whether a frame must be a request: its arguments fit its function, and rule out a reply with
+    S_FALSE."""
     params = FUNCTIONS[frame.code].params
     arguments = frame.arguments
     if len(arguments) != len(params) or (frame.code == S_FALSE and not arguments):

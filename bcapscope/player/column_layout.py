@@ -297,7 +297,8 @@ def _layout_as_given(options: ReadOptions, titles: Sequence[str], count: int) ->
 
 
 def _named_axis_count(kind: PoseType, columns: Mapping[str, int]) -> int:
-    """Return the number of axes of a pose type that the user named without a gap; 0 if these are too few."""
+    """Return how many axes of a pose type the user named, up to the first axis that is missing; 0 if the pose
+    type needs more."""
     count = len(list(takewhile(lambda axis: axis.name in columns, AXES[kind])))
     return count if count >= MIN_COLUMNS[kind] else 0
 

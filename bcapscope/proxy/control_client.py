@@ -48,7 +48,7 @@ class ControlClient:
     """A control connection to a proxy. It opens at the first request, and again after a failure."""
 
     def __init__(self, address: str) -> None:
-        """Set the address that was given to the proxy with ``--control``."""
+        """Store the address on which the proxy listens for control requests (its option ``--control``)."""
         self._address = address
         self._socket: socket.socket | None = None
 

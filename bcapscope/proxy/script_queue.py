@@ -108,7 +108,7 @@ class PendingOrder:
     token: UndecidedMessage | None = None
 
     def __str__(self) -> str:
-        """Return the name of the hook, and the call in the message that the hook received."""
+        """Return the name of the hook with the b-CAP function in the message that the hook received."""
         names = [call_name(each.code, each.variants) for each in self.message.frames] if self.message else []
         if self.hook != "request" or not names:
             return self.hook

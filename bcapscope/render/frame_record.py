@@ -1,6 +1,6 @@
 """Frames as JSON, one object per frame.
 
-Frames of one layout share a template: bytes with places for the numbers of each frame. Text from the wire
+Frames of one layout share a template: bytes with slots for the numbers of each frame. Text from the wire
 always passes a JSON encoder.
 """
 

@@ -48,7 +48,7 @@ class DiagnosisRule:
 
 
 class RobotImpact(IntEnum):
-    """Effect of a problem on the motion of the robot, the gravest first."""
+    """How a problem affects the motion of the robot. The gravest effect comes first."""
 
     STOPPED = 0
     """The problem ended slave mode or a motion."""

@@ -9,8 +9,8 @@ from bcapscope.analysis.slave.set_point_table import SetPointTable
 from bcapscope.analysis.statistics.distribution import Floats
 
 MAX_LISTED = 64
-"""Maximum number of entries in each list of notable set points: the first ones, unless the list says
-otherwise."""
+"""Maximum number of entries in each list of notable set points. A list keeps the first ones, unless its
+description says otherwise."""
 
 
 class SetPointFact(NamedTuple):

@@ -97,9 +97,9 @@ class SetPointBatch:
     Attributes:
         row_data: The `SetPointRow` of each set point, as 64-bit integers.
         irregular: Index and call of each set point that was retried, was not answered with S_OK, or has a
-            frame of another size.
-        other_attempts: Number of attempts of the client's other calls that were captured just before a set
-            point, by its index.
+            frame whose size differs from the others.
+        other_attempts: Maps the index of a set point to a number: how many attempts of the client's other
+            calls were captured just before it.
     """
 
     def __init__(self) -> None:
