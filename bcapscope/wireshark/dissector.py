@@ -1,0 +1,25 @@
+"""Write the Wireshark dissector: the Lua parts in `lua`, after the tables of the protocol."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+from bcapscope import __version__
+from bcapscope.wireshark.lua_tables import dissector_tables
+
+PARTS = ("inflate", "decoder", "splitter", "dissector")
+"""The fixed parts of the dissector, in order. Each part uses the names of the earlier parts."""
+
+_HEAD = """\
+-- DENSO b-CAP for Wireshark 3.6 and newer, Lua 5.2 to 5.4.
+--
+-- Written by bcapscope {version} from its tables of the protocol (`bcapscope wireshark --install`).
+-- License: GPL-2.0-or-later.
+"""
+
+
+def dissector_text() -> str:
+    """Return the dissector as one Lua file."""
+    folder = files(__package__) / "lua"
+    parts = [(folder / f"{part}.lua").read_text(encoding="utf-8") for part in PARTS]
+    return "\n".join((_HEAD.format(version=__version__), dissector_tables(parts), *parts))
