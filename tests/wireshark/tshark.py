@@ -41,7 +41,8 @@ def tshark(script: Path, capture: Path, *options: str) -> str:
     argv = ["tshark", "-X", f"lua_script:{script}", "-r", str(capture), *options]
     done = subprocess.run(argv, capture_output=True, check=False)
     text = done.stdout.decode()
-    assert "Lua Error" not in text + done.stderr.decode(), text[text.find("Lua Error") :][:500]
+    assert "Lua Error" not in text, text[text.find("Lua Error") :][:500]
+    assert "Lua" not in done.stderr.decode(), done.stderr.decode()
     return text
 
 

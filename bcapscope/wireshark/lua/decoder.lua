@@ -1,34 +1,34 @@
 -- Decode the bytes of one frame, with the rules and the limits of `bcapscope decode`.
 --
 -- This part uses nothing of Wireshark. All offsets count from 0.
+--
+-- Exports: u16, u32, message, counted, type_name, string_text, has_compressed_header, brief_frame, decode_frame
 
-local byte, sub, floor = string.byte, string.sub, math.floor
-
-local function u16(raw, at)
+function u16(raw, at)
     local a, b = byte(raw, at + 1, at + 2)
     return a + b * 256
 end
 
-local function u32(raw, at)
+function u32(raw, at)
     local a, b, c, d = byte(raw, at + 1, at + 4)
     return a + b * 256 + c * 65536 + d * 16777216
 end
 
 -- Return a text of `TEXTS` with its places filled in.
-local function message(id, places)
+function message(id, places)
     return (TEXTS[id]:gsub("{(%w+)[^}]*}", function(name)
         local value = places[name]
         return type(value) == "number" and ("%d"):format(value) or value
     end))
 end
 
-local function counted(count, unit)
+function counted(count, unit)
     return (COUNTS[unit][count == 1 and 1 or 2]:gsub("{n}", ("%d"):format(count)))
 end
 
 local function is_array_type(vt) return floor(vt / ARRAY) % 2 == 1 end
 
-local function type_name(vt)
+function type_name(vt)
     local base = is_array_type(vt) and vt - ARRAY or vt
     local name = TYPE_NAMES[base] or ("VT_0x%04X"):format(base)
     return base == vt and name or name .. "|VT_ARRAY"
@@ -156,7 +156,7 @@ local function read_string(reader)
     return { at = at, size = stop - start }
 end
 
-local function string_text(raw, place)
+function string_text(raw, place)
     return decode_utf16(sub(raw, place.at + 5, place.at + 4 + place.size))
 end
 
@@ -308,7 +308,7 @@ local function read_tail(frame, reader)
     end
 end
 
-local function has_compressed_header(raw, at)
+function has_compressed_header(raw, at)
     local method, flags = byte(raw, at + 14, at + 15)
     return u16(raw, at + 7) == 1 and method < 128 and method % 16 == 8 and (method * 256 + flags) % 31 == 0
 end
@@ -374,7 +374,7 @@ local function learn_shape(frame)
 end
 
 -- Return what the bytes of a frame hold. `raw` has at least `HEADER_SIZE` bytes.
-local function decode_frame(raw)
+function decode_frame(raw)
     local size, length = #raw, u32(raw, 1)
     local frame = { raw = raw, body = raw, framing = "plain", length = length, serial = u16(raw, 5),
         reserved = u16(raw, 7), code = u32(raw, 9) }
@@ -412,14 +412,14 @@ local function decode_frame(raw)
 end
 
 -- Return header and command of a frame, without its arguments. The next call overwrites the table.
-local function brief_frame(raw)
+function brief_frame(raw)
     local size = #raw
     local shapes = shapes_by_size[size]
     local command
     if shapes then command = shapes[sub(raw, 10, shapes.stop)] end
     if command == nil then return nil end
-    local _, l1, l2, l3, l4, s1, s2, r1, r2, c1, c2, c3, c4 = byte(raw, 1, 13)
-    if byte(raw, size) ~= EOT or l1 + l2 * 256 + l3 * 65536 + l4 * 16777216 ~= size then return nil end
+    local soh, l1, l2, l3, l4, s1, s2, r1, r2, c1, c2, c3, c4 = byte(raw, 1, 13)
+    if soh ~= SOH or byte(raw, size) ~= EOT or l1 + l2 * 256 + l3 * 65536 + l4 * 16777216 ~= size then return nil end
     brief.raw, brief.serial, brief.reserved = raw, s1 + s2 * 256, r1 + r2 * 256
     brief.code, brief.command = c1 + c2 * 256 + c3 * 65536 + c4 * 16777216, command or nil
     return brief

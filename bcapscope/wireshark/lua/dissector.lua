@@ -3,6 +3,9 @@
 local bcap = Proto("bcap", "DENSO b-CAP")
 bcap.prefs.ports = Pref.range("Ports", DEFAULT_PORT, "UDP and TCP ports of controllers", 65535)
 
+-- Limits of what is kept, whatever the traffic
+local MAX_KNOWN, MAX_FLOWS = 4096, 65536
+
 local OFFSET_UNIT = 0x100000000
 
 local field_list = {}
@@ -70,12 +73,13 @@ end
 
 -- Results
 
-local known_results = {}
+local known_results, known_result_count = {}, 0
 
 -- Return the name of a result code, and its meaning.
 local function describe_result(code)
     local known = RESULTS[code] or known_results[code]
     if known then return known[1], known[2] end
+    if known_result_count >= MAX_KNOWN then known_results, known_result_count = {}, 0 end
     local name, high, low = ("0x%08X"):format(code), floor(code / 65536), code % 65536
     local text
     for _, range in ipairs(RESULT_RANGES) do
@@ -101,15 +105,16 @@ local function describe_result(code)
         local is_failure = code >= 0x80000000 or code >= 0x1000 and code <= 0xFFFF
         text = TEXTS[is_failure and "hresult.failure" or "hresult.success"]
     end
-    known_results[code] = { name, text }
+    known_results[code], known_result_count = { name, text }, known_result_count + 1
     return name, text
 end
 
 -- Kinds of calls: function and command, one table each
 
-local kinds = {}
+local kinds, kind_count = {}, 0
 
 local function call_kind(function_code, command)
+    if kind_count >= MAX_KNOWN then kinds, kind_count = {}, 0 end
     local of_function = kinds[function_code]
     if not of_function then
         of_function = {}
@@ -132,35 +137,34 @@ local function call_kind(function_code, command)
         kind.command = count > LONGEST_NAME and table.concat(codes) .. "…" or command
         kind.label = name .. " " .. printable(kind.command)
     end
-    of_function[key] = kind
+    of_function[key], kind_count = kind, kind_count + 1
     return kind
 end
 
 -- Conversations: which end is the controller, and the latest requests by serial
 
 local ports = {}
-local flows, requests_by_key, answered_by_key, latest_by_key = {}, {}, {}, {}
+local flows, flow_count = {}, 0
 
-local function new_requests() return { latest = {}, earlier = {}, count = 0 } end
+local function new_conversation(pinfo, source, target)
+    local conversation = { latest = {}, earlier = {}, count = 0, queues = {}, is_tcp = pinfo.port_type == 2 }
+    local to_port, from_port = ports[pinfo.dst_port], ports[pinfo.src_port]
+    conversation.client = from_port and not to_port and target or source
+    conversation.is_guess = not to_port == not from_port
+    return conversation
+end
 
 local function flow_of(pinfo)
     local source, target = tostring(pinfo.src) .. " " .. pinfo.src_port, tostring(pinfo.dst) .. " " .. pinfo.dst_port
     local key = source .. " " .. target .. " " .. pinfo.port_type
     local flow = flows[key]
     if flow then return flow end
-    local conversation = { requests = new_requests(), queues = {}, is_tcp = pinfo.port_type == 2 }
-    local to_port, from_port = ports[pinfo.dst_port], ports[pinfo.src_port]
-    if to_port and not from_port then
-        conversation.client = source
-    elseif from_port and not to_port then
-        conversation.client = target
-    else
-        conversation.client, conversation.is_guess = source, true
-    end
-    flow = { source = source, conversation = conversation }
-    flows[key] = flow
-    flows[target .. " " .. source .. " " .. pinfo.port_type] = { source = target, other = source, conversation = conversation }
-    flow.other = target
+    if flow_count >= MAX_FLOWS then flows, flow_count = {}, 0 end
+    local conversation = new_conversation(pinfo, source, target)
+    flow = { source = source, target = target, conversation = conversation }
+    flows[target .. " " .. source .. " " .. pinfo.port_type] =
+        { source = target, target = source, conversation = conversation }
+    flows[key], flow_count = flow, flow_count + 2
     return flow
 end
 
@@ -179,25 +183,35 @@ local function check_direction(flow, frame)
     local conversation = flow.conversation
     if #frame.problems > 0 then return end
     if frame.code == 0 or frame.code == S_EXECUTING or frame.code >= 0x80000000 then
-        conversation.client, conversation.is_guess = flow.other, false
+        conversation.client, conversation.is_guess = flow.target, false
     elseif arguments_fit(frame) then
         conversation.client, conversation.is_guess = flow.source, false
     end
 end
 
-local function remember_request(requests, attempt)
+-- What is known of each frame, by its key. Plain values take a tenth of the memory of a table per frame.
+local is_request_by_key, kind_by_key, peer_by_key, request_time_by_key, first_by_key
+
+local function forget_frames()
+    flows, flow_count = {}, 0
+    is_request_by_key, kind_by_key, peer_by_key, request_time_by_key, first_by_key = {}, {}, {}, {}, {}
+end
+
+local function remember_request(conversation, attempt)
     local serial = attempt.serial
-    if not requests.latest[serial] then requests.count = requests.count + 1 end
-    requests.latest[serial] = attempt
-    if requests.count >= MAX_SERIALS then
-        for _, forgotten in pairs(requests.earlier) do forgotten.raw = nil end
-        requests.earlier, requests.latest, requests.count = requests.latest, {}, 0
+    if not conversation.latest[serial] then conversation.count = conversation.count + 1 end
+    conversation.latest[serial] = attempt
+    if conversation.count >= MAX_SERIALS then
+        conversation.earlier, conversation.latest, conversation.count = conversation.latest, {}, 0
     end
 end
 
+local function latest_attempt(conversation, serial)
+    return conversation.latest[serial] or conversation.earlier[serial]
+end
+
 local function has_same_content(attempt, frame)
-    local raw = attempt.raw
-    return raw and #raw == #frame.raw and sub(raw, 10) == sub(frame.raw, 10)
+    return #attempt.raw == #frame.raw and sub(attempt.raw, 10) == sub(frame.raw, 10)
 end
 
 local function queue_reused_serial(conversation, prior)
@@ -207,69 +221,59 @@ local function queue_reused_serial(conversation, prior)
     conversation.queues[prior.serial] = queue
 end
 
-local function add_request(conversation, frame, number, time)
-    local requests, serial, reserved = conversation.requests, frame.serial, frame.reserved
-    local prior = requests.latest[serial] or requests.earlier[serial]
-    local attempt = { number = number, time = time, serial = serial, raw = frame.raw,
+local function add_request(conversation, frame, pinfo, key)
+    local serial, reserved, time = frame.serial, frame.reserved, pinfo.rel_ts
+    local prior, first = latest_attempt(conversation, serial), nil
+    local attempt = { key = key, number = pinfo.number, time = time, serial = serial, raw = frame.raw,
         kind = call_kind(frame.code, frame.command) }
+    is_request_by_key[key], kind_by_key[key], request_time_by_key[key] = true, attempt.kind, time
     if conversation.is_tcp then
-        if prior and not prior.reply then queue_reused_serial(conversation, prior) end
+        if prior and not prior.is_answered then queue_reused_serial(conversation, prior) end
     elseif prior and prior.raw == frame.raw and time - prior.time <= COPIES_WITHIN then
-        attempt.first = prior.first -- a copy, not an attempt: replies and retries belong to the original
-        requests.latest[serial] = prior
-        return attempt
+        first_by_key[key] = first_by_key[prior.key]
+        conversation.latest[serial] = prior -- a copy, not an attempt: replies and retries belong to the original
+        return
     elseif reserved ~= 0 and reserved ~= serial then
-        local origin = requests.latest[reserved] or requests.earlier[reserved]
+        local origin = latest_attempt(conversation, reserved)
         if origin and has_same_content(origin, frame) and time - origin.time <= RETRY_WITHIN then
-            attempt.first = origin.first or origin
+            first = first_by_key[origin.key] or { number = origin.number, serial = origin.serial }
         end
     end
-    remember_request(requests, attempt)
-    return attempt
+    first_by_key[key] = first
+    remember_request(conversation, attempt)
 end
 
--- Return the attempt that a reply answers, and the attempt that names the function of the reply.
-local function add_reply(conversation, frame, number)
-    local requests, serial = conversation.requests, frame.serial
-    local latest = requests.latest[serial] or requests.earlier[serial]
-    if not latest then return nil end
-    local answered, queue = latest, conversation.queues[serial]
+-- Link a reply to the attempt that it answers. The latest request with the serial names the function, as in
+-- `bcapscope decode`; over TCP, where replies arrive in order, the oldest one that waits is answered.
+local function add_reply(conversation, frame, pinfo, key)
+    local latest = latest_attempt(conversation, frame.serial)
+    is_request_by_key[key] = false
+    if not latest then return end
+    local answered, queue, is_notice = latest, conversation.queues[frame.serial], frame.code == S_EXECUTING
     if queue and queue[1] then
         answered = queue[1]
-        if frame.code ~= S_EXECUTING then table.remove(queue, 1) end
+        if not is_notice then table.remove(queue, 1) end
     end
-    if frame.code == S_EXECUTING then
-        answered.notice = answered.notice or number
-    else
-        answered.reply = answered.reply or number
+    kind_by_key[key], peer_by_key[key], request_time_by_key[key] = latest.kind, answered.number, answered.time
+    if not answered.is_answered and not (is_notice and peer_by_key[answered.key]) then
+        peer_by_key[answered.key] = pinfo.number
     end
-    return answered, latest
+    answered.is_answered = answered.is_answered or not is_notice
 end
 
--- Link a frame when Wireshark reads it first, in the order of the capture.
-local function link_frame(pinfo, frame, key)
-    local flow = flow_of(pinfo)
-    local conversation = flow.conversation
-    if conversation.is_guess then check_direction(flow, decode_frame(frame.raw)) end
-    if conversation.client == flow.source then
-        requests_by_key[key] = add_request(conversation, frame, pinfo.number, pinfo.rel_ts)
-        return
-    end
-    local answered, latest = add_reply(conversation, frame, pinfo.number)
-    answered_by_key[key] = answered or false
-    if answered ~= latest then latest_by_key[key] = latest end
-end
-
--- Return the links of a frame: `attempt` of a request; of a reply, `answered` and the kind of its call.
+-- Return the links of a frame; the next call overwrites the table. A frame is linked when Wireshark reads it
+-- first, in the order of the capture.
 local links = {}
 local function links_of(pinfo, frame, key)
-    local attempt, answered = requests_by_key[key], answered_by_key[key]
-    if attempt == nil and answered == nil then
-        link_frame(pinfo, frame, key)
-        attempt, answered = requests_by_key[key], answered_by_key[key]
+    if is_request_by_key[key] == nil then
+        local flow = flow_of(pinfo)
+        local conversation = flow.conversation
+        if conversation.is_guess then check_direction(flow, decode_frame(frame.raw)) end
+        local add = conversation.client == flow.source and add_request or add_reply
+        add(conversation, frame, pinfo, key)
     end
-    local named = attempt or latest_by_key[key] or answered
-    links.attempt, links.answered, links.kind = attempt, answered, named and named.kind
+    links.is_request, links.kind, links.peer = is_request_by_key[key], kind_by_key[key], peer_by_key[key]
+    links.request_time, links.first = request_time_by_key[key], first_by_key[key]
     return links
 end
 
@@ -349,7 +353,7 @@ end
 
 local function add_slave_mode(tree, tvb, offset, links, node)
     local command = links.kind.command
-    if not (links.attempt and node and command and command:lower() == "slvchangemode") then return end
+    if not (links.is_request and node and command and command:lower() == "slvchangemode") then return end
     local numbers = node.numbers
     if numbers and numbers.count > 0 and (node.base == 2 or node.base == 3) then
         local range = tvb(offset + numbers.at, WIDTHS[node.base])
@@ -369,14 +373,12 @@ local function add_problems(tree, tvb, offset, size, problems)
 end
 
 local function add_links(tree, pinfo, links)
-    local attempt, answered = links.attempt, links.answered
-    if attempt then
-        local reply = attempt.reply or attempt.notice
-        if attempt.first then tree:add(retry_of_field, attempt.first.number):set_generated() end
-        if reply then tree:add(response_in_field, reply):set_generated() end
-    elseif answered then
-        tree:add(response_to_field, answered.number):set_generated()
-        local seconds = pinfo.rel_ts - answered.time
+    if links.is_request then
+        if links.first then tree:add(retry_of_field, links.first.number):set_generated() end
+        if links.peer then tree:add(response_in_field, links.peer):set_generated() end
+    elseif links.peer then
+        tree:add(response_to_field, links.peer):set_generated()
+        local seconds = pinfo.rel_ts - links.request_time
         local whole = floor(seconds)
         tree:add(rtt_field, NSTime.new(whole, floor((seconds - whole) * 1e9 + 0.5))):set_generated()
     end
@@ -384,7 +386,7 @@ end
 
 local function add_call(tree, tvb, offset, frame, links)
     local kind, code_range = links.kind, tvb(offset + 9, 4)
-    if links.attempt then
+    if links.is_request then
         tree:add_le(function_id_field, code_range)
         tree:add(function_field, code_range, kind.name):set_generated()
     else
@@ -398,7 +400,7 @@ local function add_call(tree, tvb, offset, frame, links)
         end
     end
     if kind and kind.command then
-        local node = links.attempt and frame.arguments[2]
+        local node = links.is_request and frame.arguments[2]
         local range = node and tvb(offset + node.text.at + 4, node.text.size)
         local item = range and tree:add(command_field, range, kind.command) or tree:add(command_field, kind.command)
         item:set_generated()
@@ -409,7 +411,7 @@ end
 local function add_frame(tree, pinfo, tvb, offset, frame, links, summary)
     local size = #frame.raw
     local item = tree:add(bcap, tvb(offset, size), "DENSO b-CAP, " .. summary)
-    item:add(kind_field, tvb(offset, size), links.attempt and "request" or "response"):set_generated()
+    item:add(kind_field, tvb(offset, size), links.is_request and "request" or "response"):set_generated()
     item:add_le(length_field, tvb(offset + 1, 4))
     item:add_le(serial_field, tvb(offset + 5, 2))
     item:add_le(reserved_field, tvb(offset + 7, 2))
@@ -420,7 +422,7 @@ local function add_frame(tree, pinfo, tvb, offset, frame, links, summary)
     add_call(item, body_tvb, body_offset, frame, links)
     item:add_le(argc_field, body_tvb(body_offset + 13, 2))
     for index, node in ipairs(frame.arguments) do
-        add_argument(item, body_tvb, body_offset, frame, node, argument_name(links.kind, links.attempt, index))
+        add_argument(item, body_tvb, body_offset, frame, node, argument_name(links.kind, links.is_request, index))
     end
     if frame.framing ~= "plain" then item:add(framing_field, frame.framing):set_generated() end
     add_links(item, pinfo, links)
@@ -431,13 +433,13 @@ end
 
 local function frame_summary(frame, links)
     local label, text = links.kind and links.kind.label
-    local attempt = links.attempt
-    if not attempt then
-        text = ("Reply %d %s%s"):format(frame.serial, (describe_result(frame.code)), label and " to " .. label or "")
-    elseif attempt.first then
-        text = ("Retry %d of %d %s"):format(frame.serial, attempt.first.serial, label)
+    if not links.is_request then
+        text = "Reply " .. frame.serial .. " " .. describe_result(frame.code)
+        if label then text = text .. " to " .. label end
+    elseif links.first then
+        text = "Retry " .. frame.serial .. " of " .. links.first.serial .. " " .. label
     else
-        text = ("Request %d %s"):format(frame.serial, label)
+        text = "Request " .. frame.serial .. " " .. label
     end
     if #frame.problems > 0 then text = text .. " !! " .. frame.problems[1].reason end
     return text
@@ -500,6 +502,12 @@ local function no_notes() return NO_NOTES end
 local function dissect_datagram(tvb, pinfo, tree)
     local size, reported = tvb:len(), tvb:reported_len()
     local raw = tvb:raw(0, size)
+    pinfo.cols.protocol = "b-CAP"
+    local frame = reported == size and not is_tree_wanted(tree) and brief_frame(raw)
+    if frame then -- nearly all datagrams, in the packet list
+        pinfo.cols.info = frame_summary(frame, links_of(pinfo, frame, pinfo.number))
+        return size
+    end
     local pieces = split_datagram(raw)
     local notes_of = no_notes
     if reported > size then
@@ -515,7 +523,6 @@ local function dissect_datagram(tvb, pinfo, tree)
                 reason = message("problem.length.datagram", { claimed = piece.size, present = size }) } }
         end
     end
-    pinfo.cols.protocol = "b-CAP"
     pinfo.cols.info = dissect_pieces(tvb, raw, pieces, pinfo, tree, pinfo.number, notes_of)
     return size
 end
@@ -527,6 +534,8 @@ local function dissect_stream(tvb, pinfo, tree)
     if rest < #raw and pinfo.can_desegment > 0 then
         pinfo.desegment_offset = rest
         pinfo.desegment_len = DESEGMENT_ONE_MORE_SEGMENT
+    elseif rest < #raw then
+        pieces[#pieces + 1] = stream_piece(raw, rest, #raw - rest)
     end
     if #pieces == 0 then return tvb:len() end
     pinfo.cols.protocol = "b-CAP"
@@ -583,12 +592,13 @@ local function register_ports()
 end
 
 function bcap.init()
-    flows, requests_by_key, answered_by_key, latest_by_key = {}, {}, {}, {}
+    forget_frames()
     register_ports()
 end
 
 function bcap.prefs_changed() register_ports() end
 
+forget_frames()
 register_ports()
 bcap:register_heuristic("udp", recognise)
 bcap:register_heuristic("tcp", recognise)

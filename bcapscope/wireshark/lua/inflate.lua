@@ -2,6 +2,8 @@
 --
 -- Wireshark's own functions differ between versions, and do not show whether the data ended early. This part
 -- uses no bit operators, which Lua 5.2 lacks.
+--
+-- Exports: inflate
 
 local LENGTH_BASES = { 3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 15, 17, 19, 23, 27, 31, 35, 43, 51, 59, 67, 83, 99, 115,
     131, 163, 195, 227, 258 }
@@ -172,7 +174,7 @@ end
 
 -- Return the unpacked data, whether it is whole, and whether bytes follow it; nil if `data` is not zlib.
 -- The unpacked data has at most `limit` bytes.
-local function inflate(data, limit)
+function inflate(data, limit)
     local z = { data = data, pos = 3, bits = 0, held = 0, out = {}, limit = limit }
     local header = string.byte(data, 1) * 256 + (string.byte(data, 2) or 0)
     if #data < 2 or header % 31 ~= 0 or math.floor(header / 32) % 2 == 1 then return nil end

@@ -1,8 +1,10 @@
 -- Find the frames in a datagram or in a part of a TCP stream, with the rules of `bcapscope decode`.
 --
 -- Each function returns pieces: offset, size, and whether the piece is a frame.
+--
+-- Exports: assess_header, stream_piece, split_datagram, split_stream
 
-local function split_datagram(raw)
+function split_datagram(raw)
     local pieces, pos, size = {}, 0, #raw
     while true do
         local length = size - pos >= 5 and u32(raw, pos + 1) or 0
@@ -31,7 +33,7 @@ local function walk_arguments(raw, pos, stop, argc)
 end
 
 -- Return how certain it is that a frame begins at `pos`, and the length of this frame.
-local function assess_header(raw, pos, is_synchronized)
+function assess_header(raw, pos, is_synchronized)
     if #raw - pos < HEADER_SIZE then return "incomplete", 0 end
     local length, argc = u32(raw, pos + 1), u16(raw, pos + 13)
     local largest = is_synchronized and LARGEST_FRAME or LARGEST_UNCONFIRMED
@@ -72,8 +74,12 @@ local function next_frame(raw, pos)
     end
 end
 
+function stream_piece(raw, at, size)
+    return { at = at, size = size, is_in_stream = true, is_frame = byte(raw, at + 1) == SOH and size >= HEADER_SIZE }
+end
+
 -- Return the pieces that are complete, and the offset of the first byte that needs more bytes.
-local function split_stream(raw)
+function split_stream(raw)
     local pieces, pos = {}, 0
     while pos < #raw do
         local size
@@ -89,14 +95,10 @@ local function split_stream(raw)
         if not size then
             local stop = next_frame(raw, pos)
             if not stop then return pieces, pos end
-            if stop > pos then
-                size = stop - pos
-            else
-                return pieces, pos
-            end
+            if stop == pos then return pieces, pos end
+            size = stop - pos
         end
-        pieces[#pieces + 1] = { at = pos, size = size, is_in_stream = true,
-            is_frame = byte(raw, pos + 1) == SOH and size >= HEADER_SIZE }
+        pieces[#pieces + 1] = stream_piece(raw, pos, size)
         pos = pos + size
     end
     return pieces, pos
