@@ -50,10 +50,11 @@ def tcp_packets(
     return packets
 
 
-def write_capture(path: Path, packets: Iterable[bytes]) -> Path:
-    """Write packets to a pcap file, one per millisecond."""
+def write_capture(path: Path, packets: Iterable[bytes], kept: int = 262144) -> Path:
+    """Write packets to a pcap file, one per millisecond; of each packet, the first `kept` bytes."""
     records = [
-        struct.pack("<IIII", 1_700_000_000 + index // 1000, index % 1000 * 1000, len(data), len(data)) + data
+        struct.pack("<IIII", 1_700_000_000 + index // 1000, index % 1000 * 1000, len(data[:kept]), len(data))
+        + data[:kept]
         for index, data in enumerate(packets)
     ]
     path.write_bytes(struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 262144, 101) + b"".join(records))

@@ -9,14 +9,16 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
+from bcapscope.protocol.codec.variant import VT, Variant
 from tests import strategies
 from tests.cli.run import CAPTURES
 from tests.shared_folder import SHARED
+from tests.wireshark.compressed import compressed_frames
+from tests.wireshark.corpus import corpus
 from tests.wireshark.packets import tcp_packets, udp_packet, write_capture
 from tests.wireshark.tshark import Record, decoded, dissected, needs_tshark
 
@@ -28,26 +30,6 @@ _OTHER_GAPS = "tcp-gap.pcap"
 """Wireshark marks missing bytes of a stream itself, and does not show an unfinished frame before them."""
 
 _SHARED_CAPTURES = ("tcp.pcapng", "udp_clean.pcap", "udp_loss.pcapng")
-
-
-def _corpus(source: st.SearchStrategy[bytes], count: int) -> list[bytes]:
-    """Draw `count` examples, the same in every run."""
-    drawn: list[bytes] = []
-
-    @settings(
-        max_examples=count,
-        phases=[Phase.generate],
-        database=None,
-        derandomize=True,
-        deadline=None,
-        suppress_health_check=list(HealthCheck),
-    )
-    @given(source)
-    def draw(data: bytes) -> None:
-        drawn.append(data)
-
-    draw()
-    return drawn
 
 
 def _assert_equal(shown: Sequence[Record], expected: Sequence[Record], but: Sequence[str] = ()) -> None:
@@ -141,11 +123,34 @@ _SOURCES = st.one_of(strategies.frames(), strategies.mutated_frames(), strategie
 @pytest.mark.parametrize("count", [1500, pytest.param(10_000, marks=pytest.mark.deep)])
 @pytest.mark.timeout(1800)
 def test_generated_and_mutated_frames_agree(transport: str, count: int, script: Path, tmp_path: Path) -> None:
-    frames = [data for data in _corpus(_SOURCES, count) if len(data) < _LONGEST_UDP]
+    frames = [data for data in corpus(_SOURCES, count) if len(data) < _LONGEST_UDP]
     _AGREES[transport](frames, script, tmp_path / "frames.pcap")
 
 
 @pytest.mark.parametrize("transport", _AGREES)
 def test_streams_of_frames_and_garbage_agree(transport: str, script: Path, tmp_path: Path) -> None:
-    pieces = [data for data in _corpus(strategies.streams(), 500) if data]
+    pieces = [data for data in corpus(strategies.streams(), 500) if data]
     _AGREES[transport](pieces, script, tmp_path / "streams.pcap")
+
+
+@pytest.mark.parametrize("transport", _AGREES)
+def test_compressed_frames_agree(transport: str, script: Path, tmp_path: Path) -> None:
+    _AGREES[transport](list(compressed_frames(300)), script, tmp_path / "compressed.pcap")
+
+
+@pytest.mark.parametrize("kept", [29, 43, 60])
+def test_datagrams_that_the_capture_cut_agree(kept: int, script: Path, tmp_path: Path) -> None:
+    frames = [data for data in corpus(strategies.frames(), 100) if data]
+    packets = [udp_packet(index % 2 == 0, data) for index, data in enumerate(frames)]
+    capture = write_capture(tmp_path / "cut.pcap", packets, kept)
+    _assert_equal(dissected(script, capture), decoded(capture))
+
+
+def test_without_reassembly_unfinished_frames_are_shown_as_damaged(script: Path, tmp_path: Path) -> None:
+    frame = encode_frame(7, 0, 1, [Variant(VT.BSTR, "a" * 50)])
+    capture = write_capture(tmp_path / "a.pcap", tcp_packets(True, [frame[:40], frame[40:]], 40_000))
+    (whole,) = dissected(script, capture)
+    assert whole["problems"] == []
+    first, rest = dissected(script, capture, "-o", "tcp.desegment_tcp_streams:FALSE")
+    assert (first["function"], first["problems"][0]["code"]) == ("Service_Start", "length")
+    assert rest["kind"] == "malformed"

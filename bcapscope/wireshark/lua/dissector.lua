@@ -129,7 +129,7 @@ local function call_kind(function_code, command)
         result = RESULT_NAMES[function_code] }
     if command then
         local codes, count = {}, 0
-        for char in command:gmatch("[%z\1-\127\194-\244][\128-\191]*") do
+        for char in command:gmatch("[\0-\127\194-\244][\128-\191]*") do
             count = count + 1
             if count > LONGEST_NAME then break end
             codes[count] = char
