@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -101,3 +102,22 @@ def test_the_coloring_rules_apply(script: Path, tmp_path: Path, monkeypatch: pyt
     options = ("--color", "-T", "fields", "-e", "frame.coloring_rule.name")
     names = {*tshark(script, CAPTURES / "slave-mode-lost.pcapng", *options).split("\n")}
     assert {"b-CAP failed", "b-CAP reply", "b-CAP request"} <= names
+
+
+PAGE = (CAPTURES.parent / "docs" / "wireshark.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("display_filter", re.findall(r"(?m)^\| Show [^|]* \| `([^`]*)` \|$", PAGE))
+def test_the_display_filters_of_the_page_find_packets(display_filter: str, script: Path) -> None:
+    names = ("slave-session.pcapng", "slave-mode-lost.pcapng", "retry-story.pcapng", "malformed.pcapng")
+    assert any(tshark(script, CAPTURES / name, "-Y", display_filter) for name in names)
+
+
+def test_the_page_shows_real_lines_and_fields(script: Path) -> None:
+    (lines,) = re.findall(r"(?ms)^```text\n(.*?)^```$", PAGE)
+    shown = {*_infos(script, CAPTURES / "retry-story.pcapng"), *_infos(script, CAPTURES / "malformed.pcapng")}
+    assert set(lines.splitlines()) <= shown
+    fields = {name for name in re.findall(r"`(bcap\.[a-z0-9_.]+)`", PAGE) if name != "bcap.ports"}
+    assert len(fields) > 20
+    condition = " || ".join(sorted(fields))
+    assert tshark(script, CAPTURES / "exchanges.pcap", "-Y", condition)
