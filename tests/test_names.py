@@ -15,6 +15,7 @@ SAME_MEANING = {
     "simulator": "the room and the module of the class Simulator",
     "slave": "the command, and the room of what it shows",
     "tui": "the command and the room",
+    "wireshark": "the command and the room",
     "variant": "the module, and its former place, which warns whoever imports it",
 }
 """Base names of modules that may occur twice, and why."""

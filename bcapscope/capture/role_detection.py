@@ -17,7 +17,7 @@ from bcapscope.traffic.observation import Direction
 BCAP_PORTS = frozenset({5007})
 """Ports on which controllers listen, UDP and TCP (orin_bcap C/include/bcap_common.h)."""
 
-_SENT_TYPES: dict[str, tuple[int, ...]] = {
+SENT_TYPES: dict[str, tuple[int, ...]] = {
     "VT_I4": (VT.I4, VT.UI4, VT.I2),
     "VT_R4": (VT.R4, VT.R8),
     "VT_BSTR": (VT.BSTR,),
@@ -56,7 +56,7 @@ def _arguments_fit(frame: Frame) -> bool:
     if len(arguments) != len(params) or (frame.code == S_FALSE and not arguments):
         return False
     return all(
-        param.type == "VARIANT" or argument.variant.vt in _SENT_TYPES[param.type]
+        param.type == "VARIANT" or argument.variant.vt in SENT_TYPES[param.type]
         for param, argument in zip(params, arguments, strict=True)
     )
 

@@ -38,6 +38,7 @@ _COMMANDS = {
     "tui": "Open the screen: test a controller, show live traffic or a capture.",
     "proxy": "Proxy: watch, record and disturb live traffic.",
     "sim": "Simulate a controller without a robot.",
+    "wireshark": "Install a b-CAP dissector for Wireshark.",
     "fields": "List the fields of --filter and explain its syntax.",
 }
 

@@ -18,6 +18,7 @@ from bcapscope.messages import MessageFormatter
 from bcapscope.messages.places import Count, FramePlace
 from bcapscope.render.call_record import CallPackets, CallRecordRenderer
 from bcapscope.render.call_text import CallRenderer, session_text
+from bcapscope.render.display_filter import display_filter_lines, packets_of
 from bcapscope.render.record_columns import CALL_COLUMNS, ColumnFormat, RecordColumn, parse_columns
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
@@ -41,6 +42,7 @@ _MAX_SESSIONS_LISTED = 8
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per call.")
 @click.option("--csv", "as_csv", is_flag=True, help="Print a CSV table with a header.")
+@options.display_filter_option("call")
 @columns_option(RecordKind.CALL)
 @wide_option
 @options.side
@@ -57,6 +59,7 @@ def command(
     tree: bool,
     as_json: bool,
     as_csv: bool,
+    display_filter: bool,
     columns: tuple[RecordColumn, ...] | None,
     wide: bool,
     side: CapturePlace | None,
@@ -79,6 +82,8 @@ def command(
         raise click.UsageError(f"{' and '.join(f'--{style}' for style in styles)} exclude each other")
     if columns is not None and tree:
         raise click.UsageError("--columns excludes --tree")
+    if display_filter:
+        _check_display_filter(as_json or as_csv or columns is not None, interface)
     if as_csv and columns is None:
         columns = parse_columns(",".join(CALL_COLUMNS), RecordKind.CALL)
     reading = CaptureReader(paths, ports, interface, words=words, side=side, taken_at=taken_at)
@@ -96,12 +101,37 @@ def command(
         renderer = CallRenderer(TimeFormat(clock), choose_palette(color), words=reading.citing_words())
         reading.on_first_time = renderer.set_time_origin
         lines = folded_lines(starmap(renderer.line, calls.all_items()), wide)
-        if tree:
-            lines = chain.from_iterable(starmap(renderer.tree, calls.all_items()))
+        if tree or display_filter:
+            lines = chain.from_iterable(
+                _call_lines(renderer, item, target, tree, calls.filter_lines(item) if display_filter else ())
+                for item, target in calls.all_items()
+            )
     reading.print_lines(lines)
     reading.print_summary()
     calls.print_summary(reading.citing_words())
     sys.exit(reading.exit_code)
+
+
+def _check_display_filter(is_data: bool, interface: str | None) -> None:
+    if is_data:
+        raise click.UsageError("--display-filter works with lines and --tree only")
+    if interface is not None:
+        raise click.UsageError("--display-filter needs captures: leave out -i")
+
+
+def _call_lines(
+    renderer: CallRenderer,
+    item: PairingResult,
+    target: TrackedObject | None,
+    tree: bool,
+    filter_lines: Iterable[str],
+) -> Iterator[str]:
+    if tree:
+        yield from renderer.tree(item, target)
+    else:
+        yield renderer.line(item, target)
+    for line in filter_lines:
+        yield f"       {line}"
 
 
 class _ShownCalls(PipelineSubscriber):
@@ -141,6 +171,13 @@ class _ShownCalls(PipelineSubscriber):
         for item, subject in self.all_items():
             if isinstance(item, Call):
                 yield item, subject
+
+    def filter_lines(self, item: PairingResult) -> Iterator[str]:
+        """Yield the Wireshark display filter for the packets of a call, one line per capture."""
+        reader = self._reader
+        return display_filter_lines(
+            map(reader.origin_of, packets_of(item)), len(reader.paths) > 1, reader.citing_words()
+        )
 
     def print_summary(self, words: MessageFormatter) -> None:
         """Print to stderr the numbers of stray replies and of packets that were captured twice, and the

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import count
 
 import click
@@ -18,6 +19,7 @@ from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.messages import Message, MessageFormatter
+from bcapscope.render.display_filter import display_filter_lines
 from bcapscope.render.findings import FindingsRenderer, finding_record
 from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
@@ -68,6 +70,7 @@ def _known_rules(
     type=_SEVERITY,
     help="Exit with 1 if a finding of this severity or a worse one is shown.",
 )
+@options.display_filter_option("finding")
 @options.filter_option(RecordKind.CALL)
 @options.color
 @options.language
@@ -82,6 +85,7 @@ def command(
     rules: frozenset[str],
     severities: tuple[str, ...],
     fail_on: str | None,
+    display_filter: bool,
     wanted: Filter | None,
     color: str,
     words: MessageFormatter,
@@ -102,10 +106,13 @@ def command(
     Exit codes: 0: everything was read, with or without findings; 1: everything was read, and a finding is as
     severe as --fail-on or worse; the others as for `decode`.
     """
+    if display_filter and (as_json or interface is not None):
+        raise click.UsageError("--display-filter needs captures, and no --json")
     reading = CaptureReader(paths, ports, interface, words=words, side=side, taken_at=taken_at)
     diagnosis = Diagnosis(call_test(wanted, reading))
     width = shutil.get_terminal_size((_PIPE_WIDTH, 24)).columns if sys.stdout.isatty() else _PIPE_WIDTH
-    renderer = FindingsRenderer(choose_palette(color), width, reading.citing_words())
+    filter_lines = partial(_filter_lines, reading) if display_filter else None
+    renderer = FindingsRenderer(choose_palette(color), width, reading.citing_words(), filter_lines)
 
     def is_shown(finding: Finding) -> bool:
         return finding.rule in (rules or (finding.rule,)) and finding.severity in (
@@ -127,6 +134,12 @@ def command(
         reading.print_lines(renderer.lines(findings, totals, is_shown))
     reading.print_summary()
     sys.exit(reading.exit_code or _findings_code(list(filter(is_shown, findings)), fail_on))
+
+
+def _filter_lines(reader: CaptureReader, finding: Finding) -> Iterator[str]:
+    """Yield the Wireshark display filter for the packets of a finding, one line per capture."""
+    origins = map(reader.frame_origins.origin_of, finding.frames)
+    return display_filter_lines(origins, len(reader.paths) > 1, reader.citing_words())
 
 
 def _read_live(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import orjson
 
@@ -28,10 +28,16 @@ class FindingsRenderer:
     """Writes findings as text, each consequence indented under its cause."""
 
     def __init__(
-        self, palette: Palette = PLAIN, width: int = 100, words: MessageFormatter = ENGLISH_WORDS
+        self,
+        palette: Palette = PLAIN,
+        width: int = 100,
+        words: MessageFormatter = ENGLISH_WORDS,
+        filter_lines: Callable[[Finding], Iterable[str]] | None = None,
     ) -> None:
+        """Create a renderer; `filter_lines` returns lines with display filters, which are never wrapped."""
         self._palette = palette
         self._words = words
+        self._filter_lines = filter_lines
         self._width = min(max(width, NARROWEST), WIDEST)
 
     def lines(
@@ -76,6 +82,9 @@ class FindingsRenderer:
         label = "frame" if len(finding.frames) == 1 else "frames"
         frames = words(f"finding.label.{label}", frames=frames_text(finding.frames, words, " "))
         yield from self._wrapped_lines(frames if finding.frames else "", inner, color.dim)
+        if self._filter_lines is not None and finding.frames:
+            for line in self._filter_lines(finding):
+                yield f"{inner}{color.dim}{line}{color.reset}"
         yield from self._wrapped_lines(
             words("finding.label.advice", advice=finding.advice), inner, color.good
         )

@@ -240,3 +240,12 @@ def limit_option(help_: str) -> Decorator:
     """Return the repeatable option ``--limit``, whose values `with_limits` parses."""
     examples = "may be repeated. Examples: J1=-170..170, J1..J3.speed=300, J1.acceleration=6000."
     return click.option("--limit", "limits", metavar="LIMIT", multiple=True, help=f"{help_}; {examples}")
+
+
+def display_filter_option(what: str) -> Decorator:
+    """Return the option ``--display-filter``; `what` names the things with a filter each."""
+    return click.option(
+        "--display-filter",
+        is_flag=True,
+        help=f"Below each {what}, show the Wireshark display filter that selects its packets.",
+    )

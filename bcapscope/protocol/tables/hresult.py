@@ -11,7 +11,7 @@ codes into 32 bits. 0000600B and 8000600B are both decoded as RC7's 600B and mar
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -178,6 +178,24 @@ def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
     if code & 0x80000000 and _has_level_digits(code):
         return _info_from_digits(code)
     return HresultInfo(code, None, Message("hresult.failure" if is_failure(code) else "hresult.success"))
+
+
+def listed_results() -> Iterable[HresultInfo]:
+    """Return the result codes with an entry of their own in the table."""
+    return _KNOWN.values()
+
+
+def result_ranges() -> list[tuple[int, int, str]]:
+    """Return the first code, the last code and the English meaning of each listed range of result codes.
+
+    In the meaning, ``{number}`` stands for the low 16 bits of a code.
+    """
+    return [(first, last, row["text"]) for first, last, row in _RANGES]
+
+
+def rc7_results() -> Mapping[int, HresultInfo]:
+    """Return the meanings of RC7's four-digit codes."""
+    return _RC7
 
 
 def _has_level_digits(code: int) -> bool:

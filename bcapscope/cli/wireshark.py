@@ -1,0 +1,79 @@
+"""``bcapscope wireshark``: install a b-CAP dissector for Wireshark."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+
+import click
+
+from bcapscope.cli.common import options
+from bcapscope.cli.common.data_output import echo
+from bcapscope.messages import MessageFormatter
+from bcapscope.render.escape import printable
+from bcapscope.wireshark import plugin_folder
+from bcapscope.wireshark.dissector import dissector_text
+
+
+class _Action(StrEnum):
+    INSTALL = "install"
+    PRINT = "print"
+    UNINSTALL = "uninstall"
+
+
+@click.command(short_help="Install a b-CAP dissector for Wireshark.")
+@click.option(
+    "--install",
+    "actions",
+    flag_value=_Action.INSTALL,
+    type=_Action,
+    multiple=True,
+    help="Install the dissector.",
+)
+@click.option(
+    "--print", "actions", flag_value=_Action.PRINT, type=_Action, multiple=True, help="Print the dissector."
+)
+@click.option(
+    "--uninstall",
+    "actions",
+    flag_value=_Action.UNINSTALL,
+    type=_Action,
+    multiple=True,
+    help="Remove what --install wrote.",
+)
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Plugin folder. By default, the folder of your own Lua plugins, which Wireshark lists under About > "
+    "Folders.",
+)
+@options.language
+def command(*, actions: tuple[_Action, ...], folder: Path | None, words: MessageFormatter) -> None:
+    """Install a dissector, with which Wireshark and tshark decode b-CAP as `decode` does.
+
+    bcapscope generates the dissector from its own tables. Run `--install` again after an update of bcapscope.
+    --install also writes coloring rules for the packet list, and prints how to import them.
+
+    docs/wireshark.md describes fields, links and display filters.
+
+    Exit codes: 0: done; 2: invalid command line; 6: a file could not be written or removed.
+    """
+    if len(set(actions)) != 1:
+        raise click.UsageError("choose one of --install, --print and --uninstall")
+    action = actions[0]
+    if action is _Action.PRINT:
+        if folder is not None:
+            raise click.UsageError("--folder has no effect with --print: leave it out")
+        echo(dissector_text(), end=False)
+        return
+    target = plugin_folder.default_plugin_folder() if folder is None else folder
+    if action is _Action.INSTALL:
+        dissector, coloring_rules = plugin_folder.install(target)
+        echo(printable(words("wireshark.installed", path=str(dissector))))
+        echo(printable(words("wireshark.coloring", path=str(coloring_rules))))
+        return
+    removed = plugin_folder.uninstall(target)
+    for path in removed:
+        echo(printable(words("wireshark.removed", path=str(path))))
+    if not removed:
+        echo(printable(words("wireshark.nothing", folder=str(target))))

@@ -1,0 +1,64 @@
+"""Wireshark display filters that show given packets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import groupby
+
+from bcapscope.capture.capture_sequence import STDIN, PacketOrigin
+from bcapscope.messages import MessageFormatter
+from bcapscope.render.escape import printable
+from bcapscope.traffic.call import Call, FrameObservation, StrayReply
+from bcapscope.traffic.joining.joined_observation import JoinedObservation
+
+
+def display_filter(packets: Iterable[int]) -> str:
+    """Return the display filter for packets, by their numbers in their capture.
+
+    >>> display_filter([4, 5, 6, 9])
+    'frame.number in {4..6, 9}'
+    """
+    numbers = sorted(set(packets))
+    runs = [
+        [number for _, number in run]
+        for _, run in groupby(enumerate(numbers), lambda each: each[1] - each[0])
+    ]
+    parts = [str(run[0]) if len(run) == 1 else f"{run[0]}..{run[-1]}" for run in runs]
+    return f"frame.number in {{{', '.join(parts)}}}"
+
+
+def packets_of(item: Call | StrayReply) -> list[int]:
+    """Return the packet number of each frame of a call, at every place where it was captured."""
+    frames = (
+        [item.observation] if isinstance(item, StrayReply) else [each.observation for each in item.frames]
+    )
+    return [sighting.packet for frame in frames for sighting in _sightings(frame)]
+
+
+def _sightings(frame: FrameObservation) -> Iterator[FrameObservation]:
+    if not isinstance(frame, JoinedObservation):
+        yield frame
+        return
+    for sighting in (frame.at_client, frame.at_controller):
+        if sighting is not None:
+            yield sighting
+
+
+def display_filter_lines(
+    found: Iterable[PacketOrigin | None], names_files: bool, words: MessageFormatter
+) -> Iterator[str]:
+    """Yield one line per capture with the display filter for its packets; nothing for unknown packets.
+
+    With `names_files`, each line names its capture.
+    """
+    by_name: dict[str, list[int]] = {}
+    for origin in found:
+        if origin is not None:
+            by_name.setdefault(origin.name, []).append(origin.packet)
+    for name, packets in by_name.items():
+        shown = display_filter(packets)
+        if names_files:
+            file = words("reading.stdin") if name == STDIN else printable(name)
+            yield words("display-filter.file", file=file, filter=shown)
+        else:
+            yield words("display-filter", filter=shown)

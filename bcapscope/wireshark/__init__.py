@@ -1,0 +1,1 @@
+"""Wireshark: a dissector and coloring rules that are generated from the tables of the protocol."""

@@ -1,0 +1,37 @@
+"""Write the Wireshark dissector: the Lua parts in `lua`, after the tables of the protocol."""
+
+from __future__ import annotations
+
+import re
+from importlib.resources import files
+
+from bcapscope import __version__
+from bcapscope.wireshark.lua_tables import dissector_tables
+
+PARTS = ("inflate", "decoder", "splitter", "dissector")
+"""The fixed parts of the dissector, in order. Each part uses what the earlier parts export."""
+
+_EXPORTS = re.compile(r"(?m)^-- Exports: (.+)$")
+
+_HEAD = """\
+-- DENSO b-CAP for Wireshark, Lua 5.2 to 5.4.
+--
+-- Written by bcapscope {version} from its tables of the protocol (`bcapscope wireshark --install`).
+-- License: GPL-2.0-or-later.
+
+local byte, sub, floor = string.byte, string.sub, math.floor
+"""
+
+
+def dissector_text() -> str:
+    """Return the dissector as one Lua file."""
+    folder = files(__package__) / "lua"
+    parts = [(folder / f"{part}.lua").read_text(encoding="utf-8") for part in PARTS]
+    return "\n".join((_HEAD.format(version=__version__), dissector_tables(parts), *map(_block, parts)))
+
+
+def _block(part: str) -> str:
+    """Return a part as a block of its own, because a Lua function has at most 200 local names."""
+    exports = _EXPORTS.search(part)
+    declared = f"local {exports[1]}\n" if exports else ""
+    return f"{declared}do\n\n{part}\nend\n"

@@ -1,0 +1,83 @@
+"""The decoder of the dissector gives the same results in each Lua that Wireshark uses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from bcapscope.protocol.codec.frame import Frame, parse_datagram
+from bcapscope.protocol.codec.stream_splitter import StreamSplitter
+from bcapscope.wireshark.dissector import dissector_text
+from tests import strategies
+from tests.wireshark.compressed import compressed_frames
+from tests.wireshark.corpus import corpus
+
+VERSIONS = ("lua52", "lua53", "lua54")
+
+_DESCRIBE = """
+local function add(lines, ...) lines[#lines + 1] = table.concat({ ... }, " ") end
+local function decode(raw)
+    local frame, lines = decode_frame(raw), {}
+    add(lines, frame.serial, frame.reserved, frame.code, frame.argc, frame.framing)
+    for _, node in ipairs(frame.arguments) do add(lines, node.start, node.stop, node.vt, node.count) end
+    for _, problem in ipairs(frame.problems) do add(lines, problem.offset, problem.code, problem.reason) end
+    return table.concat(lines, "\\n")
+end
+local function split(raw, is_stream)
+    local lines = {}
+    local pieces = (is_stream and split_stream or split_datagram)(raw)
+    for _, piece in ipairs(pieces) do add(lines, piece.at, piece.size) end
+    return table.concat(lines, "\\n")
+end
+return decode, split
+"""
+
+
+def _lines(*rows: tuple[object, ...]) -> str:
+    return "\n".join(" ".join(map(str, row)) for row in rows)
+
+
+def _decoded(raw: bytes) -> str:
+    frame = Frame(raw)
+    return _lines(
+        (frame.serial, frame.reserved, frame.code, frame.argc, frame.framing.value),
+        *((each.start, each.stop, each.variant.vt, each.variant.elements) for each in frame.arguments),
+        *((each.offset, each.code, str(each.reason)) for each in frame.problems),
+    )
+
+
+def _runtime(version: str) -> Any:
+    lua = pytest.importorskip(f"lupa.{version}", reason=f"lupa with {version} is not installed")
+    return lua.LuaRuntime(encoding=None)
+
+
+def _functions(version: str) -> Any:
+    before_wireshark = dissector_text().partition("-- The dissector: fields")[0].rpartition("do\n")[0]
+    return _runtime(version).execute((before_wireshark + _DESCRIBE).encode())
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_frames_are_decoded_alike(version: str) -> None:
+    decode, _ = _functions(version)
+    frames = [data for data in corpus(strategies.mutated_frames(), 1000) if len(data) >= 15]
+    for raw in (*frames, *compressed_frames(600)):
+        assert decode(raw).decode() == _decoded(raw)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_streams_and_datagrams_are_split_alike(version: str) -> None:
+    _, split = _functions(version)
+    for raw in corpus(strategies.streams(), 500):
+        pieces = StreamSplitter().feed(raw)
+        assert split(raw, True).decode() == _lines(*((each.start, each.stop - each.start) for each in pieces))
+        sizes = [len(item.raw) for item in parse_datagram(raw)]
+        assert split(raw, False).decode() == _lines(
+            *((sum(sizes[:index]), size) for index, size in enumerate(sizes))
+        )
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_whole_dissector_compiles(version: str) -> None:
+    loaded = _runtime(version).eval(b"load")(dissector_text().encode())
+    assert not isinstance(loaded, tuple), loaded
