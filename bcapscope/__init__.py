@@ -9,6 +9,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from bcapscope.analysis.finding import Finding as Finding
+    from bcapscope.analysis.slave.slave_session import SlaveSession as SlaveSession
+    from bcapscope.api.opened_capture import Capture as Capture
+    from bcapscope.api.opened_capture import Records as Records
+    from bcapscope.api.opened_capture import open as open
+    from bcapscope.api.reported_finding import ReportedFinding as ReportedFinding
     from bcapscope.api.single_frame import decode as decode
     from bcapscope.api.single_frame import encode as encode
     from bcapscope.errors import BcapError as BcapError
@@ -25,16 +31,26 @@ if TYPE_CHECKING:
     from bcapscope.protocol.codec.frame import Frame as Frame
     from bcapscope.protocol.codec.variant import VT as VT
     from bcapscope.protocol.codec.variant import Variant as Variant
+    from bcapscope.traffic.call import Call as Call
+    from bcapscope.traffic.filter.compiler import FilterError as FilterError
+    from bcapscope.traffic.filter.getters import AnnotatedFrame as AnnotatedFrame
 
 __version__ = "0.1.0"
 
 _NAMES_BY_MODULE = {
+    "analysis.finding": "Finding",
+    "analysis.slave.slave_session": "SlaveSession",
+    "api.opened_capture": "Capture Records open",
+    "api.reported_finding": "ReportedFinding",
     "api.single_frame": "decode encode",
     "errors": "BcapError CallTimeout CaptureError ControllerError FileWriteError InputError "
     "LocalProtocolError RemoteProtocolError TooLargeError",
     "protocol.codec.arguments": "Argument Problem",
     "protocol.codec.frame": "Frame",
     "protocol.codec.variant": "VT Variant",
+    "traffic.call": "Call",
+    "traffic.filter.compiler": "FilterError",
+    "traffic.filter.getters": "AnnotatedFrame",
 }
 _MODULE_BY_NAME = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
 __all__ = list(_MODULE_BY_NAME)  # a new name needs one line above and one in _NAMES_BY_MODULE

@@ -196,6 +196,11 @@ class CaptureInput:
         known."""
         return self._captures.origin_of(packet)
 
+    def find_frame(self, frame: int) -> tuple[str, int] | None:
+        """Return the name of a frame's capture, and the number of its packet there; None if not known."""
+        origin = self.frame_origins.origin_of(frame)
+        return None if origin is None else (origin.name, origin.packet)
+
 
 class ObservationSource(Protocol):
     """What `read_items` reads."""
