@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bcapscope.analysis.finding import Finding as Finding
     from bcapscope.analysis.slave.slave_session import SlaveSession as SlaveSession
+    from bcapscope.api.data_tables import Records as Records
+    from bcapscope.api.data_tables import TableRecords as TableRecords
     from bcapscope.api.opened_capture import Capture as Capture
-    from bcapscope.api.opened_capture import Records as Records
     from bcapscope.api.opened_capture import open as open
     from bcapscope.api.reported_finding import ReportedFinding as ReportedFinding
     from bcapscope.api.single_frame import decode as decode
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from bcapscope.errors import FileWriteError as FileWriteError
     from bcapscope.errors import InputError as InputError
     from bcapscope.errors import LocalProtocolError as LocalProtocolError
+    from bcapscope.errors import MissingExtraError as MissingExtraError
     from bcapscope.errors import RemoteProtocolError as RemoteProtocolError
     from bcapscope.errors import TooLargeError as TooLargeError
     from bcapscope.protocol.codec.arguments import Argument as Argument
@@ -40,11 +42,12 @@ __version__ = "0.1.0"
 _NAMES_BY_MODULE = {
     "analysis.finding": "Finding",
     "analysis.slave.slave_session": "SlaveSession",
-    "api.opened_capture": "Capture Records open",
+    "api.data_tables": "Records TableRecords",
+    "api.opened_capture": "Capture open",
     "api.reported_finding": "ReportedFinding",
     "api.single_frame": "decode encode",
     "errors": "BcapError CallTimeout CaptureError ControllerError FileWriteError InputError "
-    "LocalProtocolError RemoteProtocolError TooLargeError",
+    "LocalProtocolError MissingExtraError RemoteProtocolError TooLargeError",
     "protocol.codec.arguments": "Argument Problem",
     "protocol.codec.frame": "Frame",
     "protocol.codec.variant": "VT Variant",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator
-from typing import TYPE_CHECKING, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Literal
 
+from bcapscope.api.data_tables import CALL_COLUMNS, FRAME_COLUMNS, Records, TableRecords
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.capture_folder import expand_folders
 from bcapscope.capture.capture_input import CaptureInput, read_items
@@ -24,23 +25,6 @@ from bcapscope.traffic.pipeline import CallCollector
 if TYPE_CHECKING:
     from bcapscope.analysis.slave.slave_session import SlaveSession
     from bcapscope.api.reported_finding import ReportedFinding
-
-T_co = TypeVar("T_co", covariant=True)
-
-
-class Records(Generic[T_co]):
-    """Records of a capture. Each iteration reads the capture again, and keeps only what it needs to go on."""
-
-    def __init__(self, read: Callable[[], Iterator[T_co]]) -> None:
-        self._read = read
-
-    def __iter__(self) -> Iterator[T_co]:
-        """Start to read.
-
-        Raises:
-            CaptureError: A capture cannot be read to its end. All records that could be read were yielded.
-        """
-        return self._read()
 
 
 class Capture:
@@ -84,24 +68,24 @@ class Capture:
         problems.raise_first()
 
     @property
-    def frames(self) -> Records[AnnotatedFrame]:
+    def frames(self) -> TableRecords[AnnotatedFrame]:
         """The frames, and bytes that are no frame, in the order of capture.
 
         Raises:
             FilterError: The filter is not for frames.
         """
         wanted = self._filter_for(RecordKind.FRAME)
-        return Records(lambda: self._read_frames(wanted))
+        return TableRecords(lambda: self._read_frames(wanted), FRAME_COLUMNS)
 
     @property
-    def calls(self) -> Records[Call]:
+    def calls(self) -> TableRecords[Call]:
         """The calls. A call is yielded when it ends; `Call.number` is the order of starting.
 
         Raises:
             FilterError: The filter is not for calls.
         """
         wanted = self._filter_for(RecordKind.CALL)
-        return Records(lambda: self._read_calls(wanted))
+        return TableRecords(lambda: self._read_calls(wanted), CALL_COLUMNS)
 
     @property
     def sessions(self) -> Records[SlaveSession]:
