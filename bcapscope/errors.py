@@ -199,3 +199,11 @@ class FileWriteError(BcapError):
         super().__init__(Message("file.not-written", path=shown, reason=reason))
         self.path = path
         self.reason = reason
+
+
+class MissingExtraError(BcapError, ImportError):
+    """A package that an optional part of bcapscope needs is not installed."""
+
+    def __init__(self, package: str, extra: str) -> None:
+        """Compose the message from the name of the package and of the extra that installs it."""
+        super().__init__(Message("extra.not-installed", package=package, extra=extra))

@@ -27,7 +27,7 @@ from tests.capture.packets import request
 from tests.proxy.relaying import eventually
 
 PAGE = Path(__file__).parent.parent / "docs" / "licences.md"
-EXTRAS = ("", "report", "serve", "test")
+EXTRAS = ("", "arrow", "pandas", "report", "serve", "test")
 SYSTEMS = (
     {"sys_platform": "linux", "platform_system": "Linux", "os_name": "posix"},
     {"sys_platform": "win32", "platform_system": "Windows", "os_name": "nt"},

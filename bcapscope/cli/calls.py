@@ -8,8 +8,9 @@ from itertools import chain, starmap
 
 import click
 
+from bcapscope.capture.capture_input import read_items
 from bcapscope.cli.common import options
-from bcapscope.cli.common.call_reading import call_test, read_items
+from bcapscope.cli.common.call_reading import call_test
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.column_options import call_columns, columns_option, wide_option
 from bcapscope.cli.common.data_output import folded_lines

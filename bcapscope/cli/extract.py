@@ -17,8 +17,9 @@ from bcapscope.analysis.slave.captured_trajectory import (
     TrajectoryPiece,
     TrajectoryStep,
 )
+from bcapscope.capture.capture_input import read_items
 from bcapscope.cli.common import options
-from bcapscope.cli.common.call_reading import call_test, read_items
+from bcapscope.cli.common.call_reading import call_test
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option

@@ -8,7 +8,8 @@ import click
 
 from bcapscope.analysis.slave.selected_sessions import SelectedSlaveSessions
 from bcapscope.analysis.slave.slave_session import SlaveSession
-from bcapscope.cli.common.call_reading import call_test, read_items
+from bcapscope.capture.capture_input import read_items
+from bcapscope.cli.common.call_reading import call_test
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.figure_command import FigureArguments, figure_command
 from bcapscope.live.standard_streams import print_stderr

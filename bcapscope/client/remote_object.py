@@ -7,12 +7,12 @@ from types import TracebackType
 from typing import ClassVar, Self, TypeVar
 
 from bcapscope.client.session import Session
-from bcapscope.client.variant_values import date_of, plain_value
 from bcapscope.errors import RemoteProtocolError
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Value, Variant, vt_name
 from bcapscope.protocol.tables.function_table import ObjectClass
+from bcapscope.protocol.variant_values import date_of, plain_value
 
 R = TypeVar("R")
 

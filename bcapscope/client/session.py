@@ -15,7 +15,6 @@ from bcapscope.client.controller_target import (
     RetryPolicies,
 )
 from bcapscope.client.handle_table import HandleTable, first_number
-from bcapscope.client.variant_values import arguments_of
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
 from bcapscope.protocol.closing_calls import closing_calls
 from bcapscope.protocol.codec.frame import Frame
@@ -26,6 +25,7 @@ from bcapscope.protocol.retry.reserved_convention import ReservedConvention, cli
 from bcapscope.protocol.tables.command_catalogue import call_name, command_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, function_by_name
 from bcapscope.protocol.tables.hresult import E_BUSY, describe_hresult, hresult_name
+from bcapscope.protocol.variant_values import arguments_of
 from bcapscope.transport.peer_link import Link, LinkReceiver
 from bcapscope.transport.socket_link import open_tcp, open_udp
 

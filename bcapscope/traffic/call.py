@@ -8,6 +8,7 @@ from enum import StrEnum
 from typing import NamedTuple, Protocol, TypeAlias
 
 from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome, outcome_of, verdict_of
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
@@ -172,6 +173,16 @@ class Call:
             self.other_frames.append(CallFrame(role, observation))
         else:
             self.other_frames = [CallFrame(role, observation)]
+
+    @property
+    def function(self) -> str:
+        """Name of the function, such as `Robot_Execute`."""
+        return function_name(self.kind.function_id)
+
+    @property
+    def command(self) -> str | None:
+        """Command of an Execute function, such as `slvMove`; None for all other functions."""
+        return self.kind.command
 
     @property
     def evicted(self) -> bool:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TypeVar
 
+from bcapscope.capture.capture_input import read_items
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.filter.compiler import Filter
@@ -13,9 +13,6 @@ from bcapscope.traffic.pipeline import CallCollector, Pipeline
 
 _PROGRESS_EVERY = 0x1000
 """Number of frames between updates of the progress bar; a power of two."""
-
-
-T = TypeVar("T")
 
 
 def call_test(call_filter: Filter | None, reader: CaptureReader) -> Callable[[Call], bool] | None:
@@ -33,22 +30,6 @@ def read_filtered_calls(reader: CaptureReader, call_filter: Filter | None) -> It
     """Yield each call that matches a filter, as soon as the call ends."""
     collector = CallCollector(call_test(call_filter, reader))
     return read_items(reader, reader.pipeline(collector), collector.calls)
-
-
-def read_items(reader: CaptureReader, pipeline: Pipeline, items: list[T]) -> Iterator[T]:
-    """Read the captures to their end, and yield the items that subscribers of the pipeline append to `items`.
-
-    The function empties `items` after it has yielded them.
-    """
-    add = pipeline.add
-    for observation in reader.observations():
-        add(observation)
-        if items:
-            yield from items
-            items.clear()
-    pipeline.finish(reader.ended_at)
-    yield from items
-    items.clear()
 
 
 def read_to_end(reader: CaptureReader, pipeline: Pipeline) -> None:

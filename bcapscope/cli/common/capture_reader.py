@@ -18,14 +18,11 @@ from typing import TYPE_CHECKING, BinaryIO, NoReturn, TextIO, TypeVar, cast
 import click
 
 from bcapscope.capture.capture_file import CaptureFile, open_capture
-from bcapscope.capture.capture_folder import expand_folders
-from bcapscope.capture.capture_sequence import STDIN, CaptureSequence, PacketOrigin, capture_names
-from bcapscope.capture.frame_origins import FrameOrigins
+from bcapscope.capture.capture_input import CaptureInput
+from bcapscope.capture.capture_sequence import STDIN, CaptureSequence, PacketOrigin
 from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.packet import Packet
-from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.capture.pasted_text import PastedText
-from bcapscope.capture.role_detection import BCAP_PORTS
 from bcapscope.capture.text_lines import text_lines
 from bcapscope.cli.common.data_output import DataOutput
 from bcapscope.cli.common.exit_codes import ExitCode
@@ -44,10 +41,7 @@ from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.observation import Observation
 
 if TYPE_CHECKING:
-    from bcapscope.capture.place_decoder import PlaceDecoder
-    from bcapscope.capture.place_plan import PlacePlan
     from bcapscope.traffic.handle_tracker import HandleTracker
-    from bcapscope.traffic.joining.joiner import Joiner
     from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 
 
@@ -61,9 +55,6 @@ class CaptureReader:
     """Reads the input of a command. Several captures are read as one, like the files of a ring.
 
     Attributes:
-        on_first_time: Function that is called with the time of the first observation, before that observation
-            is yielded.
-        first_time: Time of the first observation, ns since 1970; 0 before it.
         on_idle: Function that is called several times per second while a live capture delivers no frames,
             with the time up to which all packets were read, ns since 1970.
         is_live: Whether the input may never end: an interface or a pipe.
@@ -95,80 +86,56 @@ class CaptureReader:
         if STDIN in (*paths, text) and sys.stdin is None:
             raise click.UsageError("standard input is closed")
         self.exit_code = ExitCode.OK
-        self._taken_at = taken_at
-        self.on_first_time: Callable[[int], object] = lambda time: None
-        self.first_time = 0
         self.on_idle: Callable[[int], object] = lambda time: None
         self.is_live = bool(interface) or (STDIN in (*paths, text) and not _is_file(sys.stdin))
         self.output = DataOutput(1) if interface or STDIN in (*paths, text) else DataOutput()
         self._interface = interface
         self._text = text
         self._words = words
-        self._side = side
-        self._joiner: Joiner | None = None
         self._pasted = None if text is None else PastedText(self._text_lines(text))
         self._progress = ReadProgressBar()
         self._no_match: _NoMatch | None = None
         self._lost_packets = 0
         self._problems: list[str] = []
-        known_ports = frozenset(ports) or BCAP_PORTS
-        expanded = list(expand_folders(paths, self._add_problem))
-        self._plans: list[PlacePlan] = []
-        self._places: PlaceDecoder | None = None
-        if len(expanded) > 1:
-            self._plan_places(expanded, known_ports)
-        self._packet_decoder = PacketDecoder(known_ports)
-        self._sequence = self._sequence_of(capture_names(expanded), expanded)
-        self._decoder: PacketDecoder | PlaceDecoder = self._places or self._packet_decoder
-        self._captures: CaptureSequence | PlaceDecoder = self._places or self._sequence
-        self.frame_origins = FrameOrigins(self._captures)
-        if len(expanded) > 1:
-            self.remember_origins()
+        self._input = CaptureInput(
+            paths,
+            ports,
+            self._add_problem,
+            open_file=self._open,
+            packets_of=self._packets_of,
+            side=side,
+            taken_at=taken_at,
+        )
+        self.frame_origins = self._input.frame_origins
 
     def observations(self) -> Iterator[Observation]:
         """Yield all frames of the input, or those of one side.
 
         Read errors do not raise an exception; `print_summary` prints them.
         """
-        observations = self._all_observations()
-        return observations if self._side is None else self._of_side(observations, self._side)
-
-    @staticmethod
-    def _of_side(observations: Iterator[Observation], side: CapturePlace) -> Iterator[Observation]:
-        from bcapscope.traffic.joining.joiner import Joiner
-
-        joiner = Joiner(only=side)
-        for observation in observations:
-            yield from joiner.add(observation)
-        yield from joiner.close()
-
-    def _all_observations(self) -> Iterator[Observation]:
         if self._pasted is not None:
             yield from self._pasted
             return
-        observations = self._decode()
-        for first in observations:
-            self.first_time = first.time
-            self.on_first_time(first.time)
-            yield first
-            break
-        yield from observations
+        yield from self._input.observations()
         self._progress.remove()
 
     def pipeline(self, *subscribers: PipelineSubscriber, handles: HandleTracker | None = None) -> Pipeline:
         """Return a pipeline for the input, which joins the conversations that several places captured."""
-        from bcapscope.traffic.joining.joiner import Joiner
-        from bcapscope.traffic.pipeline import Pipeline
+        return self._input.pipeline(*subscribers, handles=handles, comments=self.comments)
 
-        self._joiner = Joiner(self.comments) if self._side is None else None
-        return Pipeline(*subscribers, handles=handles, joiner=self._joiner, taken_at=self._taken_at)
+    @property
+    def on_first_time(self) -> Callable[[int], object]:
+        """Function that is called with the time of the first observation, before it is yielded."""
+        return self._input.on_first_time
 
-    def _decode(self) -> Iterator[Observation]:
-        if self._places is not None:
-            return self._places.observations()
-        if self._interface:
-            return self._packet_decoder.decode(self._live_packets())
-        return self._packet_decoder.decode(self._file_packets())
+    @on_first_time.setter
+    def on_first_time(self, function: Callable[[int], object]) -> None:
+        self._input.on_first_time = function
+
+    @property
+    def first_time(self) -> int:
+        """Time of the first observation, ns since 1970; 0 before it."""
+        return self._input.first_time
 
     @property
     def ended_at(self) -> int:
@@ -176,7 +143,7 @@ class CaptureReader:
 
         This property is valid after all observations were read.
         """
-        return self._decoder.end_time
+        return self._input.ended_at
 
     def counting_test(
         self, wanted: Filter, test: Callable[[R], bool], number_of: Callable[[R], int]
@@ -198,18 +165,18 @@ class CaptureReader:
     @property
     def paths(self) -> Sequence[str]:
         """Paths of the captures in the order in which they are read, without folders."""
-        return self._captures.paths
+        return self._input.paths
 
     def remember_origins(self) -> None:
         """Let `frame_origins` learn the packet of each frame. Call it before reading."""
-        self._decoder.note_packet = self.frame_origins.add
+        self._input.remember_origins()
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
         """Return where a packet is found, by its number among all packets of the input.
 
         The result is None for live traffic and for pasted text.
         """
-        return self._captures.origin_of(packet)
+        return self._input.origin_of(packet)
 
     def citing_words(self) -> MessageFormatter:
         """Return the formatter of the command.
@@ -224,11 +191,11 @@ class CaptureReader:
 
     @property
     def comments(self) -> Mapping[int, tuple[str, ...]]:
-        return self._decoder.comments if self._pasted is None else self._pasted.comments
+        return self._input.comments if self._pasted is None else self._pasted.comments
 
     def show_progress(self) -> None:
         """Show the progress of reading a file that takes long."""
-        self._progress.show(self._captures.position, self._captures.size)
+        self._progress.show(self._input.position, self._input.size)
 
     def print_lines(self, lines: Iterable[str] | Iterable[bytes]) -> None:
         """Print lines of data, and show the progress of reading after each batch of lines."""
@@ -254,9 +221,8 @@ class CaptureReader:
         words = self._words
         for trouble in self._problems:
             print_stderr(trouble)
-        if self._plans:
-            self._print_plans()
-        recognised = [c for c in self._decoder.conversations if not c.server_known_by.startswith("port ")]
+        self._print_plans()
+        recognised = [c for c in self._input.conversations if not c.server_known_by.startswith("port ")]
         for conversation in recognised[:_MAX_SERVERS_LISTED]:
             server, transport = str(conversation.server), str(conversation.transport)
             reason = conversation.server_known_by
@@ -265,27 +231,19 @@ class CaptureReader:
             print_stderr(words("reading.recognised.more", n=len(recognised) - _MAX_SERVERS_LISTED))
         if self._lost_packets:
             print_stderr(words("reading.lost", packets=Count(self._lost_packets, "packet")))
-        if self._joiner is not None and self._joiner.own_requests:
-            own = Count(self._joiner.own_requests, "request")
+        if self._input.own_requests:
+            own = Count(self._input.own_requests, "request")
             print_stderr(words("reading.own-requests", requests=own))
-        counts = self._decoder.counts
+        counts = self._input.counts
         if counts.packets or self.exit_code is not ExitCode.UNREADABLE:
             print_stderr(capture_counts_text(counts, words))
 
-    def _plan_places(self, paths: Sequence[str], ports: frozenset[int]) -> None:
-        """Find the captures of the same conversation, and prepare to decode these captures together."""
-        from bcapscope.capture.place_decoder import PlaceDecoder
-        from bcapscope.capture.place_plan import plan_places
-
-        self._plans = plan_places(paths, ports)
-        if self._plans:
-            open_sequence = partial(self._sequence_of, capture_names(paths))
-            self._places = PlaceDecoder(paths, self._plans, ports, open_sequence)
-
     def _print_plans(self) -> None:
+        if not self._input.plans:
+            return
         from bcapscope.render.place_text import places_message
 
-        for plan in self._plans:
+        for plan in self._input.plans:
             near, far = (printable(Path(file.path).name) for file in plan.files)
             print_stderr(self._words.text(places_message(near, far, plan.clock)))
 
@@ -332,12 +290,12 @@ class CaptureReader:
             print_stderr(f"{printable(name)}: {self._words.text(error.message)}")
             self.exit_code = ExitCode.UNREADABLE
 
-    def _file_packets(self) -> Iterator[Packet]:
+    def _packets_of(self, sequence: CaptureSequence) -> Iterator[Packet]:
+        if self._interface:
+            yield from self._live_packets()
+            return
         with suppress(_Interrupted):
-            yield from self._sequence
-
-    def _sequence_of(self, names: Mapping[str, str], paths: Sequence[str]) -> CaptureSequence:
-        return CaptureSequence(paths, names, self._open, self._add_problem)
+            yield from sequence
 
     def _open(self, path: str) -> CaptureFile:
         if path != STDIN:

@@ -23,7 +23,6 @@ from bcapscope.client.handle_table import ObjectHandle, first_number
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.remote_objects import Robot
 from bcapscope.client.session import Session, open_target_session
-from bcapscope.client.variant_values import arguments_of
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
 from bcapscope.live.controller.arming_state import ArmingState
 from bcapscope.live.controller.halt_connection import HaltConnection, HaltState, HaltUpdate
@@ -48,6 +47,7 @@ from bcapscope.protocol.guard import request_effect
 from bcapscope.protocol.retry.requester import RequesterEvent, RetryPolicy
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, ObjectClass, function_by_name
+from bcapscope.protocol.variant_values import arguments_of
 from bcapscope.traffic.observation import Direction, Observation
 
 R = TypeVar("R")

@@ -5,36 +5,83 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.frame import Frame, Problem
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
-from bcapscope.traffic.observation import Direction, Endpoint, Observation
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Observation
 
 
 class AnnotatedFrame(NamedTuple):
-    """An observation, and the kind of call that it belongs to.
+    """A captured frame, or captured bytes that are no frame, and the kind of call that it belongs to.
 
     Attributes:
+        observation: The frame with its time, its packet and its flow.
         call_kind: Function and command of the request, or of the request that a reply answers; None if
             unknown.
+        comments: Comments on the packet in the capture.
     """
 
     observation: Observation
     call_kind: CallKind | None
     comments: tuple[str, ...] = ()
 
+    @property
+    def number(self) -> int:
+        """Number of the frame, counted from 1."""
+        return self.observation.number
+
+    @property
+    def time(self) -> int:
+        """Capture time of the last byte, ns since 1970-01-01 UTC."""
+        return self.observation.time
+
+    @property
+    def conversation(self) -> Conversation:
+        """Client, controller and transport."""
+        return self.observation.flow.conversation
+
+    @property
+    def kind(self) -> str:
+        """``request``, ``response`` or, for bytes that are no frame, ``malformed``."""
+        observation = self.observation
+        return str(observation.flow.direction) if isinstance(observation.item, Frame) else "malformed"
+
+    @property
+    def frame(self) -> Frame | None:
+        """The frame; None for bytes that are no frame."""
+        item = self.observation.item
+        return item if isinstance(item, Frame) else None
+
+    @property
+    def raw(self) -> bytes:
+        """The captured bytes."""
+        return self.observation.item.raw
+
+    @property
+    def problems(self) -> tuple[Problem, ...]:
+        """Deviations of the bytes from b-CAP; empty for a sound frame."""
+        return self.observation.item.problems
+
+    @property
+    def function(self) -> str | None:
+        """Name of the function that is requested or answered; None if unknown."""
+        return None if self.call_kind is None else function_name(self.call_kind.function_id)
+
+    @property
+    def command(self) -> str | None:
+        """Command of an Execute function, such as ``slvMove``; None for other functions, or if unknown."""
+        return None if self.call_kind is None else self.call_kind.command
+
+    @property
+    def hresult(self) -> int | None:
+        """Result code of a reply, unsigned; None for a request and for bytes that are no frame."""
+        item, flow = self.observation.item, self.observation.flow
+        return item.code if isinstance(item, Frame) and flow.direction is Direction.RESPONSE else None
+
 
 _Read: TypeAlias = Callable[[AnnotatedFrame], object]
-
-
-def _kind(annotated: AnnotatedFrame) -> str:
-    return (
-        str(annotated.observation.flow.direction)
-        if isinstance(annotated.observation.item, Frame)
-        else "malformed"
-    )
 
 
 def _of_frame(read: Callable[[Frame], object]) -> _Read:
@@ -46,15 +93,9 @@ def _length(annotated: AnnotatedFrame) -> int:
     return item.length if isinstance(item, Frame) else len(item.raw)
 
 
-def _hresult(annotated: AnnotatedFrame) -> int | None:
-    item = annotated.observation.item
-    answers = isinstance(item, Frame) and annotated.observation.flow.direction is Direction.RESPONSE
-    return item.code if answers and isinstance(item, Frame) else None
-
-
 def _of_hresult(read: Callable[[int], object]) -> _Read:
     def get(told: AnnotatedFrame) -> object:
-        code = _hresult(told)
+        code = told.hresult
         return None if code is None else read(code)
 
     return get
@@ -73,15 +114,15 @@ FRAME_GETTERS: Mapping[str, Callable[[AnnotatedFrame], object]] = {
     "client": lambda told: told.observation.flow.conversation.client,
     "server": lambda told: told.observation.flow.conversation.server,
     "transport": lambda told: told.observation.flow.conversation.transport,
-    "kind": _kind,
+    "kind": lambda told: told.kind,
     "length": _length,
     "serial": _of_frame(lambda frame: frame.serial),
     "reserved": _of_frame(lambda frame: frame.reserved),
     "function_id": _of_call_kind(lambda question: question.function_id),
-    "function": _of_call_kind(lambda question: function_name(question.function_id)),
-    "command": _of_call_kind(lambda question: question.command),
+    "function": lambda told: told.function,
+    "command": lambda told: told.command,
     "arg": _of_frame(lambda frame: frame.arguments),
-    "hresult": _hresult,
+    "hresult": lambda told: told.hresult,
     "hresult_name": _of_hresult(hresult_name),
     "hresult_text": _of_hresult(lambda code: describe_hresult(code).text),
     "problems": lambda frame: [str(problem.reason) for problem in frame.observation.item.problems],
@@ -114,8 +155,8 @@ CALL_GETTERS: Mapping[str, Callable[[Call], object]] = {
     "server": _servers,
     "transport": lambda call: call.conversation.transport,
     "function_id": lambda call: call.kind.function_id,
-    "function": lambda call: function_name(call.kind.function_id),
-    "command": lambda call: call.kind.command,
+    "function": lambda call: call.function,
+    "command": lambda call: call.command,
     "arg": lambda call: call.request.item.arguments,
     "hresult": lambda call: call.hresult,
     "hresult_name": _result_name,

@@ -6,10 +6,10 @@ from datetime import datetime
 
 import pytest
 
-from bcapscope.client.variant_values import arguments_of, date_of, plain_value, variant_of
 from bcapscope.errors import LocalProtocolError
 from bcapscope.protocol.codec.variant import EMPTY, VT, Value, Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS
+from bcapscope.protocol.variant_values import arguments_of, date_of, plain_value, variant_of
 
 _I4 = Variant(VT.I4, 1)
 

@@ -8,6 +8,7 @@ from datetime import datetime, timedelta
 
 from bcapscope.errors import LocalProtocolError
 from bcapscope.messages import Message
+from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.variant import EMPTY, VT, Value, Variant, encode_variant
 from bcapscope.protocol.tables.function_table import Function, Param
 
@@ -37,8 +38,16 @@ def variant_of(value: object) -> Variant:
 
 
 def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant, ...]:
-    """Convert values to the arguments of a request, handle first; raise LocalProtocolError if a value does
-    not fit."""
+    """Convert values to the arguments of a request, handle first.
+
+    Raises:
+        LocalProtocolError: The number of values is wrong, or a value does not fit its argument.
+    """
+    if len(values) != len(function.params):
+        wanted = Count(len(function.params), "argument")
+        raise LocalProtocolError(
+            Message("value.argument-count", function=function.name, wanted=wanted, given=len(values))
+        )
     return tuple(
         variant_of(value)
         if isinstance(value, Variant) or param.type == "VARIANT"

@@ -1,0 +1,1 @@
+"""What other programs use: the functions and classes behind the names of `bcapscope`."""

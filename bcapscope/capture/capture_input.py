@@ -1,0 +1,226 @@
+"""Read captures as one input: folders, several captures, and conversations captured at two places."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+from bcapscope.capture.capture_counts import CaptureCounts
+from bcapscope.capture.capture_file import CaptureFile, open_capture
+from bcapscope.capture.capture_folder import expand_folders
+from bcapscope.capture.capture_sequence import CaptureSequence, PacketOrigin, capture_names
+from bcapscope.capture.frame_origins import FrameOrigins
+from bcapscope.capture.packet import Packet
+from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.capture.role_detection import BCAP_PORTS
+from bcapscope.errors import CaptureError
+from bcapscope.traffic.joining.joined_observation import CapturePlace
+from bcapscope.traffic.observation import Conversation, Observation
+
+if TYPE_CHECKING:
+    from bcapscope.capture.place_decoder import PlaceDecoder
+    from bcapscope.capture.place_plan import PlacePlan
+    from bcapscope.traffic.capture_point import CapturePoint
+    from bcapscope.traffic.handle_tracker import HandleTracker
+    from bcapscope.traffic.joining.joiner import Joiner
+    from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
+
+T = TypeVar("T")
+
+
+class CaptureInput:
+    """Several captures that are read as one, once.
+
+    Attributes:
+        on_first_time: Function that is called with the time of the first observation, before that observation
+            is yielded.
+        first_time: Time of the first observation, ns since 1970; 0 before it.
+        frame_origins: Finds the capture and the packet of a frame. It knows the frames if there are several
+            captures, or after `remember_origins`.
+        plans: Pairs of captures that hold the same conversations.
+    """
+
+    def __init__(
+        self,
+        paths: Sequence[str],
+        ports: Collection[int],
+        on_problem: Callable[[str, CaptureError], None],
+        *,
+        open_file: Callable[[str], CaptureFile] = open_capture,
+        packets_of: Callable[[CaptureSequence], Iterable[Packet]] = iter,
+        side: CapturePlace | None = None,
+        taken_at: CapturePoint | None = None,
+    ) -> None:
+        """Prepare to read captures.
+
+        Args:
+            paths: Paths of captures and of folders with captures.
+            ports: Ports of controllers; the usual ports if it is empty.
+            on_problem: Receives the path and the error of a capture that cannot be read to its end. Reading
+                continues with the next capture.
+            open_file: Opens a capture by its path.
+            packets_of: Returns the packets to decode, usually those of the given captures.
+            side: Side of the conversations that were captured at two places; None for both.
+            taken_at: Capture point; None if only the traffic shows it.
+        """
+        self.on_first_time: Callable[[int], object] = lambda time: None
+        self.first_time = 0
+        self.plans: list[PlacePlan] = []
+        self._packets_of = packets_of
+        self._side = side
+        self._taken_at = taken_at
+        self._joiner: Joiner | None = None
+        known_ports = frozenset(ports) or BCAP_PORTS
+        expanded = list(expand_folders(paths, on_problem))
+        names = capture_names(expanded)
+        open_sequence = partial(CaptureSequence, names=names, open_file=open_file, on_problem=on_problem)
+        self._sequence = open_sequence(expanded)
+        self._packet_decoder = PacketDecoder(known_ports)
+        self._places: PlaceDecoder | None = None
+        if len(expanded) > 1:
+            self._places = self._plan_places(expanded, known_ports, open_sequence)
+        self._decoder: PacketDecoder | PlaceDecoder = self._places or self._packet_decoder
+        self._captures: CaptureSequence | PlaceDecoder = self._places or self._sequence
+        self.frame_origins = FrameOrigins(self._captures)
+        if len(expanded) > 1:
+            self.remember_origins()
+
+    def _plan_places(
+        self,
+        paths: Sequence[str],
+        ports: Collection[int],
+        open_sequence: Callable[[Sequence[str]], CaptureSequence],
+    ) -> PlaceDecoder | None:
+        """Find out which captures hold the same conversation, and prepare to decode these together."""
+        from bcapscope.capture.place_decoder import PlaceDecoder  # noqa: PLC0415 - only for several captures
+        from bcapscope.capture.place_plan import plan_places  # noqa: PLC0415 - as above
+
+        self.plans = plan_places(paths, ports)
+        return PlaceDecoder(paths, self.plans, ports, open_sequence) if self.plans else None
+
+    def observations(self) -> Iterator[Observation]:
+        """Yield all frames of the input, or those of one side.
+
+        Read errors do not raise an exception; `on_problem` receives them.
+        """
+        observations = self._all_observations()
+        return observations if self._side is None else self._of_side(observations, self._side)
+
+    def _all_observations(self) -> Iterator[Observation]:
+        if self._places is not None:
+            observations = self._places.observations()
+        else:
+            observations = self._packet_decoder.decode(self._packets_of(self._sequence))
+        for first in observations:
+            self.first_time = first.time
+            self.on_first_time(first.time)
+            yield first
+            break
+        yield from observations
+
+    @staticmethod
+    def _of_side(observations: Iterator[Observation], side: CapturePlace) -> Iterator[Observation]:
+        from bcapscope.traffic.joining.joiner import Joiner  # noqa: PLC0415 - few need it
+
+        joiner = Joiner(only=side)
+        for observation in observations:
+            yield from joiner.add(observation)
+        yield from joiner.close()
+
+    def pipeline(
+        self,
+        *subscribers: PipelineSubscriber,
+        handles: HandleTracker | None = None,
+        comments: Mapping[int, tuple[str, ...]] | None = None,
+    ) -> Pipeline:
+        """Return a pipeline for the input, which joins the conversations that several places captured.
+
+        `comments` are the comments by packet number, if the packets are not those of the input.
+        """
+        from bcapscope.traffic.joining.joiner import Joiner  # noqa: PLC0415 - `decode` needs no pipeline
+        from bcapscope.traffic.pipeline import Pipeline  # noqa: PLC0415 - as above
+
+        self._joiner = Joiner(self.comments if comments is None else comments) if self._side is None else None
+        return Pipeline(*subscribers, handles=handles, joiner=self._joiner, taken_at=self._taken_at)
+
+    @property
+    def own_requests(self) -> int:
+        """Number of requests that a proxy sent of its own accord, as far as the pipeline joined its legs."""
+        return 0 if self._joiner is None else self._joiner.own_requests
+
+    @property
+    def ended_at(self) -> int:
+        """Time of the last packet of any protocol, in ns since 1970.
+
+        This property is valid after all observations were read.
+        """
+        return self._decoder.end_time
+
+    @property
+    def paths(self) -> Sequence[str]:
+        """Paths of the captures in the order in which they are read, without folders."""
+        return self._captures.paths
+
+    @property
+    def comments(self) -> Mapping[int, tuple[str, ...]]:
+        """Comments by packet number, for the latest packets with comments."""
+        return self._decoder.comments
+
+    @property
+    def counts(self) -> CaptureCounts:
+        """Numbers of packets and observations so far."""
+        return self._decoder.counts
+
+    @property
+    def conversations(self) -> Collection[Conversation]:
+        """The conversations so far."""
+        return self._decoder.conversations
+
+    @property
+    def position(self) -> int:
+        """Number of bytes read so far."""
+        return self._captures.position
+
+    @property
+    def size(self) -> int | None:
+        """Size of all captures in bytes; None if it is not known."""
+        return self._captures.size
+
+    def remember_origins(self) -> None:
+        """Let `frame_origins` learn the packet of each frame. Call it before reading."""
+        self._decoder.note_packet = self.frame_origins.add
+
+    def origin_of(self, packet: int) -> PacketOrigin | None:
+        """Return where a packet is found, by its number among all packets of the input; None if it is not
+        known."""
+        return self._captures.origin_of(packet)
+
+    def find_frame(self, frame: int) -> tuple[str, int] | None:
+        """Return the name of a frame's capture, and the number of its packet there; None if not known."""
+        origin = self.frame_origins.origin_of(frame)
+        return None if origin is None else (origin.name, origin.packet)
+
+
+class ObservationSource(Protocol):
+    """What `read_items` reads."""
+
+    def observations(self) -> Iterator[Observation]: ...
+    @property
+    def ended_at(self) -> int: ...
+
+
+def read_items(source: ObservationSource, pipeline: Pipeline, items: list[T]) -> Iterator[T]:
+    """Read the source to its end, and yield the items that subscribers of the pipeline append to `items`.
+
+    The function empties `items` after it has yielded them.
+    """
+    add = pipeline.add
+    for observation in source.observations():
+        add(observation)
+        if items:
+            yield from items
+            items.clear()
+    pipeline.finish(source.ended_at)
+    yield from items
+    items.clear()

@@ -1,0 +1,91 @@
+"""The names of `bcapscope`: programs of users rely on them."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import bcapscope
+
+ROOT = Path(__file__).parent.parent.parent
+HEAVY = {"asyncio", "numpy", "orjson", "pandas", "pyarrow", "scapy", "textual"}
+
+PUBLIC_NAMES = [
+    "AnnotatedFrame",
+    "Argument",
+    "BcapError",
+    "Call",
+    "CallTimeout",
+    "Capture",
+    "CaptureError",
+    "ControllerError",
+    "FileWriteError",
+    "FilterError",
+    "Finding",
+    "Frame",
+    "InputError",
+    "LocalProtocolError",
+    "MissingExtraError",
+    "Problem",
+    "Records",
+    "RemoteProtocolError",
+    "ReportedFinding",
+    "SlaveSession",
+    "TableRecords",
+    "TooLargeError",
+    "VT",
+    "Variant",
+    "decode",
+    "encode",
+    "open",
+]
+"""The public surface. A name that goes needs a version in which it is deprecated: see CHANGELOG.md."""
+
+
+def test_the_public_names_are_pinned() -> None:
+    assert sorted(bcapscope.__all__) == PUBLIC_NAMES
+
+
+def test_type_checkers_see_the_same_names() -> None:
+    source = Path(str(bcapscope.__file__)).read_text("utf-8")
+    aliases = (
+        alias
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("bcapscope")
+        for alias in node.names
+    )
+    assert {alias.asname for alias in aliases} == set(PUBLIC_NAMES)
+
+
+@pytest.mark.parametrize("name", PUBLIC_NAMES)
+def test_each_name_is_there_listed_and_documented(name: str) -> None:
+    assert name in dir(bcapscope)
+    assert getattr(bcapscope, name).__doc__
+
+
+def test_another_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="module 'bcapscope' has no attribute 'Packet'"):
+        _ = bcapscope.Packet  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        "import bcapscope",
+        "import bcapscope.api.single_frame",
+        "import bcapscope.api.opened_capture",
+        "import bcapscope; print(*bcapscope.open('captures/slave-session.pcapng', filter='t > 0').calls)",
+        "import bcapscope; bcapscope.decode(bcapscope.encode('Robot_Execute', [2, 'CurJnt', None]))",
+    ],
+)
+def test_nothing_heavy_is_imported(program: str) -> None:
+    program += "; import sys; print(*sys.modules)"
+    argv = [sys.executable, "-c", program]
+    done = subprocess.run(argv, cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split())
+    assert "bcapscope" in loaded
+    assert not loaded & HEAVY
