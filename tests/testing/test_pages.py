@@ -1,4 +1,7 @@
-"""The Python blocks of the documentation about tests of clients run as they are shown."""
+"""The Python blocks of the documentation about tests of clients run as they are shown.
+
+A block with tests runs in pytest, beside a client of its own.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,21 @@ from pathlib import Path
 
 import pytest
 
+_CLIENT = """
+import asyncio
+import bcapscope.client as client
+
+def run_my_client(host, port):
+    async def run():
+        async with client.connect(client.over_udp(host, port)) as service:
+            await service.connect("", "CaoProv.DENSO.VRC", "localhost")
+    asyncio.run(run())
+
+"""
 _ROOT = Path(__file__).parents[2]
 _BLOCKS = [
     pytest.param(block, id=f"{page}-{number}")
-    for page in ("simulator.md",)
+    for page in ("simulator.md", "testing.md")
     for number, block in enumerate(
         re.findall(r"(?ms)^```python\n(.*?)^```$", (_ROOT / "docs" / page).read_text(encoding="utf-8"))
     )
@@ -21,4 +35,7 @@ _BLOCKS = [
 
 @pytest.mark.parametrize("block", _BLOCKS)
 def test_a_python_block_runs(block: str, tmp_path: Path) -> None:
-    subprocess.run([sys.executable, "-W", "error", "-c", block], cwd=tmp_path, check=True)
+    program = tmp_path / "test_block.py"
+    program.write_text(_CLIENT + block, encoding="utf-8")
+    options = ["-m", "pytest", "-q", "--strict-markers"] if "def test_" in block else []
+    subprocess.run([sys.executable, "-W", "error", *options, str(program)], cwd=tmp_path, check=True)
