@@ -8,13 +8,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from bcapscope.testing.embedded_proxy import EmbeddedProxy as Proxy
     from bcapscope.testing.embedded_simulator import EmbeddedSimulator as Simulator
 
 __version__ = "0.1.0"
 
-__all__ = ["Simulator"]
+__all__ = ["Proxy", "Simulator"]
 
 _NAMES = {
+    "Proxy": "bcapscope.testing.embedded_proxy:EmbeddedProxy",
     "Simulator": "bcapscope.testing.embedded_simulator:EmbeddedSimulator",
 }
 """Module and object of each public name."""

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 from queue import SimpleQueue
-from tempfile import TemporaryDirectory
 from threading import Event, Thread
 from typing import TYPE_CHECKING
 
@@ -15,24 +14,19 @@ from bcapscope.errors import InputError
 from bcapscope.faults.fault_notation import read_fault
 from bcapscope.live.background_recorder import BackgroundRecorder
 from bcapscope.live.recorder import Recorder
-from bcapscope.messages import Message
 from bcapscope.messages.message import foreign_text
 from bcapscope.simulator.controller_setup import played_scenario, start_controller
 from bcapscope.simulator.scenario import Scenario, load_scenario
-from bcapscope.testing.threaded_context import ThreadedContext
+from bcapscope.testing.recording_context import LOOPBACK, RecordingContext
 
 if TYPE_CHECKING:
-    from bcapscope.analysis.finding import Finding
     from bcapscope.simulator.simulator_server import SimulatorServer
-    from bcapscope.testing.recorded_traffic import RecordedTraffic
-    from bcapscope.traffic.call import Call
 
-_HOST = "127.0.0.1"
 _WRITTEN_WITHIN = 5.0
 """Maximum time in seconds for the recorder to write the packets that wait."""
 
 
-class EmbeddedSimulator(ThreadedContext):
+class EmbeddedSimulator(RecordingContext):
     """A simulated controller that answers b-CAP clients on a free loopback port, over UDP and TCP.
 
         with bcapscope.Simulator(profile="rc8", faults=["loss=5%"], seed=3) as simulator:
@@ -73,38 +67,12 @@ class EmbeddedSimulator(ThreadedContext):
             OSError: The file of the scenario cannot be read.
         """
         chosen = None if scenario is None else _load(str(scenario))
-        self.host = _HOST
-        self.port = 0
-        self.recording = Path() if record is None else Path(record)
+        super().__init__(record)
         self._scenario = played_scenario(chosen, profile, faults=[read_fault(each) for each in faults])
         self._seed = seed
-        self._is_temporary = record is None
-        self._stack = ExitStack()
         self._thread: _ServerThread | None = None
-        self._last_traffic: RecordedTraffic | None = None
 
-    @property
-    def calls(self) -> list[Call]:
-        """Calls that the controller received so far, also those that it did not answer."""
-        return [call for call, _ in self.traffic().calls]
-
-    @property
-    def findings(self) -> list[Finding]:
-        """What `bcapscope diagnose` finds in the traffic so far, root cause first."""
-        return self.traffic().findings
-
-    def traffic(self) -> RecordedTraffic:
-        """Read the traffic so far. After the block, return the traffic of the whole block."""
-        from bcapscope.testing.recorded_traffic import RecordedTraffic  # imports NumPy
-
-        if self._thread is not None:
-            self._thread.write_recording()
-            return RecordedTraffic(self.recording, [self.port])
-        if self._last_traffic is None:
-            raise InputError(Message("testing.not-entered"))
-        return self._last_traffic
-
-    def _open(self) -> None:
+    def _start(self, opened: ExitStack) -> int:
         """Start the controller.
 
         Raises:
@@ -113,28 +81,25 @@ class EmbeddedSimulator(ThreadedContext):
         """
         from bcapscope.simulator.simulator_server import SimulatorServer  # imports asyncio
 
-        with ExitStack() as opened:
-            if self._is_temporary:
-                folder = opened.enter_context(TemporaryDirectory(prefix="bcapscope-"))
-                self.recording = Path(folder, "simulator.pcapng")
-            controller = start_controller(self._scenario, self._seed)
-            server = opened.enter_context(closing(SimulatorServer(controller, _HOST, 0)))
-            recorder = BackgroundRecorder(Recorder(self.recording, lambda warning: None))
-            opened.callback(recorder.close)
-            server.tap = recorder
-            thread = opened.enter_context(closing(_ServerThread(server, recorder)))
-            self.port, self._last_traffic, self._thread = server.address[1], None, thread
-            self._stack = opened.pop_all()
+        controller = start_controller(self._scenario, self._seed)
+        server = opened.enter_context(closing(SimulatorServer(controller, LOOPBACK, 0)))
+        recorder = BackgroundRecorder(Recorder(self.recording, lambda warning: None))
+        opened.callback(recorder.close)
+        server.tap = recorder
+        self._thread = opened.enter_context(closing(_ServerThread(server, recorder)))
+        return server.address[1]
 
-    def _close(self) -> None:
-        from bcapscope.testing.recorded_traffic import RecordedTraffic  # imports NumPy
+    def _stop(self) -> None:
+        if self._thread is not None:
+            self._thread.close()
+            self._thread.write_recording()
 
-        thread, self._thread = self._thread, None
-        with self._stack:
-            if thread is not None:
-                thread.close()
-                thread.write_recording()
-                self._last_traffic = RecordedTraffic(self.recording, [self.port])
+    def _write_recording(self) -> None:
+        if self._thread is not None:
+            self._thread.write_recording()
+
+    def _server_ports(self) -> frozenset[int]:
+        return frozenset((self.port,))
 
 
 class _ServerThread:

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
+    from bcapscope.testing.embedded_proxy import EmbeddedProxy
     from bcapscope.testing.embedded_simulator import EmbeddedSimulator
+    from bcapscope.testing.recording_context import RecordingContext
 
-_SOURCES = pytest.StashKey[dict[str, "EmbeddedSimulator"]]()
+_SOURCES = pytest.StashKey[dict[str, "RecordingContext"]]()
 """What a test uses, by the name of its fixture."""
 
 
@@ -22,8 +24,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """Register the marker."""
     config.addinivalue_line(
         "markers",
-        "bcap(profile=None, scenario=None, faults=(), seed=None): set up the controller of the fixture "
-        "bcap_simulator; the arguments are those of bcapscope.Simulator",
+        "bcap(profile=None, scenario=None, faults=(), seed=None): set up the fixture bcap_simulator; the "
+        "arguments are those of bcapscope.Simulator. With bcap_proxy, the proxy has the faults.",
     )
 
 
@@ -35,11 +37,29 @@ def bcap_simulator(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[E
     """
     from bcapscope.testing.embedded_simulator import EmbeddedSimulator
 
-    with EmbeddedSimulator(
-        **_marked_options(request), record=tmp_path / "bcap_simulator.pcapng"
-    ) as simulator:
+    options = _marked_options(request)
+    if "bcap_proxy" in request.fixturenames:
+        options.pop("faults", None)
+    with EmbeddedSimulator(**options, record=tmp_path / "bcap_simulator.pcapng") as simulator:
         _remember(request, simulator)
         yield simulator
+
+
+@pytest.fixture
+def bcap_proxy(
+    request: pytest.FixtureRequest, tmp_path: Path, bcap_simulator: EmbeddedSimulator
+) -> Iterator[EmbeddedProxy]:
+    """A proxy before `bcap_simulator` with `.host`, `.port`, `.calls`, `.findings` and `.recording`.
+
+    The faults of @pytest.mark.bcap happen in the proxy, so its capture shows the traffic before and after.
+    """
+    from bcapscope.testing.embedded_proxy import EmbeddedProxy
+
+    options, to = _marked_options(request), f"{bcap_simulator.host}:{bcap_simulator.port}"
+    faults, seed = options.get("faults", ()), options.get("seed", 0)
+    with EmbeddedProxy(to=to, faults=faults, seed=seed, record=tmp_path / "bcap_proxy.pcapng") as proxy:
+        _remember(request, proxy)
+        yield proxy
 
 
 def _marked_options(request: pytest.FixtureRequest) -> dict[str, Any]:
@@ -56,7 +76,7 @@ def _marked_options(request: pytest.FixtureRequest) -> dict[str, Any]:
     return options
 
 
-def _remember(request: pytest.FixtureRequest, source: EmbeddedSimulator) -> None:
+def _remember(request: pytest.FixtureRequest, source: RecordingContext) -> None:
     request.node.stash.setdefault(_SOURCES, {})[request.fixturename or ""] = source
 
 

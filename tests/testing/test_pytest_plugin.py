@@ -110,3 +110,19 @@ def test_a_wrong_marker_is_an_error(pytester: pytest.Pytester, marker: str, reas
 def test_the_marker_is_listed(pytester: pytest.Pytester) -> None:
     result = pytester.runpytest_subprocess("--markers")
     result.stdout.fnmatch_lines(["@pytest.mark.bcap(profile=None, *"])
+
+
+def test_the_proxy_stands_before_the_simulator_and_has_the_faults(pytester: pytest.Pytester) -> None:
+    result = _run(
+        pytester,
+        """
+@pytest.mark.bcap(faults=["drop reply try 1"])
+def test_proxy(bcap_simulator, bcap_proxy):
+    connect(bcap_proxy)
+    assert {len(call.attempts) for call in bcap_proxy.calls} == {2}
+    assert len(bcap_simulator.calls) == 4
+    assert False
+""",
+    )
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["*assert False", "*- b-CAP: bcap_proxy -*", "Capture: *bcap_proxy.pcapng"])
