@@ -8,16 +8,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from bcapscope.client.controller_connection import connect_controller as connect
     from bcapscope.testing.embedded_proxy import EmbeddedProxy as Proxy
     from bcapscope.testing.embedded_simulator import EmbeddedSimulator as Simulator
 
 __version__ = "0.1.0"
 
-__all__ = ["Proxy", "Simulator"]
+__all__ = ["Proxy", "Simulator", "connect"]
 
 _NAMES = {
     "Proxy": "bcapscope.testing.embedded_proxy:EmbeddedProxy",
     "Simulator": "bcapscope.testing.embedded_simulator:EmbeddedSimulator",
+    "connect": "bcapscope.client.controller_connection:connect_controller",
 }
 """Module and object of each public name."""
 
