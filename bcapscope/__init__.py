@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from bcapscope.api.reported_finding import ReportedFinding as ReportedFinding
     from bcapscope.api.single_frame import decode as decode
     from bcapscope.api.single_frame import encode as encode
+    from bcapscope.client.controller_connection import connect_controller
     from bcapscope.errors import BcapError as BcapError
     from bcapscope.errors import CallTimeout as CallTimeout
     from bcapscope.errors import CaptureError as CaptureError
@@ -33,9 +34,15 @@ if TYPE_CHECKING:
     from bcapscope.protocol.codec.frame import Frame as Frame
     from bcapscope.protocol.codec.variant import VT as VT
     from bcapscope.protocol.codec.variant import Variant as Variant
+    from bcapscope.testing.embedded_proxy import EmbeddedProxy
+    from bcapscope.testing.embedded_simulator import EmbeddedSimulator
     from bcapscope.traffic.call import Call as Call
     from bcapscope.traffic.filter.compiler import FilterError as FilterError
     from bcapscope.traffic.filter.getters import AnnotatedFrame as AnnotatedFrame
+
+    Proxy = EmbeddedProxy
+    Simulator = EmbeddedSimulator
+    connect = connect_controller
 
 __version__ = "0.1.0"
 
@@ -46,29 +53,38 @@ _NAMES_BY_MODULE = {
     "api.opened_capture": "Capture open",
     "api.reported_finding": "ReportedFinding",
     "api.single_frame": "decode encode",
+    "client.controller_connection": "connect=connect_controller",
     "errors": "BcapError CallTimeout CaptureError ControllerError FileWriteError InputError "
     "LocalProtocolError MissingExtraError RemoteProtocolError TooLargeError",
     "protocol.codec.arguments": "Argument Problem",
     "protocol.codec.frame": "Frame",
     "protocol.codec.variant": "VT Variant",
+    "testing.embedded_proxy": "Proxy=EmbeddedProxy",
+    "testing.embedded_simulator": "Simulator=EmbeddedSimulator",
     "traffic.call": "Call",
     "traffic.filter.compiler": "FilterError",
     "traffic.filter.getters": "AnnotatedFrame",
 }
-_MODULE_BY_NAME = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
-__all__ = list(_MODULE_BY_NAME)  # a new name needs one line above and one in _NAMES_BY_MODULE
+"""Public names by module; ``Proxy=EmbeddedProxy`` is the public name of an object with another name."""
+
+_OBJECTS = {
+    name: (module, attribute or name)
+    for module, names in _NAMES_BY_MODULE.items()
+    for name, _, attribute in (each.partition("=") for each in names.split())
+}
+__all__ = list(_OBJECTS)  # a new name needs one line above and one in _NAMES_BY_MODULE
 
 
 if not TYPE_CHECKING:  # A type checker that sees `__getattr__` accepts any name of the module.
 
     def __getattr__(name: str) -> object:
         """Import the module that defines a public name, and return the named object."""
-        module = _MODULE_BY_NAME.get(name)
-        if module is None:
+        if name not in _OBJECTS:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         from importlib import import_module  # noqa: PLC0415 - most imports of a submodule do not need it
 
-        value = getattr(import_module(f"{__name__}.{module}"), name)
+        module, attribute = _OBJECTS[name]
+        value = getattr(import_module(f"{__name__}.{module}"), attribute)
         globals()[name] = value
         return value
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import click
-import msgspec
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.attended import announce_ready, attended_option
@@ -23,9 +21,10 @@ from bcapscope.cli.common.scenario_options import (
 from bcapscope.live.server_runner import ServerRunner, reachability
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import Message, MessageFormatter
+from bcapscope.simulator.controller_setup import ScenarioProfileError, played_scenario, start_simulator
 from bcapscope.simulator.listening_sockets import SimulatorListenError
 from bcapscope.simulator.profile import DEFAULT_PROFILE, PROFILES, NoArgument
-from bcapscope.simulator.scenario import ProfileName, Scenario, ServerDefect
+from bcapscope.simulator.scenario import Scenario, ServerDefect
 from bcapscope.simulator.scenario_runner import ScenarioRunner
 from bcapscope.simulator.simulator import Simulator
 from bcapscope.simulator.simulator_server import SimulatorServer
@@ -126,9 +125,7 @@ def command(
     """
     played = _played_scenario(scenario, profile, defects, no_argument)
     serving = ServerRunner(quiet=quiet, record=record, words=words)
-    now = time.monotonic_ns()
-    start = played.initial_state(epoch=time.time_ns() - now)
-    simulator = Simulator(played.controller_profile, start, now, serving.log.on_call)
+    simulator, now = start_simulator(played, serving.log.on_call)
     served: Simulator | ScenarioRunner = simulator
     if scenario is not None:
         served = ScenarioRunner(played, simulator, now, seed=seed, on_news=serving.log.add_note)
@@ -166,13 +163,16 @@ def _print_introduction(
 def _played_scenario(
     scenario: Scenario | None, profile: str | None, defects: tuple[str, ...], no_argument: str | None
 ) -> Scenario:
-    """Return the scenario to play. Without --scenario, return a scenario without events."""
-    if scenario is not None and profile not in (None, scenario.profile):
-        raise click.UsageError(f"the scenario needs profile {scenario.profile}: leave out --profile")
-    chosen = scenario or Scenario(title="", profile=ProfileName(profile or DEFAULT_PROFILE))
-    own = tuple(map(ServerDefect, defects)) or chosen.defects
-    bare = chosen.no_argument if no_argument is None else NoArgument(no_argument)
-    return msgspec.structs.replace(chosen, defects=own, no_argument=bare)
+    """Return the scenario to play; an error of the profile is an error of the command line."""
+    try:
+        return played_scenario(
+            scenario,
+            profile,
+            defects=tuple(map(ServerDefect, defects)),
+            no_argument=None if no_argument is None else NoArgument(no_argument),
+        )
+    except ScenarioProfileError as error:
+        raise click.UsageError(f"{error}: leave out --profile") from None
 
 
 def _greeting(simulator: Simulator, server: SimulatorServer) -> Message:

@@ -32,6 +32,9 @@ _STEP_OVERHEAD = 512
 _WRITE_INTERVAL = 0.02
 """Seconds between writes to the disk."""
 
+_CHECK_INTERVAL = 0.002
+"""Seconds between two checks whether the packets are in the file."""
+
 _MAKE_FOR_NS = 1_000_000
 """Maximum time in ns for encoding packets before the server checks for new requests."""
 
@@ -146,6 +149,18 @@ class BackgroundRecorder:
         if not self._has_work.is_set():
             self._has_work.set()
         return bool(steps)
+
+    def wait_until_written(self, seconds: float) -> None:
+        """Wait until the encoded packets are in the file, at most `seconds`. Any thread may call this."""
+        until = time.monotonic() + seconds
+        while (
+            self._recorder.is_complete
+            and self._recorder.files.bytes_pending
+            and time.monotonic() < until
+            and not self._is_closing.is_set()
+        ):
+            self._has_work.set()
+            time.sleep(_CHECK_INTERVAL)
 
     def close(self) -> bool:
         """Encode and write the waiting packets, each for at most `_ENDS_WITHIN` seconds, and close the file.

@@ -1,6 +1,6 @@
-"""A bcapscope command that the screen starts in a child process: the simulator or a proxy.
+"""A bcapscope command in a child process: the simulator or a proxy of the screen, or the proxy of a program.
 
-The screen ends the command with a signal. If the screen is killed, the command's standard input closes, and
+The parent ends the command with a signal. If the parent is killed, the command's standard input closes, and
 the command ends.
 """
 

@@ -1,0 +1,104 @@
+"""The short way to a controller: host in, controller object out, for programs with and without asyncio."""
+
+from __future__ import annotations
+
+from contextlib import AsyncExitStack
+from types import TracebackType
+
+from bcapscope.client.blocking import Blocking
+from bcapscope.client.controller_target import DEFAULT_PORT, DEFAULT_RETRY_POLICIES, ControllerTarget
+from bcapscope.client.remote_objects import Controller, Service
+from bcapscope.client.session import open_target_session
+
+
+class ControllerConnection:
+    """A connection that opens and closes with a `with` or an `async with` block.
+
+    `async with` gives the controller, whose methods are coroutines. `with` gives a `Blocking` too, which runs
+    a coroutine to its end. The end of the block releases everything that the block opened, newest first.
+    """
+
+    def __init__(self, target: ControllerTarget) -> None:
+        self.target = target
+        self._stack = AsyncExitStack()
+        self._wait: Blocking | None = None
+
+    async def __aenter__(self) -> Controller:
+        """Connect.
+
+        Raises:
+            CallTimeout: The controller does not answer.
+            ControllerError: The controller refused a call.
+            OSError: The controller cannot be reached.
+        """
+        async with AsyncExitStack() as opened:
+            service = Service(await opened.enter_async_context(open_target_session(self.target)))
+            await service.start(self.target.service)
+            controller = await service.connect(*self.target.connect)
+            self._stack = opened.pop_all()
+        return controller
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self._stack.__aexit__(kind, error, trace)
+
+    def __enter__(self) -> tuple[Blocking, Controller]:
+        """Connect as `async with` does; call this outside of a running event loop."""
+        wait = Blocking()
+        try:
+            controller = wait.enter(self)
+        except BaseException:
+            wait.__exit__(None, None, None)
+            raise
+        self._wait = wait
+        return wait, controller
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._wait is not None:
+            self._wait.__exit__(kind, error, trace)
+
+
+def connect_controller(
+    host: str,
+    port: int = DEFAULT_PORT,
+    *,
+    tcp: bool = False,
+    provider: str = "CaoProv.DENSO.VRC",
+    name: str = "",
+    option: str = "",
+    timeout: float = DEFAULT_RETRY_POLICIES.others.timeout / 1e6,
+    retries: int = DEFAULT_RETRY_POLICIES.others.retries,
+) -> ControllerConnection:
+    """Return a connection to a controller, for `with` or `async with`.
+
+        async with bcapscope.connect("192.168.0.1") as controller:
+            robot = await controller.get_robot("Arm")
+
+        with bcapscope.connect("192.168.0.1") as (wait, controller):
+            robot = wait(controller.get_robot("Arm"))
+
+    Args:
+        host: Name or address of the controller.
+        port: Port of the controller.
+        tcp: Whether to use TCP instead of UDP.
+        provider: Provider of Controller_Connect; `CaoProv.DENSO.VRC9` for RC9 and COBOTTA PRO.
+        name: Name of the connection; "" lets the controller choose one.
+        option: Option of Service_Start, such as `,WDT=400`.
+        timeout: Time to wait for a reply before each retry, in ms.
+        retries: Maximum number of retries of a call.
+    """
+    return ControllerConnection(
+        ControllerTarget(
+            host,
+            port,
+            tcp=tcp,
+            provider=provider,
+            name=name,
+            service=option,
+            timeout=timeout,
+            retries=retries,
+        )
+    )

@@ -1,0 +1,69 @@
+"""Set up a simulated controller from a scenario, a profile and faults."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+import msgspec
+
+from bcapscope.errors import InputError
+from bcapscope.faults.fault_kinds import AnyFault
+from bcapscope.messages import Message
+from bcapscope.simulator.call_executor import CallReport
+from bcapscope.simulator.profile import DEFAULT_PROFILE, PROFILES, NoArgument
+from bcapscope.simulator.scenario import ProfileName, Scenario, ServerDefect
+from bcapscope.simulator.scenario_runner import ScenarioRunner
+from bcapscope.simulator.simulator import Peer, Simulator
+
+
+class ScenarioProfileError(InputError):
+    """The scenario is made for another profile."""
+
+
+def played_scenario(
+    scenario: Scenario | None,
+    profile: str | None,
+    *,
+    defects: Sequence[ServerDefect] = (),
+    no_argument: NoArgument | None = None,
+    faults: Sequence[AnyFault] = (),
+) -> Scenario:
+    """Return the scenario to play, with changes. Without a scenario, return one without events.
+
+    Raises:
+        ScenarioProfileError: The scenario is made for a profile other than `profile`.
+        InputError: There is no such profile.
+    """
+    if profile is not None and profile not in PROFILES:
+        raise InputError(Message("simulator.unknown-profile", name=f"{profile!r}", known=", ".join(PROFILES)))
+    if scenario is not None and profile not in (None, scenario.profile):
+        raise ScenarioProfileError(Message("scenario.other-profile", profile=str(scenario.profile)))
+    chosen = scenario or Scenario(title="", profile=ProfileName(profile or DEFAULT_PROFILE))
+    return msgspec.structs.replace(
+        chosen,
+        defects=tuple(defects) or chosen.defects,
+        no_argument=chosen.no_argument if no_argument is None else no_argument,
+        faults=(*chosen.faults, *faults),
+    )
+
+
+def ignore_call(peer: Peer, report: CallReport) -> None:
+    """Do nothing: nobody needs to know the calls."""
+
+
+def start_simulator(
+    played: Scenario, on_call: Callable[[Peer, CallReport], None] = ignore_call
+) -> tuple[Simulator, int]:
+    """Return a simulator in the initial state of a scenario, and the monotonic time in ns of its start."""
+    now = time.monotonic_ns()
+    start = played.initial_state(epoch=time.time_ns() - now)
+    return Simulator(played.controller_profile, start, now, on_call), now
+
+
+def start_controller(played: Scenario, seed: int | None = None) -> Simulator | ScenarioRunner:
+    """Return a controller that plays a scenario; only a scenario with faults or events needs a runner."""
+    simulator, now = start_simulator(played)
+    if played.faults or played.in_slave_mode or played.variables:
+        return ScenarioRunner(played, simulator, now, seed=seed)
+    return simulator

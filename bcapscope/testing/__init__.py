@@ -1,0 +1,1 @@
+"""Simulator, proxy and pytest plugin for the tests of b-CAP clients."""

@@ -1,0 +1,165 @@
+"""A simulated controller in a thread of the program that tests a client."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
+from pathlib import Path
+from queue import SimpleQueue
+from threading import Event, Thread
+from typing import TYPE_CHECKING
+
+from bcapscope.errors import InputError
+from bcapscope.faults.fault_notation import read_fault
+from bcapscope.live.background_recorder import BackgroundRecorder
+from bcapscope.live.recorder import Recorder
+from bcapscope.messages.message import foreign_text
+from bcapscope.simulator.controller_setup import played_scenario, start_controller
+from bcapscope.simulator.scenario import Scenario, load_scenario
+from bcapscope.testing.recording_context import LOOPBACK, RecordingContext
+
+if TYPE_CHECKING:
+    from bcapscope.simulator.simulator_server import SimulatorServer
+
+_WRITTEN_WITHIN = 5.0
+"""Maximum time in seconds for the recorder to write the packets that wait."""
+
+
+class EmbeddedSimulator(RecordingContext):
+    """A simulated controller that answers b-CAP clients on a free loopback port, over UDP and TCP.
+
+        with bcapscope.Simulator(profile="rc8", faults=["loss=5%"], seed=3) as simulator:
+            run_my_client(simulator.host, simulator.port)
+            assert not simulator.findings
+
+    The controller runs in a thread of its own until the block ends, also with `async with`. So a client that
+    blocks the event loop does not delay the controller's replies.
+
+    Attributes:
+        host: Address on which the controller listens.
+        port: Port for UDP and TCP; 0 before the block.
+        recording: Capture of the traffic, as seen at the controller. Without `record`, the file is temporary
+            and exists until the block ends.
+    """
+
+    def __init__(
+        self,
+        *,
+        profile: str | None = None,
+        scenario: str | Path | None = None,
+        faults: Sequence[str] = (),
+        seed: int | None = None,
+        record: str | Path | None = None,
+    ) -> None:
+        """Choose the controller; it starts when the block begins.
+
+        Args:
+            profile: Kind of controller: `rc7`, `rc8`, `rc9` or `cserver`. Default: the profile of the
+                scenario, otherwise `rc8`.
+            scenario: Name of an included scenario, or path of a YAML file, as for `bcapscope sim --scenario`.
+            faults: Faults in the notation of `bcapscope proxy --fault`, such as `loss=5%`.
+            seed: Random seed of the faults. The same seed and traffic give the same faults.
+            record: Path of the capture to write; the file must not exist.
+
+        Raises:
+            InputError: The profile, the scenario or a fault is invalid.
+            OSError: The file of the scenario cannot be read.
+        """
+        chosen = None if scenario is None else _load(str(scenario))
+        super().__init__(record)
+        self._scenario = played_scenario(chosen, profile, faults=[read_fault(each) for each in faults])
+        self._seed = seed
+        self._thread: _ServerThread | None = None
+
+    def _start(self, opened: ExitStack) -> int:
+        """Start the controller.
+
+        Raises:
+            SimulatorListenError: No loopback port is free.
+            FileWriteError: The capture cannot be written.
+        """
+        from bcapscope.simulator.simulator_server import SimulatorServer  # imports asyncio
+
+        controller = start_controller(self._scenario, self._seed)
+        server = opened.enter_context(closing(SimulatorServer(controller, LOOPBACK, 0)))
+        recorder = BackgroundRecorder(Recorder(self.recording, lambda warning: None))
+        opened.callback(recorder.close)
+        server.tap = recorder
+        self._thread = opened.enter_context(closing(_ServerThread(server, recorder)))
+        return server.address[1]
+
+    def _stop(self) -> None:
+        if self._thread is not None:
+            self._thread.close()
+            self._thread.write_recording()
+
+    def _write_recording(self) -> None:
+        if self._thread is not None:
+            self._thread.write_recording()
+
+    def _server_ports(self) -> frozenset[int]:
+        return frozenset((self.port,))
+
+
+class _ServerThread:
+    """The thread that serves the clients. It owns the server and the recorder until it ends."""
+
+    def __init__(self, server: SimulatorServer, recorder: BackgroundRecorder) -> None:
+        self._server = server
+        self._recorder = recorder
+        self._wishes: SimpleQueue[Event | None] = SimpleQueue()
+        self._own_end, self._other_end = socket.socketpair()
+        self._error: BaseException | None = None
+        self._thread = Thread(target=self._run, name="bcapscope simulator", daemon=True)
+        self._thread.start()
+
+    def write_recording(self) -> None:
+        """Write all packets so far to the file. Raise the error that ended the thread, if there is one."""
+        if self._thread.is_alive():
+            self._wishes.put(encoded := Event())
+            self._other_end.send(b"\0")
+            while not encoded.wait(0.1) and self._thread.is_alive():
+                pass
+        self._recorder.wait_until_written(_WRITTEN_WITHIN)
+        if self._error is not None:
+            raise self._error
+
+    def close(self) -> None:
+        """End the thread."""
+        if self._thread.is_alive():
+            self._wishes.put(None)
+            self._other_end.send(b"\0")
+            self._thread.join()
+        self._own_end.close()
+        self._other_end.close()
+
+    def _run(self) -> None:
+        from bcapscope.simulator.simulator_server import serve
+
+        try:
+            serve(self._server, self._recorder.on_idle, self._on_wish, [self._own_end.fileno()])
+        except _EndServing:
+            return
+        except Exception as error:  # the thread that tests the client raises it
+            self._error = error
+
+    def _on_wish(self, descriptor: int) -> None:
+        self._own_end.recv(1)
+        wish = self._wishes.get()
+        while self._recorder.on_idle():
+            pass
+        if wish is None:
+            raise _EndServing
+        wish.set()
+
+
+class _EndServing(Exception):
+    """The owner wants the thread to end."""
+
+
+def _load(name_or_path: str) -> Scenario:
+    try:
+        return load_scenario(name_or_path)
+    except LookupError as error:
+        raise InputError(foreign_text(error.args[0])) from None

@@ -1,0 +1,93 @@
+"""The pytest plugin of bcapscope: fixtures for the tests of b-CAP clients.
+
+pytest loads this module in every test run where bcapscope is installed, so it imports nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from bcapscope.testing.embedded_proxy import EmbeddedProxy
+    from bcapscope.testing.embedded_simulator import EmbeddedSimulator
+    from bcapscope.testing.recording_context import RecordingContext
+
+_SOURCES = pytest.StashKey[dict[str, "RecordingContext"]]()
+"""What a test uses, by the name of its fixture."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Register the marker."""
+    config.addinivalue_line(
+        "markers",
+        "bcap(profile=None, scenario=None, faults=(), seed=None): set up the fixture bcap_simulator; the "
+        "arguments are those of bcapscope.Simulator. With bcap_proxy, the proxy has the faults.",
+    )
+
+
+@pytest.fixture
+def bcap_simulator(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[EmbeddedSimulator]:
+    """A simulated b-CAP controller with `.host`, `.port`, `.calls`, `.findings` and `.recording`.
+
+    Choose profile, scenario, faults and seed with @pytest.mark.bcap.
+    """
+    from bcapscope.testing.embedded_simulator import EmbeddedSimulator
+
+    options = _marked_options(request)
+    if "bcap_proxy" in request.fixturenames:
+        options.pop("faults", None)
+    with EmbeddedSimulator(**options, record=tmp_path / "bcap_simulator.pcapng") as simulator:
+        _remember(request, simulator)
+        yield simulator
+
+
+@pytest.fixture
+def bcap_proxy(
+    request: pytest.FixtureRequest, tmp_path: Path, bcap_simulator: EmbeddedSimulator
+) -> Iterator[EmbeddedProxy]:
+    """A proxy before `bcap_simulator` with `.host`, `.port`, `.calls`, `.findings` and `.recording`.
+
+    The faults of @pytest.mark.bcap happen in the proxy, so its capture shows the traffic before and after.
+    """
+    from bcapscope.testing.embedded_proxy import EmbeddedProxy
+
+    options, to = _marked_options(request), f"{bcap_simulator.host}:{bcap_simulator.port}"
+    faults, seed = options.get("faults", ()), options.get("seed", 0)
+    with EmbeddedProxy(to=to, faults=faults, seed=seed, record=tmp_path / "bcap_proxy.pcapng") as proxy:
+        _remember(request, proxy)
+        yield proxy
+
+
+def _marked_options(request: pytest.FixtureRequest) -> dict[str, Any]:
+    """Return the options of the markers; the marker that is closest to the test wins."""
+    options: dict[str, Any] = {}
+    for marker in reversed(list(request.node.iter_markers("bcap"))):
+        unknown = sorted(set(marker.kwargs) - {"profile", "scenario", "faults", "seed"})
+        if marker.args or unknown:
+            given = ", ".join([*map(repr, marker.args), *unknown])
+            raise pytest.UsageError(
+                f"@pytest.mark.bcap accepts profile=, scenario=, faults= and seed=, but not {given}"
+            )
+        options |= marker.kwargs
+    return options
+
+
+def _remember(request: pytest.FixtureRequest, source: RecordingContext) -> None:
+    request.node.stash.setdefault(_SOURCES, {})[request.fixturename or ""] = source
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Add the b-CAP traffic to the report of a test that failed."""
+    report = yield
+    if report.failed and report.when == "call":
+        for name, source in item.stash.get(_SOURCES, {}).items():
+            from bcapscope.testing.failure_report import failure_report_lines
+
+            lines = failure_report_lines(source.traffic(), source.recording)
+            report.sections.append((f"b-CAP: {name}", "\n".join(lines)))
+    return report

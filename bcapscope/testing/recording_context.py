@@ -1,0 +1,98 @@
+"""A context manager that records b-CAP traffic, and shows its calls and findings."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from bcapscope.errors import InputError
+from bcapscope.messages import Message
+from bcapscope.testing.threaded_context import ThreadedContext
+
+if TYPE_CHECKING:
+    from bcapscope.analysis.finding import Finding
+    from bcapscope.testing.recorded_traffic import RecordedTraffic
+    from bcapscope.traffic.call import Call
+
+LOOPBACK = "127.0.0.1"
+
+
+class RecordingContext(ThreadedContext):
+    """Records the traffic of its block, in a temporary file unless `record` names a file.
+
+    Attributes:
+        host: Address for clients.
+        port: Port for clients, UDP and TCP; 0 before the block.
+        recording: Capture of the traffic. A temporary file exists until the block ends.
+    """
+
+    def __init__(self, record: str | Path | None) -> None:
+        self.host = LOOPBACK
+        self.port = 0
+        self.recording = Path() if record is None else Path(record)
+        self._is_temporary = record is None
+        self._stack = ExitStack()
+        self._is_running = False
+        self._last_traffic: RecordedTraffic | None = None
+
+    @property
+    def calls(self) -> list[Call]:
+        """Calls in the traffic so far, also those without a reply."""
+        return [call for call, _ in self.traffic().calls]
+
+    @property
+    def findings(self) -> list[Finding]:
+        """What `bcapscope diagnose` finds in the traffic so far, root cause first."""
+        return self.traffic().findings
+
+    def traffic(self) -> RecordedTraffic:
+        """Read the traffic so far. After the block, return the traffic of the whole block.
+
+        Raises:
+            InputError: The block has not begun.
+        """
+        if self._is_running:
+            self._write_recording()
+            return self._read_recording()
+        if self._last_traffic is None:
+            raise InputError(Message("testing.not-entered"))
+        return self._last_traffic
+
+    @abstractmethod
+    def _start(self, opened: ExitStack) -> int:
+        """Start to serve and record, and return the port. `opened` releases what it holds after `_stop`."""
+
+    @abstractmethod
+    def _stop(self) -> None:
+        """Stop to serve, and complete the recording."""
+
+    @abstractmethod
+    def _write_recording(self) -> None:
+        """Write to the file what was sent and received so far."""
+
+    @abstractmethod
+    def _server_ports(self) -> frozenset[int]:
+        """Return the ports of the controllers in the recording."""
+
+    def _open(self) -> None:
+        with ExitStack() as opened:
+            if self._is_temporary:
+                folder = opened.enter_context(TemporaryDirectory(prefix="bcapscope-"))
+                self.recording = Path(folder, "traffic.pcapng")
+            self.port = self._start(opened)
+            self._last_traffic, self._is_running = None, True
+            self._stack = opened.pop_all()
+
+    def _close(self) -> None:
+        with self._stack:
+            self._is_running = False
+            self._stop()
+            self._last_traffic = self._read_recording()
+
+    def _read_recording(self) -> RecordedTraffic:
+        from bcapscope.testing.recorded_traffic import RecordedTraffic  # imports NumPy
+
+        return RecordedTraffic(self.recording, self._server_ports())
