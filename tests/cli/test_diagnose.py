@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
+import select
 import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -214,25 +216,28 @@ def test_a_file_as_standard_input_is_no_pipe() -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux has a loopback interface named lo")
 def test_live_findings_are_printed_as_they_are_made() -> None:
-    argv = [sys.executable, "-m", "bcapscope", "diagnose", "-i", "lo", "--rule", "malformed-request"]
     pipe = subprocess.PIPE
     with (
-        subprocess.Popen([*argv, "-p", "5999"], stdout=pipe, stderr=pipe, text=True) as program,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
     ):
-        assert program.stderr is not None
-        if "capturing on lo" not in program.stderr.readline():
-            pytest.skip("no right to capture here")
         server.bind(("127.0.0.1", 0))
-        client.connect(("127.0.0.1", 5999))
-        broken = bytearray(request(1))
-        broken[1] += 1
-        with suppress(ConnectionRefusedError):
-            client.send(bytes(broken))
-        line = program.stderr.readline()
-        assert line.startswith("error malformed-request: ")
-        program.send_signal(signal.SIGINT)
-        out, _ = program.communicate()
+        client.connect(server.getsockname())
+        argv = [sys.executable, "-m", "bcapscope", "diagnose", "-i", "lo", "--rule", "malformed-request"]
+        argv += ["-p", str(server.getsockname()[1])]
+        with subprocess.Popen(argv, stdout=pipe, stderr=pipe) as program:
+            assert program.stderr is not None
+            if b"capturing on lo" not in program.stderr.readline():
+                pytest.skip("no right to capture here")
+            broken = bytearray(request(1))
+            broken[1] += 1
+            seen, give_up = b"", time.monotonic() + 60
+            while b"error malformed-request: " not in seen:
+                assert time.monotonic() < give_up, seen
+                client.send(bytes(broken))
+                if select.select((program.stderr,), (), (), 0.2)[0]:
+                    seen += os.read(program.stderr.fileno(), 65536)
+            program.send_signal(signal.SIGINT)
+            out, _ = program.communicate()
     assert program.returncode == ExitCode.OK
-    assert "error malformed-request" in out
+    assert b"error malformed-request" in out
