@@ -94,5 +94,6 @@ def test_who_is_there_before_anything_moves() -> None:
         ControllerInfo(False, "RC7", facts, 0x002, (0.0,), 0.0), MessageFormatter(Language.JAPANESE)
     ) == (
         "ロボットが動く可能性のあるコントローラ, RC7, 型式名 VS-068, no answer, 型式番号 10, "
-        "バージョン 3.0.0; スレーブモード 0x002: J 型、Sync: コントローラが指令値を取り込むと slvMove に応答。指令値が遅れるとエラー"
+        "バージョン 3.0.0; スレーブモード 0x002: J 型、Sync: "
+        "コントローラが指令値を取り込むと slvMove に応答。指令値が遅れるとエラー"
     )
