@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
-from bcapscope.protocol.codec.frame import Frame, parse_datagram
+from bcapscope.protocol.codec.frame import Frame, Framing, encode_frame, parse_datagram
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
+from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.wireshark.dissector import dissector_text
 from tests import strategies
 from tests.wireshark.compressed import compressed_frames
@@ -61,7 +62,11 @@ def _functions(version: str) -> Any:
 def test_frames_are_decoded_alike(version: str) -> None:
     decode, _ = _functions(version)
     frames = [data for data in corpus(strategies.mutated_frames(), 1000) if len(data) >= 15]
-    for raw in (*frames, *compressed_frames(600)):
+    serial_line = encode_frame(
+        7, 0, 64, [Variant(VT.UI1 | ARRAY, bytes(range(256)), 256)], Framing.SERIAL_LINE
+    )
+    assert "serial line" in _decoded(serial_line)
+    for raw in (serial_line, *frames, *compressed_frames(600)):
         assert decode(raw).decode() == _decoded(raw)
 
 

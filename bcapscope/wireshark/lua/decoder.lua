@@ -270,27 +270,44 @@ local function read_arguments(reader, argc)
     reader.is_complete = true
 end
 
-local function xor_byte(a, b)
-    local result, bit_value = 0, 1
-    while a > 0 or b > 0 do
-        if a % 2 ~= b % 2 then result = result + bit_value end
-        a, b, bit_value = floor(a / 2), floor(b / 2), bit_value * 2
+-- Exclusive or, by tables, because Lua 5.2 has no operator for it
+
+local NIBBLES = {}
+for a = 0, 15 do
+    for b = 0, 15 do
+        local result = 0
+        for bit = 0, 3 do
+            if floor(a / 2 ^ bit) % 2 ~= floor(b / 2 ^ bit) % 2 then result = result + 2 ^ bit end
+        end
+        NIBBLES[a * 16 + b] = floor(result)
     end
-    return result
+end
+
+local function xor_byte(a, b)
+    local low_a, low_b = a % 16, b % 16
+    return NIBBLES[a - low_a + (b - low_b) / 16] * 16 + NIBBLES[low_a * 16 + low_b]
+end
+
+-- High and low byte of the CRC of each byte
+local CRC_HIGH, CRC_LOW = {}, {}
+for value = 0, 255 do
+    local high, low = value, 0
+    for _ = 1, 8 do
+        local is_set = high >= 128
+        high, low = high % 128 * 2 + floor(low / 128), low % 128 * 2
+        if is_set then high, low = xor_byte(high, 0x10), xor_byte(low, 0x21) end
+    end
+    CRC_HIGH[value], CRC_LOW[value] = high, low
 end
 
 -- Return the CRC-16 of a serial-line frame: polynomial 0x1021, start value 0xFFFF.
 local function crc16(data)
-    local crc = 0xFFFF
+    local high, low = 255, 255
     for index = 1, #data do
-        crc = xor_byte(floor(crc / 256), byte(data, index)) * 256 + crc % 256
-        for _ = 1, 8 do
-            local is_odd = crc >= 0x8000
-            crc = crc * 2 % 0x10000
-            if is_odd then crc = xor_byte(floor(crc / 256), 0x10) * 256 + xor_byte(crc % 256, 0x21) end
-        end
+        local value = xor_byte(high, byte(data, index))
+        high, low = xor_byte(low, CRC_HIGH[value]), CRC_LOW[value]
     end
-    return crc
+    return high * 256 + low
 end
 
 -- Determine the framing from the bytes between the last argument and EOT.
