@@ -7,10 +7,11 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from typing import TYPE_CHECKING, Literal
 
 from bcapscope.api.data_tables import CALL_COLUMNS, FRAME_COLUMNS, Records, TableRecords
+from bcapscope.api.word_choice import choose
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.capture_folder import expand_folders
 from bcapscope.capture.capture_input import CaptureInput, read_items
-from bcapscope.errors import CaptureError
+from bcapscope.errors import CaptureError, InputError
 from bcapscope.messages import Message
 from bcapscope.render.escape import printable
 from bcapscope.traffic.call import Call
@@ -25,6 +26,9 @@ from bcapscope.traffic.pipeline import CallCollector
 if TYPE_CHECKING:
     from bcapscope.analysis.slave.slave_session import SlaveSession
     from bcapscope.api.reported_finding import ReportedFinding
+
+_SIDES = {"client": CapturePlace.CLIENT_SIDE, "controller": CapturePlace.CONTROLLER_SIDE}
+_CAPTURE_POINTS = {point.value: point for point in CapturePoint}
 
 
 class Capture:
@@ -189,15 +193,18 @@ def open(
 
     Raises:
         CaptureError: A capture cannot be opened, and there is no `on_error`.
-        FilterError: The filter is invalid. `FilterError` is an `InputError`.
+        InputError: An argument is invalid. If it is the filter, the error is a `FilterError`.
     """
     given = [paths] if isinstance(paths, str | os.PathLike) else paths
+    names = [os.fspath(path) for path in given]
+    if not names:
+        raise InputError(Message("capture.none-given"))
     return Capture(
-        [os.fspath(path) for path in given],
+        names,
         expression=filter,
         ports=ports,
-        side=None if side is None else CapturePlace[f"{side.upper()}_SIDE"],
-        taken_at=None if taken_at is None else CapturePoint(taken_at),
+        side=None if side is None else choose(side, _SIDES),
+        taken_at=None if taken_at is None else choose(taken_at, _CAPTURE_POINTS),
         on_error=on_error,
     )
 

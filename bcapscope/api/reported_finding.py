@@ -7,9 +7,12 @@ from dataclasses import dataclass, field, fields
 from typing import Literal
 
 from bcapscope.analysis.finding import NO_TRAFFIC, Finding, TrafficTotals
+from bcapscope.api.word_choice import choose
 from bcapscope.messages import Language, MessageFormatter
 from bcapscope.render.escape import printable
 from bcapscope.render.finding_text import finding_sentence, words_for
+
+_LANGUAGES = {language.value: language for language in Language}
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,15 +31,21 @@ class ReportedFinding(Finding):
     )
 
     def text(self, language: Literal["en", "ja"] = "en") -> str:
-        """Return what happened, how often, and what followed. Text from the wire is escaped."""
+        """Return what happened, how often, and what followed. Text from the wire is escaped.
+
+        Raises:
+            InputError: The language is unknown.
+        """
         return printable(finding_sentence(self, self._words(language)))
 
     def advice_text(self, language: Literal["en", "ja"] = "en") -> str:
-        """Return what you can do about the finding."""
+        """Return what you can do about the finding; raises as `text` does."""
         return printable(self._words(language).text(self.advice))
 
     def _words(self, language: Literal["en", "ja"]) -> MessageFormatter:
-        return words_for(MessageFormatter(Language(language), find_frame=self._find_frame), self.totals)
+        return words_for(
+            MessageFormatter(choose(language, _LANGUAGES), find_frame=self._find_frame), self.totals
+        )
 
 
 def reported_finding(

@@ -182,3 +182,25 @@ def test_memory_stays_flat(tmp_path: Path, records_name: str) -> None:
 
     peak_of(10)
     assert peak_of(40) < 1.5 * peak_of(10)
+
+
+def test_no_capture_at_all_is_an_input_error() -> None:
+    with pytest.raises(bcapscope.InputError, match="no capture was given"):
+        bcapscope.open([])
+
+
+def test_an_unknown_word_is_an_input_error() -> None:
+    with pytest.raises(bcapscope.InputError, match="'left' is not one of 'client', 'controller'"):
+        bcapscope.open(LOST, side="left")  # type: ignore[arg-type]
+    with pytest.raises(bcapscope.InputError, match="'left' is not one of 'client'"):
+        bcapscope.open(LOST, taken_at="left")  # type: ignore[arg-type]
+    finding = next(iter(bcapscope.open(LOST).findings))
+    with pytest.raises(bcapscope.InputError, match="'fr' is not one of 'en', 'ja'"):
+        finding.text("fr")  # type: ignore[arg-type]
+
+
+def test_findings_have_both_languages() -> None:
+    finding = next(iter(bcapscope.open(LOST).findings))
+    assert finding.text("ja") != finding.text() == finding.text("en")
+    assert finding.advice_text("ja") != finding.advice_text()
+    assert (finding.number, finding.consequence_of, finding.totals.frames) == (1, None, 70)

@@ -28,11 +28,25 @@ def test_every_example_prints_what_the_page_shows(program: str, output: str) -> 
     assert done.stdout == output
 
 
-def test_every_example_has_sound_types(tmp_path: Path) -> None:
+def checked(*paths: Path) -> list[str]:
+    """Return what mypy reports about programs of users."""
     pytest.importorskip("mypy")
-    for number, (program, _) in enumerate(EXAMPLES, 1):
-        (tmp_path / f"example_{number}.py").write_text(program, "utf-8")
     argv = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary"]
-    argv += ["--config-file", "", "--cache-dir", str(ROOT / ".mypy_cache" / "examples"), str(tmp_path)]
+    argv += ["--config-file", "", "--cache-dir", str(ROOT / ".mypy_cache" / "examples")]
+    argv += map(str, paths)
     done = subprocess.run(argv, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (0, "")
+    assert done.stderr == ""
+    return done.stdout.splitlines()
+
+
+def test_every_example_has_sound_types(tmp_path: Path) -> None:
+    paths = [tmp_path / f"example_{number}.py" for number in range(len(EXAMPLES))]
+    for path, (program, _) in zip(paths, EXAMPLES, strict=True):
+        path.write_text(program, "utf-8")
+    assert checked(*paths) == []
+
+
+def test_types_of_users_are_checked(tmp_path: Path) -> None:
+    path = tmp_path / "wrong.py"
+    path.write_text("import bcapscope\nbcapscope.open(5)\nbcapscope.Packet\n", "utf-8")
+    assert [line.rpartition("[")[2] for line in checked(path)] == ["arg-type]", "attr-defined]"]

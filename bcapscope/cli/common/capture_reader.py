@@ -186,8 +186,8 @@ class CaptureReader:
         return self._words if len(self.paths) < 2 else self._words.for_captures(self._find_frame)
 
     def _find_frame(self, frame: int) -> tuple[str, int] | None:
-        origin = self.frame_origins.origin_of(frame)
-        return None if origin is None else (printable(self._input_name(origin.name)), origin.packet)
+        found = self._input.find_frame(frame)
+        return None if found is None else (printable(self._input_name(found[0])), found[1])
 
     @property
     def comments(self) -> Mapping[int, tuple[str, ...]]:
