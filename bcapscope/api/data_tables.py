@@ -25,7 +25,7 @@ _ROWS_AT_ONCE = 65_536
 
 
 class ColumnType(Enum):
-    """Type of a column's values. All of them except `INTEGER` may be missing."""
+    """Type of a column's values. A value may be missing in a column of any type except `INTEGER`."""
 
     INTEGER = "integer"
     OPTIONAL_INTEGER = "integer or missing"

@@ -100,7 +100,8 @@ a run of groups or rows can be shorter."""
 _OFFSET = re.compile(r"\s*(?:0[xX])?([0-9A-Fa-f]{2,16})(:?)(?=\s)")
 _SHORTEST_BARE_OFFSET = 4
 _MACHINE_OFFSETS = (6, 7)
-"""Numbers of offset digits in the output of hexdump and od, which print words in the machine's byte order."""
+"""How many digits an offset has in the output of hexdump and od. These programs print words in the machine's
+byte order."""
 
 _OCTAL_WORD = re.compile(r"[01][0-7]{5}")
 _LONE_NUMBER = re.compile(r"\s*([0-9A-Fa-f]{4,8})\s*")

@@ -183,7 +183,8 @@ class PlayerProcess:
                 rest = rest[os.write(self._commands.fileno(), rest) :]
 
     def _on_crash(self) -> PlayerMessage:
-        """Start a process to clean up after a crashed player, or make the last message if none is needed."""
+        """Start a process that cleans up after a crashed player. If no cleanup is needed, return the last message
+        of the player."""
         assert self._process.stderr is not None
         words = self._process.stderr.read().decode(errors="replace").strip().splitlines()
         code = self._process.wait()
