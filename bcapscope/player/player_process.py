@@ -183,8 +183,10 @@ class PlayerProcess:
                 rest = rest[os.write(self._commands.fileno(), rest) :]
 
     def _on_crash(self) -> PlayerMessage:
-        """Start a process that cleans up after a crashed player. If no cleanup is needed, return the last message
-        of the player."""
+        """Start a process that cleans up after a crashed player.
+
+        If no cleanup is needed, return the player's last message.
+        """
         assert self._process.stderr is not None
         words = self._process.stderr.read().decode(errors="replace").strip().splitlines()
         code = self._process.wait()
