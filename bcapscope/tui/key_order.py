@@ -82,7 +82,7 @@ class KeyOrderApp(App[None]):
         self.call_later(self._deliver_next, message)  # after callbacks of the key, such as focus
 
     async def _deliver_next(self, marker: KeyHandled) -> None:
-        """Deliver the next key after the screen that the previous key opened is mounted."""
+        """If a key opens a screen, deliver the next key only after this screen is mounted."""
         if marker is not self._pending:
             return
         if not self._queued_events:

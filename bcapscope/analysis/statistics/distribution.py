@@ -21,7 +21,8 @@ _PER_OCTAVE = 128
 0.4%."""
 
 _LOWEST, _HIGHEST = -24, 40
-"""Range of the bins, as powers of two: wide enough for 0.1 µm in mm, and for decades in ms."""
+"""Exponents (base 2) of the smallest and the largest bin: the range reaches from 0.1 µm, in mm, to tens of
+years, in ms."""
 
 _BINS = (_HIGHEST - _LOWEST) * _PER_OCTAVE
 

@@ -34,8 +34,8 @@ HELD_FRAMES = 512
 
 OWN_CALLS = 2
 """Number of answered calls after which a conversation is assumed to have no twin, if no other conversation
-has the same requests. A proxy forwards a request before it receives the reply, so a twin would have been
-found."""
+has the same requests. A proxy forwards a request before it receives the reply. Through a proxy, the request
+would have been captured twice by then."""
 
 MAX_NEW = 1024
 """Maximum number of conversations that are held at a time."""

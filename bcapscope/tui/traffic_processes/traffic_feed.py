@@ -179,7 +179,7 @@ class TrafficFeed:
                 self._publish(message)
 
     def make_save_job(self, target: str, notes: dict[int, str]) -> SaveJob:
-        """Return a job that saves all packets seen so far, and notes by packet number, in a new file."""
+        """Return a job that writes all packets seen so far to a new file, with `notes` by packet number."""
         most = 0
         if self.journal is not None and not self.progress.ended and len(self.journal):
             most = self.journal.read_frame(len(self.journal)).observation.packet

@@ -30,7 +30,8 @@ _SENT_WITHIN = 2.0
 
 
 class ReportSender:
-    """Sends reports in a separate thread, so that a screen which does not read delays nothing.
+    """Sends reports in a separate thread, so that the watcher does not wait when a screen stops reading
+    them.
 
     A newer report replaces a report of the same kind that has not been sent yet.
     """
