@@ -119,7 +119,7 @@ def command(
             severities or (finding.severity,)
         )
 
-    if as_json:
+    if as_json or display_filter:
         reading.remember_origins()
     if reading.is_live:
         _read_live(reading, diagnosis, is_shown, None if as_json else renderer)
