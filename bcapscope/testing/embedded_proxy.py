@@ -11,7 +11,7 @@ from bcapscope.faults.fault_notation import read_fault
 from bcapscope.live.child_process import ChildProcess
 from bcapscope.testing.recording_context import LOOPBACK, RecordingContext
 
-_IDLE_FOR = 0.3
+_IDLE_FOR = 1.0
 """Seconds after which a recorder that wrote nothing has nothing left to write; it polls every 0.075 s."""
 
 _WRITTEN_WITHIN = 5.0
@@ -27,7 +27,7 @@ class EmbeddedProxy(RecordingContext):
             run_my_client(proxy.host, proxy.port)
 
     The proxy is that of `bcapscope proxy`. It records both sides. `calls` and `findings` wait until the
-    recorder has been idle for 0.3 s.
+    recorder has been idle for 1 s.
 
     Attributes:
         host: Address on which the proxy listens.
