@@ -34,7 +34,7 @@ class SlaveSessionBuilder:
 
     Attributes:
         key: Conversation of the client that sends the set points, and its robot's handle. Before the first
-            set point, the client is the one that entered slave mode.
+            set point, this is the client that entered slave mode.
         mode: Value of the slave mode, and how the value is known.
         entry_call: The slvChangeMode call that began the session; None if the call was not captured.
         position: Position of the robot before the first set point; None if unknown.

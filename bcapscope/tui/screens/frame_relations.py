@@ -130,7 +130,7 @@ def find_frame(text: str, journal: ObservationStore) -> int | None:
 
 
 def notes_by_packet(marks: Mapping[int, str], read_frame: Callable[[int], AnnotatedFrame]) -> dict[int, str]:
-    """Return the notes on frames by packet: the packet of a note is the one that completed the frame."""
+    """Return the notes on frames by packet number: that of the packet that completed the frame."""
     notes: dict[int, str] = {}
     for number, note in sorted(marks.items()):
         seen = read_frame(number).observation
