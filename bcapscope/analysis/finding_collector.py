@@ -1,4 +1,4 @@
-"""Collect the occurrences that rules report, link each to its cause, and make findings of them."""
+"""Collect the problems that rules report, link each problem to its cause, and make findings from them."""
 
 from __future__ import annotations
 
@@ -11,17 +11,20 @@ from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence, Rob
 from bcapscope.messages import Message
 
 MAX_KEPT = 32
-"""Maximum number of first occurrences, and also of last occurrences, that are kept for one finding."""
+"""Number of occurrences of a problem that are kept for one finding: at most this many of the first, and as
+many of the last.
+"""
 
 MAX_FINDINGS = 16
-"""Maximum number of findings of one rule. Occurrences with further group keys are added to the rule's first
-finding."""
+"""Maximum number of findings of one rule. When a rule has this many, further problems with a new group key
+are added to the rule's first finding.
+"""
 
 MAX_CALLS = 256
-"""Maximum number of calls whose occurrences can be found by call number: the latest calls."""
+"""Maximum number of calls whose problems can be looked up by call number; older calls are dropped."""
 
 MAX_FRAMES_NAMED = 16
-"""Maximum number of frames of one occurrence that a finding lists."""
+"""Maximum number of frames that a finding lists for one occurrence of its problem."""
 
 INJECTED = "injected-fault"
 """Id of the rule whose finding is the cause of all other findings about the same call."""
@@ -33,12 +36,13 @@ _RANK = {Severity.ERROR: 0, Severity.WARNING: 1, Severity.NOTE: 2}
 
 
 class FindingGroup:
-    """The occurrences that are reported together as one finding.
+    """The occurrences of a problem that are reported together as one finding.
 
     Attributes:
-        selected: True if the finding is about selected calls; False if it is reported only as the cause of
-            another.
-        shown: Occurrence that the finding describes; set only in the copy of a group that `findings` makes.
+        selected: True if the finding is about selected calls; False if the finding is reported only as the
+            cause of another finding.
+        shown: Occurrence that the text of the finding describes. Only the copies of groups that `findings`
+            makes have this attribute.
     """
 
     def __init__(self, rule: DiagnosisRule, selected: bool) -> None:
@@ -55,13 +59,14 @@ class FindingGroup:
         (self._earliest if len(self._earliest) < MAX_KEPT else self._latest).append(occurrence)
 
     def keep_cause(self, occurrence: Occurrence) -> None:
-        """Keep an occurrence that has consequences, even if `add` would drop it."""
+        """Keep an occurrence of the problem that has consequences, even if `add` did not keep it."""
         if len(self._causes) < MAX_KEPT and occurrence not in self._causes:
             self._causes.append(occurrence)
 
     def replace(self, update: Occurrence) -> Occurrence | None:
-        """Replace the kept occurrence of the same call, and return the replaced one. Return None if no
-        occurrence of this call was kept."""
+        """Replace the kept occurrence that has the same call as `update`, and return the replaced occurrence.
+        Return None if no occurrence with this call was kept.
+        """
         replaced = next((each for each in self if each.call == update.call), None)
         if replaced is not None:
             for kept in (self._earliest, self._latest, self._causes):
@@ -82,19 +87,19 @@ class FindingGroup:
 
     @property
     def first(self) -> Occurrence:
-        """The kept occurrence that began first."""
+        """The occurrence that began first, of those that were kept."""
         return min(self, key=lambda each: each.began)
 
     @property
     def last(self) -> Occurrence:
-        """The kept occurrence that was completed last."""
+        """The occurrence that was completed last, of those that were kept."""
         return max(self, key=lambda each: each.completed)
 
 
 class FindingCollector:
-    """Collects occurrences and builds findings.
+    """Collects the problems that rules report, and makes findings from them.
 
-    Rules do not always report occurrences in chronological order.
+    Rules do not always report problems in chronological order.
     """
 
     def __init__(self) -> None:
@@ -102,13 +107,14 @@ class FindingCollector:
         self._by_rule: dict[str, list[FindingGroup]] = {}
         self._by_call: dict[int, list[Occurrence]] = {}
         self._explained: dict[int, list[Occurrence]] = {}
-        # Bounded, because only the first `MAX_KEPT` occurrences of each group are linked to a cause.
+        # The size is bounded, because at most `MAX_KEPT` occurrences of each group are linked to a cause.
         self._causes: dict[Occurrence, Occurrence] = {}
         self._new_groups: list[FindingGroup] = []
 
     def add_occurrence(self, occurrence: Occurrence) -> None:
-        """Add an occurrence and link its cause. An update replaces the earlier occurrence of the same
-        call."""
+        """Add a reported problem and link it to its cause. An update replaces the problem that was reported
+        earlier for the same call.
+        """
         if occurrence.is_update:
             self._update(occurrence)
             return
@@ -148,12 +154,14 @@ class FindingCollector:
         return group
 
     def _link_cause(self, occurrence: Occurrence) -> None:
-        """Link an occurrence to its cause.
+        """Link a reported problem to its cause.
 
-        The cause is the latest problem that certainly explains the call. Without such a problem, the cause is
-        a problem in `explaining_calls`, otherwise the latest possible cause.
+        The cause is the latest problem that certainly explains the call. If there is none, the cause is a
+        problem in one of the calls `explaining_calls`. If there is none either, it is the latest possible
+        cause.
 
-        `findings` searches again for every occurrence, because a better cause may have been reported later.
+        `findings` searches for the cause of every problem again, because a better cause may have been
+        reported later.
         """
         known = self._causes.pop(occurrence, None)
         injected = [each for each in self._by_call.get(occurrence.call, ()) if each.rule.id == INJECTED]
@@ -179,14 +187,17 @@ class FindingCollector:
         self._group_of(cause).keep_cause(cause)
 
     def _certain_cause(self, effect: Occurrence) -> Occurrence | None:
-        """Return the problem that was reported last as a certain cause of problems in the effect's call."""
+        """Return the certain cause of problems in the call of `effect`; if there are several, the one that
+        was reported last.
+        """
         for each in reversed(self._explained.get(effect.call, ())):
             if effect.call and each is not effect and not self._leads_to(each, effect):
                 return each
         return None
 
     def _best_cause(self, candidates: Sequence[Occurrence], effect: Occurrence) -> Occurrence | None:
-        """Return the latest candidate that can be the cause; of simultaneous candidates, the likeliest.
+        """Return the latest candidate that can be the cause of `effect`. If several candidates began at that
+        time, return the likeliest.
 
         A candidate that began after the effect, or that is a consequence of the effect, cannot be its cause.
         """
@@ -227,7 +238,7 @@ class FindingCollector:
                         yield each
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Return a finding for each selected group that is new since `new_findings` was last called.
+        """Return a finding for each selected group that began since the previous call of `new_findings`.
 
         In these findings `consequence_of` is always None; only `findings` links consequences to causes.
         """
@@ -243,12 +254,12 @@ class FindingCollector:
 
         Each root cause is followed by its consequences. Root causes of the same client are listed together.
         The client with the gravest root cause comes first. Among the root causes of one client, the gravest
-        comes first. The gravest problems stopped the robot; next come problems that kept the robot from
-        moving, then all others. Among equally grave root causes, the gravest severity of a root cause and its
-        consequences decides, then the time.
+        comes first. Problems that stopped the robot are the gravest. Next are problems that kept the robot
+        from moving, then all others. Equally grave root causes are sorted by the worst severity of the root
+        cause and its consequences, then by time.
 
         Args:
-            provisional: Occurrences that are included in the returned findings, but are not added to the
+            provisional: Further problems that the returned findings include, but that are not added to the
                 collector.
         """
         snapshot = self._copy()
@@ -278,7 +289,8 @@ class FindingCollector:
     def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
         """Choose the occurrence that each finding describes.
 
-        This is the first occurrence with a consequence, otherwise the first with the gravest impact.
+        This is the first occurrence that has a consequence. If none has a consequence, it is the first with
+        the gravest impact on the robot.
         """
         followed = set(self._causes.values())
         for group in groups:
@@ -301,8 +313,9 @@ def _cause_rank(rule_id: str, likely: tuple[str, ...]) -> int:
 def _parent_groups(
     groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
 ) -> dict[FindingGroup, FindingGroup]:
-    """Map each group to the group that caused its shown occurrence, without links that would close a
-    cycle."""
+    """Map each group to the group that caused the occurrence that its finding describes. Links that would
+    form a cycle are left out.
+    """
     group_of = {occurrence: group for group in groups for occurrence in group}
     parents: dict[FindingGroup, FindingGroup] = {}
     for group in sorted(groups, key=lambda each: each.shown.began):
@@ -331,7 +344,7 @@ def _selected_groups(
 
 
 class _FindingOrder:
-    """The order of the findings in the report, and the causes that link them."""
+    """The order of the findings in the report, and the links from each finding to its cause."""
 
     def __init__(self, groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]) -> None:
         self._parents = _parent_groups(groups, causes)
@@ -357,13 +370,15 @@ class _FindingOrder:
             yield from self.with_consequences(child)
 
     def first_consequences(self, group: FindingGroup) -> Iterator[FindingGroup]:
-        """Yield the first consequence of a group, then the first consequence of that one, and so on."""
+        """Yield the first consequence of a group, then the first consequence of this consequence, and so
+        on.
+        """
         while self._children.get(group):
             group = self._children[group][0]
             yield group
 
     def _ordered_roots(self, roots: list[FindingGroup]) -> list[FindingGroup]:
-        """Return root causes, which are in order of time, by client, effect on the robot, and severity."""
+        """Sort root causes by client, effect on the robot and severity. `roots` must be in order of time."""
         ranked = sorted(roots, key=lambda root: (self._impact(root), self._worst_severity(root)))
         clients = dict.fromkeys(root.shown.conversation for root in ranked)
         rank = {client: number for number, client in enumerate(clients)}
@@ -421,8 +436,9 @@ def _repetition(group: FindingGroup) -> Repetition | None:
 
 
 def _with_consequences(finding: Finding, root: FindingGroup, order: _FindingOrder) -> Finding:
-    """Return the finding with its consequences: the first few one by one, the others as a range of
-    numbers."""
+    """Return the finding with its consequences added: the first few one by one, the others as a range of
+    finding numbers.
+    """
     named: list[Consequence] = []
     time = root.shown.completed
     for group in order.first_consequences(root):
@@ -441,7 +457,9 @@ def _with_consequences(finding: Finding, root: FindingGroup, order: _FindingOrde
 
 
 def _frames(group: FindingGroup) -> tuple[int, ...]:
-    """Return the frame numbers of the shown occurrence, and the first and the last frame of the group."""
+    """Return the frame numbers of the occurrence that the finding describes. For a problem that occurred
+    several times, add a frame of the first and of the last occurrence.
+    """
     frames = list(group.shown.frames)
     if len(frames) > MAX_FRAMES_NAMED:
         frames = [*frames[: MAX_FRAMES_NAMED // 2], *frames[-MAX_FRAMES_NAMED // 2 :]]
