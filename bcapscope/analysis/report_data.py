@@ -179,8 +179,8 @@ class ReportDataBuilder(PipelineSubscriber):
         """Return the data gathered so far; None if no frame was captured.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, its time is used
-                instead.
+            ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, the time of the
+                last frame is used instead.
         """
         if self._start is None:
             return None
@@ -283,7 +283,9 @@ class _TimelineBuilder:
 
 
 def _event_kinds(call: Call) -> Sequence[TimelineEventKind]:
-    """Return at most two events of a call: the gravest event about its attempts, and one about its result."""
+    """Return the events of a call for its timeline, at most two: the gravest event about its attempts, and
+    one event about its result.
+    """
     kinds = []
     verdict = call.verdict
     if verdict is CallVerdict.EXECUTED_TWICE:

@@ -88,8 +88,8 @@ class PacingChecker(RuleChecker):
         return health is CallHealth.REFUSED
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Find the pause that explains why the controller reported an empty buffer. Find the pause here,
-        because `session_occurrences` has no details of the set points around the pause.
+        """Find the pause that explains why the controller reported an empty buffer. `session_occurrences`
+        could not find this pause, because it has no details of the set points around the pause.
         """
         pair = _longest_pause(call, client) if call.hresult in _EMPTY_CODES else None
         if pair is None:
@@ -168,7 +168,9 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
 
 
 def _may_overwrite(session: SlaveSession) -> bool:
-    """Return whether a new set point replaces the waiting one; True if the mode is unknown."""
+    """Return whether a new set point replaces the set point that waits in the buffer; True if the mode is
+    unknown.
+    """
     return session.mode.meaning is None or session.buffer.overwrites
 
 
@@ -199,15 +201,17 @@ def _off_pace(
 
 
 def _buffer_slack_ns(client: ClientState) -> int:
-    """Return how long a full buffer lasts without a new set point, in ns. An unknown mode has `DEFAULT_SLOTS`
-    slots."""
+    """Return how long a full buffer lasts without a new set point, in ns. If the mode is unknown, the buffer
+    is assumed to have `DEFAULT_SLOTS` slots.
+    """
     mode = client.slave_mode if client.mode_entered_by else None
     return round(slack_ms(DEFAULT_SLOTS if mode is None else mode.buffer_slots) * MS)
 
 
 def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
     """Return the set points before and after the longest recent pause; None if a full buffer lasts longer
-    than this pause."""
+    than the pause.
+    """
     points = (
         [*client.recent_set_points, call]
         if call.kind.folded_command == "slvmove"

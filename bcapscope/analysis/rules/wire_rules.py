@@ -60,14 +60,14 @@ DUPLICATE_FRAMES = DiagnosisRule(
 )
 
 CHECKED_FROM_BYTES = 480
-"""Minimum size in bytes of a frame whose size is checked."""
+"""Frames of at least this size in bytes are checked for being too large."""
 
 
 _MAX_FLOWS = 4096
 _FEWEST_REPLIES = 4
 _RESYNC_WITHIN_NS = SECOND
 _MAX_PROBLEMS_NAMED = 3
-"""Maximum number of problems of one frame that a sentence names."""
+"""Maximum number of problems of one frame that the text of a finding names."""
 
 
 class WireChecker(RuleChecker):
@@ -134,9 +134,10 @@ class WireChecker(RuleChecker):
             self.report_call(DUPLICATE_FRAMES, call, fact)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Report a capture that holds only replies, and no request, of a conversation.
+        """Report that a capture holds only replies, and no requests, of a conversation.
 
-        A single reply or a few notices are not reported: the capture may have begun in the middle of a call.
+        If the capture holds only a single reply or a few notices, report nothing: the capture may have begun
+        in the middle of a call.
         """
         reply, conversation = stray.observation, stray.observation.flow.conversation
         if reply.item.code == S_EXECUTING or self._directions.get(conversation) != {Direction.RESPONSE}:
@@ -168,8 +169,9 @@ class WireChecker(RuleChecker):
     def _is_incomplete(
         self, observation: Observation | FrameObservation, problems: tuple[Problem, ...]
     ) -> bool:
-        """Return whether bytes of a stream look damaged only because the bytes next to them were not
-        captured."""
+        """Return whether bytes of a TCP stream look damaged only because the neighbouring bytes were not
+        captured.
+        """
         since = observation.time - self._resync_since.pop(observation.flow, -_RESYNC_WITHIN_NS)
         return any(problem.code == "cut" for problem in problems) or (
             isinstance(observation.item, Malformed) and since < _RESYNC_WITHIN_NS
@@ -209,7 +211,7 @@ class WireChecker(RuleChecker):
         advice: Message | None = None,
         **places: PlaceValue,
     ) -> None:
-        """Report a problem of a frame with the message `finding.<rule><case>`."""
+        """Report a problem of a frame. The text of the finding is the message `finding.<rule><case>`."""
         conversation = observation.flow.conversation
         fact = Message(
             f"finding.{rule.id}{case}",
