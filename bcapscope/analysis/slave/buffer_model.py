@@ -214,11 +214,11 @@ class BufferModel:
         return slacks
 
     def _add_at_once(self, rows: SetPointArrivals) -> NDArray[np.int64] | None:
-        """Add set points in one step. If a set point is late, refused or beyond the capacity, change nothing
-        and return None.
+        """Add several set points in one step, which is faster. If one of them is late, refused or beyond the
+        capacity of the buffer, change nothing and return None.
 
         Each set point makes the buffer last one period longer, up to the capacity of the buffer. A running
-        minimum computes how long the buffer lasts.
+        minimum over all set points gives the time until which the buffer lasts.
         """
         periods = np.arange(len(rows.times) + 1) * _PERIOD
         latest = rows.in_buffer_by + self._capacity_ns
@@ -256,7 +256,7 @@ class BufferModel:
         return slacks
 
     def _add_underflow(self, rows: SetPointArrivals, index: int, empty_at: int) -> int:
-        """Record an underflow at time `empty_at`; return the time when the buffer is empty next."""
+        """Record an underflow at time `empty_at`; return the time when the buffer will be empty again."""
         late = int(rows.times[index]) - empty_at
         missing = (late - 1) // _PERIOD + 1
         self._excess_ns = 0
@@ -274,7 +274,9 @@ class BufferModel:
         return empty_at + missing * _PERIOD
 
     def _apply_result_code(self, rows: SetPointArrivals, index: int, empty_at: int) -> int:
-        """Correct the model by a reply's result code; return the time when the buffer will be empty."""
+        """Use the result code of a reply to correct the model; return the time when the buffer will be
+        empty.
+        """
         code, reply = int(rows.codes[index]), int(rows.reply_frames[index])
         if code == S_BUF_FULL:
             _append_bounded(self._full_frames, reply)
@@ -293,7 +295,9 @@ class BufferModel:
         _append_bounded(self._overflows, frame)
 
     def _update_levels(self, slacks: NDArray[np.int64], frames: NDArray[np.int64]) -> None:
-        """Update the buffer levels and the smallest slack, without the very first set point."""
+        """Update the buffer levels and the smallest slack with all of these set points except the very first
+        of the session.
+        """
         first = 0 if self._last_frame else 1
         found = slacks[first:]
         self._last_frame = int(frames[-1])

@@ -1,7 +1,7 @@
-"""Facts about one slave-mode session: plain fields for people, programs and rules.
+"""Facts about one slave-mode session, as plain fields that output, programs and rules can use.
 
-Times are in ns since 1970-01-01 UTC, durations in ms, and frames are observation numbers. A list that could
-grow long in a bad capture has only its first few entries. A separate field has the total number.
+Times are in ns since 1970-01-01 UTC, durations in ms, and frames are observation numbers. If a list could
+grow long in a bad capture, it has only the first few entries, and a separate field has their total number.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class FrameTime(NamedTuple):
 
 
 class CallFact(NamedTuple):
-    """A call that is relevant to a slave-mode session. `time` is the time of its first request."""
+    """A call that is relevant to a slave-mode session. `time` is the time of the call's first request."""
 
     call: int
     client: Endpoint
@@ -51,11 +51,11 @@ class KnownMode(NamedTuple):
     Attributes:
         value: Number of the mode, as in the argument of slvChangeMode; None if unknown.
         known_by: Command that shows the value: "slvChangeMode" or "slvGetMode"; "" if the value is unknown.
-        meaning: The mode with this value on the controller's generation, or on an RC8 if the generation is
-            unknown; None if the value is undefined or unknown.
-        guessed: Whether `meaning` is that of an RC8 because the generation is unknown.
-        pose_type: Pose type of the set points, known from the mode or else from the number of values in a
-            pose.
+        meaning: The slave mode that `value` means on controllers of this generation; on an RC8, if the
+            generation is unknown. None if `value` is undefined or unknown.
+        guessed: Whether `meaning` is the meaning on an RC8, because the generation is unknown.
+        pose_type: Pose type of the set points. It follows from the mode or, if the mode is unknown, from the
+            number of values in a pose.
     """
 
     value: int | None
@@ -86,20 +86,27 @@ class ExitReason(StrEnum):
     LEFT = "left"
     """The client that sends the set points called slvChangeMode 0."""
     CHANGED = "changed"
-    """The client called slvChangeMode and entered another mode, or the same mode again."""
+    """The client called slvChangeMode, and thereby entered another slave mode, or the same slave mode
+    again.
+    """
     ERROR = "error"
-    """A set point was refused with an error that ends slave mode."""
+    """The controller refused a set point with an error that ends slave mode."""
     OTHER_CALL = "other call"
-    """A set point was refused because slave mode was off: an error in another call, of any client, had ended
-    slave mode."""
+    """The controller refused a set point because slave mode was off. An error in another call, of this or
+    another client, had ended slave mode.
+    """
     OTHER_CLIENT = "other client"
     """Another client of the controller called slvChangeMode."""
     FOUND_OFF = "found off"
-    """A set point was refused because slave mode was off. No captured frame shows what ended slave mode."""
+    """The controller refused a set point because slave mode was off. No captured frame shows what had ended
+    slave mode.
+    """
     DISCONNECTED = "disconnected"
     """The client called Robot_Release, Controller_Disconnect, Service_Stop or Service_Start."""
     SILENT = "silent"
-    """The client stopped sending set points before the capture ended: the client or the connection failed."""
+    """The client stopped sending set points before the capture ended, because the client or the connection
+    failed.
+    """
     CAPTURE_ENDED = "capture ended"
 
 
@@ -107,11 +114,11 @@ class SessionExit(NamedTuple):
     """The end of a slave-mode session.
 
     Attributes:
-        time: Time when the session ended: time of the reply that shows the end, if there is one.
-        frames: Numbers of the request and reply frames that prove the end; () if none was captured.
-        hresult: Result code in the reply to the call `by`; None if there is no such call or reply.
-        by: Call that ended the session or, for `FOUND_OFF`, was refused because slave mode was off; None if
-            no call shows the end.
+        time: Time when the session ended. If a reply shows the end, it is the time of this reply.
+        frames: Numbers of the request and reply frames that prove the end; () if no such frame was captured.
+        hresult: Result code in the reply to the call `by`; None if `by` is None or has no reply.
+        by: Call that ended the session; None if no call shows the end. For `FOUND_OFF`, it is the call that
+            was refused because slave mode was off.
     """
 
     reason: ExitReason
