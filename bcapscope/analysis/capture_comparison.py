@@ -175,8 +175,8 @@ def _unmatched_kinds(
             yield UnmatchedKind(kind, figures.calls)
 
 
-# Each function below decides whether the difference of two values is notable. `counts` has the number of
-# calls or cycles from which each of the two values was computed.
+# Each function below decides whether the difference of two values is notable.
+# Each of the two values was computed from one of the two numbers of calls or cycles in `counts`.
 
 _JudgeFigure: TypeAlias = Callable[[Value, Value, "tuple[int, int]"], bool]
 

@@ -41,8 +41,7 @@ SLOW_CALL_NS = 50_000_000
 next call arrives.
 """
 
-# Maximum total size in bytes of the frames of a set point that is remembered; a real frame has a few hundred
-# bytes.
+# A set point is remembered only if its frames have at most this total size in bytes; real ones have hundreds.
 _LARGEST_POINT = 8192
 # Maximum total size in bytes of the frames of a call in `latest_calls` or `failed_openings`.
 _LARGEST_ATTEMPT = 65_536

@@ -150,8 +150,8 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
         return
     grid_ms = session.timing.grid_ms
     keeps_grid = abs(pace.cycle_ms / grid_ms - 1) <= _TOLERANCE
-    # Skipped cycles matter only if the client sends at the controller's period. The controller still gets
-    # enough set points from a client that sends faster.
+    # Skipped cycles matter only if the client sends at the controller's period.
+    # From a client that sends faster, the controller still gets enough set points.
     skips = grid_ms == PERIOD_MS and keeps_grid and pace.skipped > pace.cycles * _MAX_SKIPPED_SHARE
     is_slow = pace.cycle_ms / PERIOD_MS - 1 > _TOLERANCE or skips
     if pace.long_cycle_ms / grid_ms - 1 < -_TOLERANCE:

@@ -178,9 +178,9 @@ class BufferModel:
         self._behaviour = behaviour
         self._origin = origin
         self._capacity_ns = behaviour.slots * _PERIOD
-        # The phase is unknown, so only an excess of more than two periods proves an overflow.
-        # If a new set point replaces the waiting one, an excess of more than one period proves an overflow.
-        # In modes that pace the client, no overflow occurs.
+        # The controller's phase is unknown, so only an excess of more than two periods proves an overflow.
+        # If a new set point replaces the waiting set point, an excess of more than one period proves it.
+        # In modes in which the controller sets the pace, the buffer never overflows.
         self._most_excess_ns = (
             _PERIOD if behaviour.overwrites else _NEVER if behaviour.replies_pace else 2 * _PERIOD
         )

@@ -44,8 +44,8 @@ ENOUGH_TO_OBJECT = _FAIR
 unusual.
 """
 
-# Source: orin_bcap samples. NetwoRC, ORiN's provider for RC7, is only a weak clue: an RC7 accepts any
-# provider.
+# Source: the samples in orin_bcap. NetwoRC is ORiN's provider for RC7.
+# The provider is only a weak clue, because an RC7 accepts any provider name.
 _PROVIDERS = {"CaoProv.DENSO.VRC": _RC8, "CaoProv.DENSO.NetwoRC": _RC7}
 
 _COMMANDS = {
