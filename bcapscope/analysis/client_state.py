@@ -87,11 +87,11 @@ class ClientState:
             not execute because the serial of the call was 0; None while a session is open.
         session_end: The Service_Stop or Controller_Disconnect call that ended the session, or may have ended
             the session although no reply was captured; None while the session is open.
-        latest_calls: Latest call of each command in `_FOLLOWED_COMMANDS` in this session, successful or not.
-            The key is the command in lower case. A write to @SERVO_ON counts as `motor`, and a Task_Start of
+        latest_calls: Latest call of each command in `_FOLLOWED_COMMANDS` in this session, successful or not;
+            the key is the command in lower case; a write to @SERVO_ON counts as `motor`, and a Task_Start of
             RobSlave has the key `robslave`.
         failed_openings: For each class of objects, the latest call of this session that should have opened an
-            object, but got no successful reply. Once a later call has opened such an object, the class has no
+            object, but got no successful reply; once a later call has opened such an object, the class has no
             entry.
         motor_on: Whether the client last switched the motor on; None if unknown.
         take_arm_call: The TakeArm call by which the client holds the arm; None after GiveArm.

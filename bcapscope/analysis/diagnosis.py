@@ -185,7 +185,7 @@ class Diagnosis(PipelineSubscriber):
         """Return all findings, root cause first.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, the time of the
+            ended_at: Time when the traffic ended, ns since 1970; if the last frame is later, the time of the
                 last frame is used instead.
             clients_present: True if it is known that clients are still connected even if they send nothing.
         """

@@ -54,9 +54,9 @@ class Finding:
     """A root cause or a consequence, as data; `render.finding_text` writes the sentences.
 
     Attributes:
-        fact: Message that says what happened. The message can contain raw text from the wire, which must be
+        fact: Message that says what happened; the message can contain raw text from the wire, which must be
             escaped for output.
-        frames: Numbers, in ascending order, of the frames that prove the described problem. If the problem
+        frames: Numbers, in ascending order, of the frames that prove the described problem; if the problem
             occurred several times, one frame of the first and one of the last occurrence are included.
         consequence_of: Number of the finding that caused this finding, counted from 1 in the order of the
             report; None if no cause was found.
@@ -91,7 +91,7 @@ class TrafficTotals(NamedTuple):
         duration_ns: Time from the first frame to the end of the traffic, ns.
         not_followed: Number of calls that bcapscope dropped from memory before a reply arrived.
         selected_calls: Number of calls that the filter selected; None if there is no filter.
-        began: Time of the first frame, ns since 1970. The sentences of findings state times relative to this
+        began: Time of the first frame, ns since 1970; the sentences of findings state times relative to this
             time.
     """
 

@@ -179,7 +179,7 @@ class ReportDataBuilder(PipelineSubscriber):
         """Return the data gathered so far; None if no frame was captured.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, the time of the
+            ended_at: Time when the traffic ended, ns since 1970; if the last frame is later, the time of the
                 last frame is used instead.
         """
         if self._start is None:

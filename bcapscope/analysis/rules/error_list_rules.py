@@ -84,7 +84,7 @@ class _RefusedCalls:
 
     Attributes:
         began: Earliest time at which the error that caused the first refusal can have occurred, ns since
-            1970. For a refused set point, this is the time of the previous set point; for any other call, it
+            1970; for a refused set point, this is the time of the previous set point; for any other call, it
                   is the time of the refused call.
         codes: Result codes with which the calls were refused.
         reported: For the code of each error that was reported as a cause, the call that read this error.

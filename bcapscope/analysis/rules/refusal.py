@@ -15,7 +15,7 @@ class RefusalReason(NamedTuple):
     """What the traffic shows about the reason for a refusal.
 
     Attributes:
-        text: Message that explains the refusal. It becomes `reason` in the message `finding.refused.because`;
+        text: Message that explains the refusal; it becomes `reason` in the message `finding.refused.because`;
             None if no reason is known.
         fact: Message that is used instead of `finding.refused` or `finding.refused.because`; None to use one
             of these two.

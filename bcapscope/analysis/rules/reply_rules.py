@@ -106,9 +106,9 @@ class _Pending:
     """Calls and replies of a client that the checker can judge only when it knows the client's later traffic.
 
     Attributes:
-        given_up: The latest call that got no reply. The client has given this call up, or the client program
+        given_up: The latest call that got no reply; the client has given this call up, or the client program
             has stopped.
-        strays: Replies without a captured request. Either the capture lacks the requests, or the client never
+        strays: Replies without a captured request; either the capture lacks the requests, or the client never
             sent them.
     """
 

@@ -72,7 +72,7 @@ class Occurrence:
         clause: Message `clause.<rule>`, which names the problem as a consequence in another finding's
             sentence; None if no sentence names the problem.
         call: Number of the call that has the problem; 0 if it is not a problem of a call.
-        explaining_calls: Numbers of other calls. A problem in one of them is the likeliest cause of this
+        explaining_calls: Numbers of other calls; a problem in one of them is the likeliest cause of this
             problem.
         group_key: Occurrences of one rule with different group keys become different findings.
         advice: What the reader can do in this case; None for the usual advice of the rule.
@@ -80,7 +80,7 @@ class Occurrence:
         is_update: True if this object replaces the one that was reported earlier for the same rule and call.
         selected: True if the problem concerns selected calls; False if it is reported only as the cause of
             another problem.
-        explains: Numbers of calls whose problems certainly follow from this problem. This attribute is for
+        explains: Numbers of calls whose problems certainly follow from this problem; this attribute is for
             causes that a rule finds only after the consequences were reported.
         impact: Effect of the problem on the motion of the robot.
     """

@@ -71,7 +71,7 @@ class BufferFacts:
 
     Attributes:
         slots: Maximum number of set points that the buffer can hold.
-        overwrites: Whether a new set point replaces the set point that waits in the buffer. In such modes, an
+        overwrites: Whether a new set point replaces the set point that waits in the buffer; in such modes, an
             empty buffer is not an error.
         replies_pace: Whether the controller delays each reply until the buffer has room.
         underflows: Number of predicted underflows, without the underflows that the controller's unknown phase

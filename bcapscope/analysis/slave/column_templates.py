@@ -42,7 +42,7 @@ class NumberPicker:
     """Finds the pose and the time stamp in an argument of a frame.
 
     Attributes:
-        pick: Function that returns the pose and the time stamp in an argument. It returns () for a missing
+        pick: Function that returns the pose and the time stamp in an argument; it returns () for a missing
             pose, and None for a missing time stamp. To learn a template, the reader passes an argument in
             which each number is replaced by its index, so the function must not depend on the values of the
             numbers.

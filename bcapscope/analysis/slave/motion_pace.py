@@ -30,7 +30,7 @@ class MotionPace(NamedTuple):
 
     Attributes:
         cycles: Number of cycles while the robot moves; pauses do not count.
-        cycle_ms: Typical time between set points. If most cycles skip a period, it is the median of all
+        cycle_ms: Typical time between set points; if most cycles skip a period, it is the median of all
             cycles; if not, it is the mean of the cycles that skip no period.
         long_cycle_ms: Time between set points that nine of ten cycles do not exceed.
         skipped: Number of cycles that are at least one and a half periods long.

@@ -37,14 +37,14 @@ class SlaveSessionBuilder:
 
     Attributes:
         key: Conversation of the client that sends the set points, and the handle that this client uses for
-            the robot. Until a set point arrives, they are those of the client that entered slave mode.
+            the robot; until a set point arrives, they are those of the client that entered slave mode.
         mode: Number of the slave mode, and how this number is known.
         entry_call: The slvChangeMode call that began the session; None if the call was not captured.
         position: Position of the robot before the first set point; None if unknown.
         entered_at: Time of the reply to `entry_call`, ns since 1970.
         models: Models that have processed the session's set points; None before the first set point is
             processed.
-        error_exit: End of the session, if an error ended it. None if no error occurred, or if a later set
+        error_exit: End of the session, if an error ended it; None if no error occurred, or if a later set
             point was accepted.
         after_end: Number of set points that were refused or unanswered because the session had ended.
         last_accepted: Time of the first request of the latest processed set point that was accepted, ns since
@@ -191,7 +191,7 @@ class SetPointChunk(NamedTuple):
     Attributes:
         models: Models of the slave-mode session, which have already processed these set points.
         commanded: Poses in the requests, one row per set point.
-        returned: Poses and time stamps in the replies, one row per set point. The poses have the same type as
+        returned: Poses and time stamps in the replies, one row per set point; the poses have the same type as
             in the requests.
     """
 

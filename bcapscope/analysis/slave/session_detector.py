@@ -165,7 +165,7 @@ class SlaveSessionDetector:
         This method changes nothing.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, the time of the
+            ended_at: Time when the traffic ended, ns since 1970; if the last frame is later, the time of the
                 last frame is used instead.
         """
         # Cached, because a live diagnosis needs the result twice; 100,000 set points take 13 ms.

@@ -31,7 +31,7 @@ class FrameBytes:
 
     Attributes:
         size: The common size in bytes of the frames in `data`; 0 while `data` has no frame.
-        data: Bytes of all frames that have the common size. For each frame of another size, `data` has zeros.
+        data: Bytes of all frames that have the common size; for each frame of another size, `data` has zeros.
         odd_sized: Frames of another size, with their index as the key; b"" for a missing frame.
     """
 

@@ -52,9 +52,9 @@ class KnownMode(NamedTuple):
         value: Number of the mode, as in the argument of slvChangeMode; None if unknown.
         known_by: Command that shows the value: "slvChangeMode" or "slvGetMode"; "" if the value is unknown.
         meaning: The slave mode that `value` means on controllers of this generation; on an RC8, if the
-            generation is unknown. None if `value` is undefined or unknown.
+            generation is unknown; None if `value` is undefined or unknown.
         guessed: Whether `meaning` is the meaning on an RC8, because the generation is unknown.
-        pose_type: Pose type of the set points. It follows from the mode or, if the mode is unknown, from the
+        pose_type: Pose type of the set points; it follows from the mode or, if the mode is unknown, from the
             number of values in a pose.
     """
 
@@ -114,10 +114,10 @@ class SessionExit(NamedTuple):
     """The end of a slave-mode session.
 
     Attributes:
-        time: Time when the session ended. If a reply shows the end, it is the time of this reply.
+        time: Time when the session ended; if a reply shows the end, it is the time of this reply.
         frames: Numbers of the request and reply frames that prove the end; () if no such frame was captured.
         hresult: Result code in the reply to the call `by`; None if `by` is None or has no reply.
-        by: Call that ended the session; None if no call shows the end. For `FOUND_OFF`, it is the call that
+        by: Call that ended the session; None if no call shows the end; for `FOUND_OFF`, it is the call that
             was refused because slave mode was off.
     """
 
