@@ -119,8 +119,7 @@ class CaptureComparison:
 
     Attributes:
         differences: Figures that differ: first all notable figures, then all others. Both groups list
-            slave-mode sessions first, then all calls together, then kinds of call. The kind of call with the
-            longest total time comes first among them.
+            slave-mode sessions first, then all calls together, then kinds of call, longest total time first.
         session_counts: Number of slave-mode sessions in the first and in the second capture.
         rules: Rules with a different number of findings. Rules with more findings in the second capture come
             first, in the order in which ``diagnose`` lists them for that capture.

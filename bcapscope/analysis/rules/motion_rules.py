@@ -33,8 +33,8 @@ SPEED_CHANGED_IN_MOTION = DiagnosisRule(
 
 _REMEMBERED = 32
 """Maximum number of motions that are remembered, and of speed changes. The latest are kept, for all
-controllers together. The checker may receive a motion before or after the speed change, because a call of one
-client may be complete later than a subsequent call of another client.
+controllers together. The checker may receive a motion before or after the speed change, because calls of
+different clients may be complete in another order than they were made.
 """
 
 _SPEED_VARIABLES = frozenset(("@extaccel", "@extdecel", "@extspeed"))

@@ -418,7 +418,7 @@ class _AttemptIndex:
 
     def given_up_at(self, reply: FrameObservation) -> int:
         """Return the time when the client gave up the attempt that `reply` answers, ns since 1970; 0 if the
-        client had not given up this attempt before the reply.
+        client had not given it up.
         """
         sent_at, abandoned_at = self.answered_by(reply).time, self._call.abandoned_at
         after = bisect_right(self._times, sent_at)

@@ -66,8 +66,8 @@ class PoseColumns:
 
 
 class _ColumnTemplate:
-    """The bytes of a typical frame, with two facts: which of these bytes may differ in similar frames, and
-    where the pose and the time stamp are.
+    """The bytes of a typical frame, which bytes may differ in similar frames, and where the
+    pose and the time stamp are.
     """
 
     def __init__(self, raw: bytes, form: FrameTemplate, pose: Sequence[int], stamp: int | None) -> None:

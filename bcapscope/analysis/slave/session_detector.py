@@ -55,8 +55,8 @@ path.
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
-"""Calls that are not set points are listed with a slave-mode session if they were made during the session, or
-up to this time in ns before or after it.
+"""A slave-mode session lists calls other than set points: those during the session, and up to
+this time in ns before or after it.
 """
 
 MAX_SESSIONS = 64
