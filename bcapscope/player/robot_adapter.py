@@ -255,9 +255,10 @@ class RobotAdapter:
 
 
 def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -> float:
-    """Return the largest difference of any axis in degrees or mm, without Fig.
+    """Return the difference of the axis that differs most, in degrees or mm, without Fig.
 
-    Direction cosines count as angles. Only axes of both poses count, because RC7 may report six joints.
+    Direction cosines count as angles. Only axes that both poses have count, because RC7 may report six
+    joints.
     """
     width = min(len(here), len(there))
     before, after = unwrap_rotations(kind, np.vstack((here[:width], there[:width])))
@@ -266,5 +267,5 @@ def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -
 
 
 def _decimal(value: float) -> str:
-    """Return a number as text without exponent, because no source shows a pose with exponents."""
+    """Write a number without an exponent, because no source shows a pose that contains exponents."""
     return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")
