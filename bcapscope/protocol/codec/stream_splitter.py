@@ -267,8 +267,9 @@ class StreamSplitter:
     def _walk_arguments(self, pos: int, stop: int, argc: int) -> int | None:
         """Follow the length fields of the arguments and return the offset after the last one.
 
-        The walk continues where the previous call stopped, so that a long frame in small segments is walked
-        once. Returns None if more bytes are needed, and 0 if a length field cannot be right.
+        Each call continues where the previous call stopped, so that no argument is examined twice if a long
+        frame arrives in small segments. Returns None if more bytes are needed, and 0 if a length field is
+        impossible.
         """
         begun, argument, done = self._argument_progress
         if begun != pos or done == 0:
@@ -289,7 +290,7 @@ class StreamSplitter:
 
 
 def _is_one_frame(data: bytes) -> bool:
-    """Return whether `data` is exactly one frame by its SOH, EOT and length field."""
+    """Return whether SOH, EOT and the length field show that `data` is exactly one frame."""
     return (
         len(data) >= SMALLEST_FRAME
         and data[0] == SOH
