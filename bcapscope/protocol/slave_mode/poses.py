@@ -86,8 +86,8 @@ def is_used_axes_mark(number: float) -> bool:
 def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
     """Return the numbers of a number array, or of a VARIANT array that holds only numbers.
 
-    Clients send such VARIANT arrays for lists of integers and floats. Returns None for any other value,
-    including bytes and booleans.
+    Clients send such a VARIANT array for a list that mixes integers and floats. Returns None for any other
+    value, including bytes and booleans.
     """
     value = variant.value
     if not isinstance(value, tuple):
@@ -101,7 +101,7 @@ def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
 
 
 def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
-    """Guess the pose type from the number of values and from the ROS driver's mark at the end."""
+    """Guess the pose type from the number of values, and from the mark that the ROS driver appends."""
     count = len(values)
     if count and is_used_axes_mark(values[-1]):
         return {8: PoseType.P, 9: PoseType.J, 11: PoseType.T}.get(count)
