@@ -305,7 +305,7 @@ def decode_request(line: bytes) -> ControlRequest:
 
     Raises:
         JSONDecodeError: The line is not JSON. A program that sends such a line is not a control client.
-        DocumentError: The JSON is not a valid request; the error names the field.
+        DocumentError: The JSON is not a valid request; the error names the wrong field.
     """
     request: ControlRequest = convert_data(orjson.loads(line), ControlRequest)
     return request

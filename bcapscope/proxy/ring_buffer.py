@@ -1,9 +1,9 @@
 """A ring buffer in shared memory, through which the relay passes its traffic to the watcher process.
 
 A write takes about a microsecond, makes no system call and never waits. If the ring has no room for a record,
-the record is lost and counted. One process writes and one process reads. A processor may store a record later
-than the position that announces the record. So each poll returns only the records written before the previous
-poll.
+the record is lost and counted. One process writes and one process reads. The processor may store the new
+write position before it stores the record itself. So each poll returns only the records that were written
+before the previous poll.
 """
 
 from __future__ import annotations
@@ -16,28 +16,30 @@ from typing import NamedTuple, TypeAlias
 from bcapscope.transport.receive_timestamps import AncillaryData, kernel_timestamp
 
 RING_OVERHEAD = 1 << 17
-"""Size in bytes of the memory besides the ring: a header, and a margin behind the end of the ring."""
+"""Size in bytes of the shared memory without the ring itself: a header, and a margin behind the end of the
+ring."""
 
 _HEADER_SIZE = 4096
 """Size in bytes of the header: positions of writer and readers, urgency, counters and figures."""
 
 _MARGIN = RING_OVERHEAD - _HEADER_SIZE
-"""Number of bytes behind the end of the ring, into which a write may reach, so that no record is split.
-
-Together with the header, a multiple of every page size, so that all processes see the same size.
+"""Number of bytes behind the end of the ring. A record may extend into them, so that it is never split.
+Header and margin together are a multiple of every page size, so that all processes see the same size.
 """
 
 SET_POINT_DEADLINE_NS = 2_000_000
-"""Time in ns in which a set point must be answered (DENSO Wave 2009, How to use the Slave mode)."""
+"""Time in ns within which the controller must answer a set point (DENSO Wave 2009, How to use the Slave
+mode)."""
 
 BATCH_SIZE = 16
-"""Number of datagrams that are written to the ring together. New datagrams wait while the relay writes."""
+"""Number of datagrams that the relay writes to the ring at once. While it writes, new datagrams wait."""
 
 DELAY_FIGURES = 9
-"""Number of figures that the watcher writes for the relay: the fields of `RelayDelays`, in order."""
+"""Number of figures that the watcher process writes for the relay: the fields of `RelayDelays`, in order."""
 
 MAX_WAITING_NOTICES = 1024
-"""Maximum number of messages for the user that wait for room. Further messages are lost and counted."""
+"""Maximum number of messages to the user that wait for room in the ring. Further messages are lost and
+counted."""
 
 _HEAD = struct.Struct("=IBBHIIqq")
 _HOLE = struct.Struct("=QQ")
@@ -53,7 +55,7 @@ class RingRecordKind(IntEnum):
     CLIENT_OPENED = 1
     """A new client; `data` holds its `ClientEndpoints` as JSON."""
     END = 2
-    """A FIN that the relay received or sent. `data` is the reason if the relay ended the stream itself."""
+    """A FIN that the relay received or sent. If the relay itself ended the stream, `data` is the reason."""
     CLIENT_CLOSED = 3
     """The relay removed a client; `data` is the encoded reason."""
     NOTICE = 4
