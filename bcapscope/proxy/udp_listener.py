@@ -259,7 +259,8 @@ class UdpSession(RelaySession):
             self._relay.notify(Message("client.refuses-datagrams", controller=str(self._listener.to)))
 
     def _count_send_failure(self, data: bytes, error: OSError) -> int:
-        """Count a datagram that cannot be sent, and return 0. Report the 1st, 2nd, 4th, 8th … to the user."""
+        """Count a datagram that the system refused to send, and return 0. Report only the 1st, 2nd, 4th, 8th
+        such datagram and so on."""
         relay = self._relay
         relay.counts[RelayCounter.FULL] += 1
         if should_report(relay.counts[RelayCounter.FULL]):
@@ -278,8 +279,8 @@ def _datagram_handler(
 ) -> Handler:
     """Return a handler that forwards the datagrams of a socket, or passes them to the rules.
 
-    If `session` is given, the socket receives replies for that session; else it receives requests. The
-    handler runs for each datagram. For speed, it uses only local variables.
+    With `session`, the socket receives replies for this session; without, it receives requests. The handler
+    runs for each datagram, so it uses only local variables for speed.
     """
     receive, known, up = receive_function(sock), listener.sessions.get, session is None
     relay, ring, has_rules = listener.relay, listener.relay.ring, listener.relay.policy is not None
@@ -289,7 +290,8 @@ def _datagram_handler(
     def on_datagram(_: int) -> None:
         try:
             data, control, _flags, address = receive(LARGEST_DATAGRAM, ANCILLARY_SIZE)
-        except OSError as error:  # spurious event; on Windows, the closed port of an earlier client
+        # no datagram after all, or on Windows a report that the port of an earlier client is closed
+        except OSError as error:
             if session is not None and isinstance(error, ConnectionRefusedError):
                 session.notify_refused()
             return

@@ -1,4 +1,4 @@
-"""Pictures of calls in a report: a timeline of the clients, latencies by command, and retries."""
+"""Pictures in a report that show calls: a timeline of the clients, latencies by command, and retries."""
 
 from __future__ import annotations
 
@@ -34,16 +34,18 @@ from bcapscope.traffic.call import Call, FrameRole
 from bcapscope.traffic.observation import Conversation
 
 MAX_TIMELINE_ROWS = 16
-"""Maximum number of clients in the timeline: those that made the most calls."""
+"""Maximum number of clients in the timeline. It shows the clients that made the most calls."""
 
 MAX_KINDS = 20
-"""Maximum number of commands in the picture of latencies: those that took the most time."""
+"""Maximum number of commands in the picture of latencies. It shows the commands that took the most time in
+total."""
 
-_NARROWEST = 0.0015  # minimum width of a bar, as a share of the total width, so that it is visible
-_SHORTEST_MS = 0.001  # a logarithmic axis has no 0; clocks of captures are no finer than this
+_NARROWEST = 0.0015  # minimum width of a bar as a share of the total width; a narrower bar would be invisible
+# shorter times are drawn as this: a logarithmic axis has no 0, and clocks of captures are no finer
+_SHORTEST_MS = 0.001
 
 _BAR = "#2A74B2"  # contrast to white text: 4.9:1
-_LEAST_FOR_P999 = 100  # minimum number of replies for which a 99.9% value is shown
+_LEAST_FOR_P999 = 100  # with fewer replies than this, the picture has no 99.9% value
 
 _MARKER_STYLES: dict[TimelineEventKind, tuple[str, str, float]] = {
     TimelineEventKind.RETRIED: ("triangle-up-open", AMBER, 0.26),
@@ -67,7 +69,8 @@ _FRAME_STYLES: dict[FrameRole, tuple[str, str]] = {
 
 
 def timeline_picture(report_data: ReportData, words: MessageFormatter) -> Picture:
-    """Return the timeline, with a row of calls, slave-mode sessions and events for each client."""
+    """Return the timeline. It has one row per client, with the client's calls, slave-mode sessions and
+    events."""
     timelines = report_data.timelines[:MAX_TIMELINE_ROWS]
     rows = {timeline.conversation: -index for index, timeline in enumerate(timelines)}
     drawn = [session for session in report_data.slave_sessions if session.conversation in rows]
@@ -150,7 +153,8 @@ def _latency_text(row: StatisticsRow, latency: DistributionSummary, words: Messa
 
 
 def retry_chain_picture(report_data: ReportData, words: MessageFormatter) -> Picture | None:
-    """Return the picture of the calls with the most retries and of their frames, or None without retries."""
+    """Return the picture of the calls with the most retries, which shows their frames. Return None if there
+    are no retries."""
     if not report_data.retry_chains:
         return None
     found = report_data.retry_chains[::-1]
