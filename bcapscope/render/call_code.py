@@ -190,7 +190,7 @@ def _call_by_number_lines(
     if chain and arguments and arguments[0].value == chain[-1].handle:
         values[0] = f"Variant({_type(arguments[0].vt)}, {chain[-1].kind.lower()}.handle)"
     elif function is not None and function.takes_handle:
-        yield f"# The capture does not show how this {function.owner} was opened. Open it here and use its handle."
+        yield f"# It is unknown how this {function.owner} was opened. Open it here and use its handle."
     yield f"# {function_name(function_id)}"
     yield f"print(wait(service.session.call({function_id}, [{', '.join(values)}])))"
 

@@ -202,7 +202,7 @@ def _row_axis(labels: Sequence[str], low: float, high: float, step: int = 1) -> 
 
 
 def endpoints_label(conversation: Conversation) -> str:
-    """Return a label of two lines with the endpoints of a conversation: client, then controller."""
+    """Return a label with the client of a conversation on the first line and the controller on the second."""
     return (
         f"{plotly_label(str(conversation.client))}<br>→ {plotly_label(str(conversation.server))} "
         f"{conversation.transport.upper()}"
@@ -244,7 +244,8 @@ def _time_bars(
     look: tuple[str, float],
     **more: Any,
 ) -> Any:
-    """Return a plotly trace of bars over time. Each period has a row, a start and an end in ns since 1970."""
+    """Return a plotly trace of bars over time. Each period has the number of its row, a start and an end in
+    ns since 1970."""
     least = max((report_data.end - report_data.start) / 1e9 * _NARROWEST, 1e-6)
     color, width = look
     return go.Bar(
@@ -339,7 +340,7 @@ def _event_text(
 
 
 def _segments(name: str, lines: Sequence[tuple[int, float, float]], color: str, width: float) -> Any:
-    """Return a plotly trace of horizontal lines; each has a height, a start and an end."""
+    """Return a plotly trace of horizontal lines. Each line has a height, a start and an end."""
     return go.Scatter(
         name=name,
         mode="lines",
@@ -352,7 +353,7 @@ def _segments(name: str, lines: Sequence[tuple[int, float, float]], color: str, 
 
 
 def _role_trace(calls: Sequence[Call], role: FrameRole, words: MessageFormatter) -> Any:
-    """Return a plotly trace of all frames that have this role in their calls."""
+    """Return a plotly trace with a mark for each frame that has the role `role` in its call."""
     name = words(f"frame.role.{role.replace(' ', '-')}")
     found = [
         (index, call, event.observation)
