@@ -338,9 +338,10 @@ class Pacer:
 class _Throttle:
     """Limits how fast a controller that sets the pace can request set points.
 
-    At first, the pacer may send two set points more than the buffer holds. After that, it sends at most one
-    set point per period on average. A controller that confuses two slave modes may answer at once instead of
-    holding the reply back. Without this limit, the pacer would send the whole trajectory in an instant.
+    At first, the pacer may send two set points more than the buffer holds. After these first set points, the
+    pacer sends at most one set point per period on average. A controller that confuses two slave modes may
+    answer at once instead of holding the reply back. Without this limit, the pacer would send the whole
+    trajectory in an instant.
     """
 
     def __init__(self, period: int, burst: int) -> None:

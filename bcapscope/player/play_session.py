@@ -266,8 +266,8 @@ class PlaySession:
             self.has_log = True
 
     async def _switch_on(self, task: CleanupTask, is_on: bool, step: Callable[[], Awaitable[None]]) -> None:
-        """Switch RobSlave or the motor on. The cleanup switches it off only if this session switched it
-        on."""
+        """Switch RobSlave or the motor on. The cleanup switches RobSlave or the motor off only if this
+        session switched it on."""
         was_off = self._was_off.setdefault(task, not is_on)
         if is_on:
             return

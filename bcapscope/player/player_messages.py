@@ -274,7 +274,7 @@ class PlayOutcome(StrEnum):
 
 
 class PlayEnded(msgspec.Struct, frozen=True, tag=True):
-    """The last message of a player. Its distributions are exact, not estimated, and in ns.
+    """The last message of a player. The distributions in this message are exact, not estimated, and in ns.
 
     Attributes:
         reason: Why the player ended; None if the play is complete.

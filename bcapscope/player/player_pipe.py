@@ -41,7 +41,7 @@ class PlayerPipe:
     """Receives orders and sends messages through the file descriptors of two pipes.
 
     `order` is the most serious order so far: a halt is more serious than a stop. `reason` says why the order
-    was given. Without an order, both are None.
+    was given. `order` and `reason` are None before the first order.
     """
 
     def __init__(self, commands: int, messages: int) -> None:
@@ -74,9 +74,9 @@ class PlayerPipe:
     def install_signal_handlers(self) -> None:
         """Treat signals as orders.
 
-        The first SIGINT, SIGTERM or SIGHUP is an order to stop. A second one, or SIGUSR1, is an order to
-        halt. If the parent started the player with SIGUSR1 blocked, a SIGUSR1 sent before this call takes
-        effect during this call.
+        The first SIGINT, SIGTERM or SIGHUP is an order to stop. A second of these signals, or SIGUSR1, is an
+        order to halt. If the parent started the player with SIGUSR1 blocked, a SIGUSR1 sent before this call
+        takes effect during this call.
         """
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)

@@ -150,7 +150,7 @@ class PlayerProcess:
         """Order the player to halt the robot at once, then clean up.
 
         The order is sent as a signal, because a full pipe cannot delay a signal. The process that cleans up
-        after a crash gets no signal: it needs no order.
+        after a crashed player gets no signal, because it needs no order.
         """
         if not self._crash:
             with suppress(ProcessLookupError):

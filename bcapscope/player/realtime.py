@@ -59,7 +59,7 @@ class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
 def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) -> Iterator[RealtimeReport]:
     """Take the highest priority that the system grants while a `with` block runs.
 
-    Real-time priority and locked memory can disturb other programs, so the function takes them only if
+    Real-time priority and locked memory can disturb other programs, so the function asks for them only if
     `is_wanted`. The garbage collector skips objects that exist before the block, because examining them
     repeatedly costs milliseconds. New objects are collected only if `collect_garbage`.
     """

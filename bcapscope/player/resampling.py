@@ -35,8 +35,8 @@ def resample(
 ) -> Trajectory:
     """Return a finite trajectory with other times, and the same first and last point.
 
-    A trajectory without a period needs times, which must increase. If it has neither a period nor times,
-    `period` becomes its period.
+    A trajectory without a period needs times, which must increase. If a trajectory has neither a period nor
+    times, `period` becomes its period.
 
     Args:
         period: Seconds between the set points of the result.
@@ -89,10 +89,10 @@ def stop_after(
     """Return the set points, one row each, that bring the robot to rest on its path after set point `row`.
 
     The stop takes 0.1 s to 2 s; the function tries longer and longer stops until one keeps within the limits.
-    If the trajectory itself exceeds a limit, the stop may exceed it by the same factor. If an acceleration
-    limit is unknown, the stop takes at least 0.5 s. If the trajectory ends sooner than a stop takes, the
-    result is the remaining points of the trajectory. `period` is in seconds; in a `loop`, the first point
-    follows the last.
+    If the trajectory itself exceeds a limit, the stop may exceed this limit by the same factor. If an
+    acceleration limit is unknown, the stop takes at least 0.5 s. If the trajectory ends sooner than a stop
+    takes, the result is the remaining points of the trajectory. `period` is in seconds; in a `loop`, the
+    first point follows the last.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
     longest = min(ceil(_LONGEST_STOP / period), 2 * ahead)

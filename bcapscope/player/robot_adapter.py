@@ -176,8 +176,9 @@ class RobotAdapter:
         """Move to a pose by an ordinary motion. The motion ends with @E, as slave mode requires.
 
         With NEXT, the controller answers the call at once, so that the player can halt the robot on its way.
-        If the robot stops elsewhere, raise the controller's error or, without one, RemoteProtocolError. If
-        the robot is there but the controller reports another Fig, the method returns after a second.
+        If the robot stops before the goal, raise the controller's error or, if there is no error,
+        RemoteProtocolError. If the robot is at the goal but the controller reports another Fig, the method
+        returns after a second.
         """
         pose = f"@E {kind}({', '.join(map(_decimal, goal))})"
         while True:

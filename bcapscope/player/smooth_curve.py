@@ -1,12 +1,12 @@
 """A smooth curve through set points, to compute set points between them and stops on the path.
 
-Between two points, each axis follows a polynomial of fifth degree (quintic Hermite interpolation). The
-polynomial has the position, speed and acceleration of both points. Speed and acceleration at a point are
-those of the parabola through the point and its two neighbours. At the first and the last point, which have
-one neighbour, speed and acceleration are those of the straight line to the neighbour. The curve therefore
-goes through every point, and position, speed and acceleration are continuous (C2). A wrong point changes at
-most the two pieces of the curve before it and the two after it. For points at equal intervals, the speed
-never exceeds 1.75 times the speed of the fastest straight line between two points.
+Between two points, each axis follows a polynomial of fifth degree (quintic Hermite interpolation). At both
+points, the polynomial has the position, speed and acceleration of the point. Speed and acceleration at a
+point are those of the parabola through the point and its two neighbours. At the first and the last point,
+which have one neighbour, speed and acceleration are those of the straight line to the neighbour. The curve
+therefore goes through every point, and position, speed and acceleration are continuous (C2). A wrong point
+changes at most the two pieces of the curve before it and the two after it. For points at equal intervals, the
+speed never exceeds 1.75 times the speed of the fastest straight line between two points.
 """
 
 from __future__ import annotations

@@ -57,8 +57,8 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class TrajectorySource:
-    """Where a trajectory comes from, and how it was read. `file_format` is None if it does not come from a
-    file.
+    """Where a trajectory comes from, and how it was read. `file_format` is None if the trajectory does not
+    come from a file.
 
     Attributes:
         file_format: Kind of the file, or the encoding of its text.
@@ -170,8 +170,8 @@ def timing_from_due_times(times: Array) -> SetPointTiming:
 def timing_from_send_times(times: Array) -> SetPointTiming:
     """Compute the timing from the times, in seconds, at which set points were sent.
 
-    If the usual interval is close to a cycle time, each set point counts as one cycle. The reason: a
-    controller takes one set point per cycle, whenever in the cycle the set point arrives.
+    If the usual interval is close to a cycle time, each set point counts as one cycle. This is correct
+    because a controller takes one set point per cycle, whenever in the cycle it arrives.
     """
     steps = np.diff(times)
     if not len(steps):

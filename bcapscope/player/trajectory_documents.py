@@ -111,8 +111,8 @@ def _select_values(row: object, places: Sequence[int], width: int, number: int) 
 
 
 def _find_ros_messages(node: object, deep: int, seen: set[int]) -> Iterator[dict[str, Any]]:
-    """Yield each object that looks like a JointTrajectory. Search a node once, even if YAML aliases repeat
-    it."""
+    """Yield each object that looks like a JointTrajectory. Search each node of a YAML document only once,
+    even if aliases repeat it."""
     if id(node) in seen:
         return
     seen.add(id(node))

@@ -41,8 +41,8 @@ MAX_TABLE_SIZE = 1 << 30
 """Largest table that is read, in bytes: two hours of a log with 73 columns."""
 
 MAX_OBJECT_SIZE = 24 << 20
-"""Largest JSON or YAML file that is read, in bytes. Such a file takes up to 24 times its size in memory. See
-`MAX_VALUES`."""
+"""Largest JSON or YAML file that is read, in bytes. A JSON or YAML file takes up to 24 times its size in
+memory. See `MAX_VALUES`."""
 
 LONGEST_LINE = 1 << 16
 
@@ -199,9 +199,9 @@ def _is_project(path: Path) -> bool:
 def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
     """Read every control log in a project, given as its folder or file.
 
-    The function stops after the file with which the number of trajectories reaches `MAX_TRAJECTORIES`. It
-    skips tables without titles, because their meaning is unknown, and captures, because WINCAPS III exports
-    none.
+    The function stops after the file with which the number of trajectories reaches `MAX_TRAJECTORIES`. The
+    function skips tables without titles, because their meaning is unknown, and captures, because WINCAPS III
+    exports none.
 
     Raises:
         TrajectoryError: There is no control log; the message lists the files and says what to export.

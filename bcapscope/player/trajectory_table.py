@@ -58,7 +58,8 @@ class TableLine(NamedTuple):
 def read_table(
     lines: Iterable[str], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read a table; `source.file_format` holds its encoding. Raise TrajectoryError if it has no set points.
+    """Read a table; `source.file_format` holds its encoding. Raise TrajectoryError if the table has no set
+    points.
 
     Returns one trajectory, or one per run of records if records are missing between the runs.
     """
@@ -192,8 +193,8 @@ def _parse_number(text: str, line: int, column: Column) -> float:
 
 
 def _without_empty(layout: ColumnLayout, filled: Sequence[bool]) -> tuple[Column, ...]:
-    """Return the columns before the first empty one. Raise TrajectoryError if they are too few for a pose, or
-    if a column after the empty one has numbers."""
+    """Return the columns before the first empty one. Raise TrajectoryError if these columns are too few for a
+    pose, or if a column after the empty one has numbers."""
     columns, axes_filled = layout.columns, filled[: len(layout.columns)]
     width = axes_filled.index(False) if False in axes_filled else len(axes_filled)
     if any(axes_filled[width:]) or width < MIN_COLUMNS[layout.kind]:

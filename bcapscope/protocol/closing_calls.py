@@ -1,6 +1,6 @@
 """The calls that close a session.
 
-A client makes these calls when it ends. The proxy makes these calls for a client that crashed or is gone.
+A client calls these functions when it ends. The proxy calls them for a client that crashed or is gone.
 """
 
 from __future__ import annotations

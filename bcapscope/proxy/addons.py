@@ -106,7 +106,8 @@ class PassingMessage:
         self.dropped = True
 
     def answer(self, hresult: int | str) -> None:
-        """Drop the request, and answer the client with a result code. `hresult` is its name or number.
+        """Drop the request, and answer the client with a result code. `hresult` is the name or number of this
+        code.
 
         Raises:
             ValueError: There is no such result code.
@@ -139,8 +140,8 @@ class AddonRunner(PipelineSubscriber):
         return frozenset(name for name, found in self._hooks.items() if found)
 
     def run_message_hooks(self, client: AddonClient, message: WireMessage) -> PassingMessage:
-        """Pass a message to the add-ons one after another. Each add-on gets it as the previous one changed
-        it. Return the changed message."""
+        """Pass a message to the add-ons one after another. Each add-on gets the message as the previous
+        add-on changed it. Return the changed message."""
         passing = PassingMessage(client, message)
         name = "request" if message.flow.direction is Direction.REQUEST else "reply"
         for addon, hook in self._hooks[name]:

@@ -22,17 +22,17 @@ MAX_CLIENTS = 256
 """Maximum number of clients per transport; DENSO's C server has 20 (orin_bcap C/src/bcap_server.c)."""
 
 MAX_PER_SOURCE = 192
-"""Maximum number of clients per address. The number is high because a whole plant may share one address
-behind NAT. The remaining 64 slots are enough for three controllers.
+"""Maximum number of clients per address. An address may have many clients, because a whole plant may share
+one address behind NAT. The slots that remain for other addresses (64) are enough for three controllers.
 """
 
 RESERVED_SLOTS = 4
-"""Number of additional slots per transport for clients that send a stop. If all are taken, a new one evicts
-the oldest."""
+"""Number of additional slots per transport for clients that send a stop. If all these slots are taken, a new
+client that sends a stop evicts the oldest client in them."""
 
 REPLACE_INTERVAL_NS = 5_000_000
-"""Time in ns between two evictions of fresh clients, which have sent one datagram. It limits the cost of a
-flood from new UDP ports."""
+"""Time in ns between two evictions of fresh clients, which have sent one datagram. This interval limits the
+cost of a flood from new UDP ports."""
 
 REPLACE_BURST = 64
 """Number of fresh clients that the proxy may evict at once after a time without evictions."""

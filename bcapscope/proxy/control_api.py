@@ -49,8 +49,8 @@ class ControlApi:
         self._upstream = upstream
 
     def handle_line(self, line: bytes, now: int) -> ControlResponse:
-        """Execute a request, given as a line of JSON. Return the response; an invalid request also gets
-        one."""
+        """Execute a request, given as a line of JSON. Return the response; an invalid request also gets a
+        response."""
         is_json = True
         try:
             return ControlResponse(

@@ -45,8 +45,8 @@ class ControlRefused(BcapError):
 
 
 class ControlClient:
-    """A control connection to a proxy. The first request opens the connection; after a failure, the next one
-    does."""
+    """A control connection to a proxy. The first request opens the connection; after a failure, the next
+    request opens it again."""
 
     def __init__(self, address: str) -> None:
         self._address = address

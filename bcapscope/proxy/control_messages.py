@@ -75,7 +75,8 @@ class DisableFault(_Request, frozen=True, tag="off"):
 
 
 class SetIntercept(_Request, frozen=True, tag="intercept", rename={"condition": "if"}):
-    """Request to change which messages the proxy holds from now on. Without a filter, it holds none.
+    """Request to change which messages the proxy holds from now on. Without a filter, the proxy holds no
+    messages.
 
     Without `patience`, the maximum hold time does not change.
     """

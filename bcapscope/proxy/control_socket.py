@@ -122,8 +122,8 @@ class _Connection:
             self._socket.close()
 
     def _on_ready(self, _: int) -> None:
-        """Answer at most one line per event. Thus many control requests do not delay traffic for long or fill
-        the memory."""
+        """Answer at most one line per event. Many control requests therefore do not delay traffic for long,
+        and do not fill the memory."""
         try:
             if not self._backlog and (b"\n" in self._received or self._read()):
                 self._answer_next_line()
@@ -153,7 +153,8 @@ class _Connection:
             self._closes_after_send = not reply.is_json
 
     def _send(self) -> None:
-        """Send as many pending bytes as possible. Then close the connection, or wait for the next event."""
+        """Send as many pending bytes as possible. After this, close the connection or wait for the next
+        event."""
         with suppress(BlockingIOError):
             while self._backlog:
                 del self._backlog[: self._socket.send(self._backlog)]

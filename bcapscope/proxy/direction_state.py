@@ -152,7 +152,8 @@ def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitR
 
     A motion is dangerous if it starts after its client has stopped waiting. A stop, which only stops the
     robot or releases something, is never dangerous. If a stream was interrupted within a frame, the rest of
-    this frame is sent first. Without the rest, the controller would take the stop for it.
+    this frame is sent first. Without the rest of the frame, the controller would read the bytes of the stop
+    in its place.
     """
     if not state.is_stream:
         return _split_frames([item for data in held for item in parse_datagram(data)])
@@ -195,9 +196,9 @@ def mark_overtaken(
     """Mark motions that wait for the scripts and must not start any more, because the proxy forwards a stop
     before them.
 
-    A stop cancels the waiting motions of its own client. Robot_Halt and Robot_Hold cancel those of all
-    clients of the controller, because a program may send these calls over a separate connection. A call that
-    only releases something cancels no motion.
+    A stop cancels the waiting motions of its own client. Robot_Halt and Robot_Hold cancel the waiting motions
+    of all clients of the controller, because a program may send these calls over a separate connection. A
+    call that only releases something cancels no motion.
 
     Args:
         stop: The stop, which does not wait for the scripts.

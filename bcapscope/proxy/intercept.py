@@ -65,10 +65,10 @@ class HeldMessage(NamedTuple):
     def abandonment_reason(self, now: int) -> Message | None:
         """Return what shows that the client no longer waits for a reply; None if the client may still wait.
 
-        This matters because a motion is dangerous if it starts long after the client reported a failure to
-        its user. A client makes one call at a time, so it no longer waits after it has sent another request
-        or ended its stream. Over UDP, a client that has not retried within `RETRY_WITHIN_NS` no longer waits.
-        Over TCP there are no retries, so a silent client may still wait.
+        A motion is dangerous if it starts long after the client reported a failure to its user. A client
+        makes one call at a time, so it no longer waits after it has sent another request or ended its stream.
+        Over UDP, a client that has not retried within `RETRY_WITHIN_NS` no longer waits. Over TCP there are
+        no retries, so a silent client may still wait.
         """
         if self.abandoned_because is not None or self.flow.direction is Direction.RESPONSE:
             return self.abandoned_because
@@ -107,8 +107,8 @@ class _PastDecision:
 class Intercept:
     """Holds the messages that match a filter.
 
-    The intercept holds each call once; the user's decision also applies to the retries of the call. It never
-    holds requests that only stop the robot or release something.
+    The intercept holds each call once; the user's decision also applies to the retries of the call. The
+    intercept never holds requests that only stop the robot or release something.
 
     Attributes:
         condition: Filter for the messages to hold; None to hold nothing.
@@ -150,7 +150,7 @@ class Intercept:
         return len(self._held) >= MAX_HELD or held >= MAX_BYTES
 
     def hold_or_pass(self, client: int, message: WireMessage) -> InterceptResult | None:
-        """Decide whether to hold a message. Return None if the intercept has nothing to do with it.
+        """Decide whether to hold a message. Return None if the intercept has nothing to do with the message.
 
         The caller must pass all messages to this method, in order.
         """

@@ -17,7 +17,8 @@ _TRIES = 20
 def open_listeners(
     relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS
 ) -> tuple[Endpoint, list[TcpListener | UdpListener]]:
-    """Open the listeners for the transports of `spec`. Return their common address and the listeners.
+    """Open the listeners for the transports of `spec`. Return the common address of the listeners, and the
+    listeners.
 
     Port 0 selects a free port, the same for both transports. The listeners accept clients once the relay
     opens them.

@@ -50,7 +50,8 @@ class MessageSender:
     def refuse_motion(
         self, state: DirectionState, message: WireMessage, note: Message, work: DecisionBuilder
     ) -> bytes:
-        """Refuse the frames of a request that may move the robot. Return the bytes of the other frames."""
+        """Refuse the frames of a request that may move the robot. Return the bytes of the frames that were
+        not refused."""
         items = [each.observation.item for each in message.annotated_frames]
         refused = [item for item in items if isinstance(item, Frame) and _may_move(item)]
         if not refused:

@@ -1,7 +1,8 @@
 """Decodes the records in the relay's ring into observations: the requests and replies of each client.
 
 Observations show the client's side: requests as the proxy received them, and replies as it sent them to the
-client. So there is an observation of a request that a rule dropped, but not of a reply that a rule dropped.
+client. A request that a rule dropped therefore gives an observation, but a reply that a rule dropped does
+not.
 """
 
 from __future__ import annotations

@@ -44,7 +44,8 @@ bytes."""
 
 _SPARE_DESCRIPTORS = 4
 """Number of spare file descriptors for clients that send a stop when no other descriptor is free. A TCP
-client needs two descriptors, a UDP client one, and a client that has not sent a complete frame one.
+client needs two descriptors. A UDP client needs one descriptor, and so does a client that has not sent a
+complete frame.
 """
 
 
@@ -152,8 +153,9 @@ class Relay:
     def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
         """Call `handler` for every event of a file descriptor.
 
-        The system may give the descriptor the number of one that was just closed. The events of the current
-        poll still belong to the closed descriptor, so the relay calls `handler` only from the next poll on.
+        The system may give a new descriptor the number of a descriptor that was just closed. The events of
+        the current poll still belong to the closed descriptor, so the relay calls `handler` only from the
+        next poll on.
         """
         handlers = self._new_handlers if descriptor in self._just_unwatched else self._handlers
         handlers[descriptor] = handler
@@ -272,16 +274,16 @@ class Relay:
         return self.policy is not None and self.policy.hides_end(session.number)
 
     def pauses_reading(self, session: RelaySession) -> bool:
-        """Return True if rules hold so much data that the session must not read more. The relay then calls
-        `resume_reading` later."""
+        """Return True if rules hold so much data that the session must not read more. In this case, the relay
+        calls `resume_reading` later."""
         if self.policy is None or not self.policy.is_full(session.number):
             return False
         self._paused_sessions[session.number] = session
         return True
 
     def release_held(self, session: RelaySession) -> bool:
-        """Send the held messages that the rules release when a client ends. Return whether there are such
-        messages."""
+        """Send the held messages that the rules release when a client ends. Return whether the rules released
+        any message."""
         if self.policy is None or session.number not in self.sessions:
             return False
         actions = self.policy.release_held(session.number, time.monotonic_ns())
@@ -382,7 +384,8 @@ class _Arrival(NamedTuple):
 
 
 def encode_note(note: Message | None) -> bytes:
-    """Encode a note for the ring; None gives b"". Shorten a note that is too long, as English text."""
+    """Encode a note for the ring; None gives b"". Replace a note that is too long by a shortened English
+    text."""
     if note is None:
         return b""
     data = encode_message(note)

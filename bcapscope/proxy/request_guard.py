@@ -139,10 +139,11 @@ class RequestGuard:
     def refusal_reason(self, request: Frame) -> Message | None:
         """Return the reason why the guard refuses a request; None if the request passes.
 
-        Controllers interpret a damaged frame in different ways. Some read the values of its arguments one
-        after the other, as orin_bcap's C, C#, Java and Python do. Others use the lengths of the arguments, as
-        the older C client does. The guard refuses the frame if one of these ways gives a request that it
-        would refuse. Bytes inside the value of an argument are data: no controller takes them for a frame.
+        Controllers interpret a damaged frame in different ways. Some controllers read the values of the
+        arguments one after the other, as orin_bcap's C, C#, Java and Python do. Other controllers use the
+        lengths of the arguments, as the older C client does. The guard refuses a damaged frame if it would
+        refuse one of the possible interpretations. Bytes inside the value of an argument are data: no
+        controller takes them for a frame.
         """
         if _only_stops(request):
             return None
@@ -191,8 +192,8 @@ def _is_whole(frame: Frame) -> bool:
 def _reads_one_way(frame: Frame) -> bool:
     """Return whether all controllers agree that a frame is compressed, or all agree that it is plain.
 
-    A frame that looks compressed must be valid when unpacked. Read as a plain frame, it would have at least
-    376 arguments, which must be too many for its length.
+    A frame that looks compressed must be valid when unpacked. Read as a plain frame, the same bytes would
+    have at least 376 arguments, which must be too many for the frame's length.
     """
     raw = frame.raw
     if not has_zlib_header(raw):

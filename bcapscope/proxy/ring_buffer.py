@@ -23,8 +23,8 @@ _HEADER_SIZE = 4096
 """Size in bytes of the header: positions of writer and readers, urgency, counters and figures."""
 
 _MARGIN = RING_OVERHEAD - _HEADER_SIZE
-"""Number of bytes behind the end of the ring. A record may extend into them, so that it is never split.
-Header and margin together are a multiple of every page size, so that all processes see the same size.
+"""Number of bytes behind the end of the ring. A record may extend into these bytes, so that no record is ever
+split. Header and margin together are a multiple of every page size, so that all processes see the same size.
 """
 
 SET_POINT_DEADLINE_NS = 2_000_000
@@ -32,7 +32,8 @@ SET_POINT_DEADLINE_NS = 2_000_000
 mode)."""
 
 BATCH_SIZE = 16
-"""Number of datagrams that the relay writes to the ring at once. While it writes, new datagrams wait."""
+"""Number of datagrams that the relay writes to the ring at once. While the relay writes to the ring, new
+datagrams wait."""
 
 DELAY_FIGURES = 9
 """Number of figures that the watcher process writes for the relay: the fields of `RelayDelays`, in order."""
@@ -141,7 +142,8 @@ class _Hole(NamedTuple):
 
 class _Ring:
     def __init__(self, memory: memoryview) -> None:
-        """Use shared memory, initially all zero. Its size is `RING_OVERHEAD` plus a multiple of 8 bytes."""
+        """Use shared memory, initially all zero. The size of the memory is `RING_OVERHEAD` plus a multiple of
+        8 bytes."""
         self._marks = memory[:_HEADER_SIZE].cast("Q")
         self._space = memory[_HEADER_SIZE:]
         self._size = len(memory) - RING_OVERHEAD
@@ -185,8 +187,8 @@ class RingWriter(_Ring):
     Attributes:
         counts: Counters of the relay, indexed by `RelayCounter`; the relay increases them in place.
         figures: Delays that the watcher measured; see `DELAY_FIGURES`.
-        pending_datagrams: Datagrams that are not in the ring yet. The relay appends them, and calls `flush`
-            once there are `BATCH_SIZE`.
+        pending_datagrams: Datagrams that are not in the ring yet. The relay appends datagrams, and calls
+            `flush` once there are `BATCH_SIZE`.
         streams: Numbers of the TCP clients. If bytes of these clients do not fit into the ring, the writer
             records a hole.
     """
@@ -287,7 +289,7 @@ class RingWriter(_Ring):
 
     def _write_holes(self, client: int, size: int) -> bool:
         """Write the holes of a client's streams if the next record also has room. Return whether the ring had
-        room. Without this condition, many short holes would follow each other instead of one long hole.
+        room. If holes were written alone, many short holes would follow each other instead of one long hole.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:
@@ -329,8 +331,8 @@ class RingWriter(_Ring):
         sent_at: int = 0,
         up: bool = False,
     ) -> None:
-        """Write a record that must not be lost, as soon as the ring has room. Later records wait for this
-        one.
+        """Write a record that must not be lost, as soon as the ring has room. Later records wait until this
+        record is written.
 
         The number of waiting records is limited even if the reader stops. The records of a client that
         connects and leaves in this time are discarded, and messages for the user are lost above a limit.

@@ -3,7 +3,7 @@
 The guard comes last, so it checks the bytes that the controller receives.
 
 This module uses no clock and no socket. The policy splits a stream into frames only while a rule must see the
-frames. At other times, it forwards the bytes of the stream unchanged.
+frames. While no rule must see frames, the policy forwards the bytes of a stream unchanged.
 """
 
 from __future__ import annotations
@@ -248,7 +248,7 @@ class RulePolicy:
             self._outbox += work.actions
 
     def forward_held(self, number: int, now: int, data: bytes | None = None) -> None:
-        """Forward a held message: unchanged, or as `data`. Faults and guard still apply to it.
+        """Forward a held message: unchanged, or as `data`. Faults and guard still apply to the message.
 
         Raises:
             KeyError: No message with this number is held.
@@ -358,8 +358,8 @@ class RulePolicy:
     def _without_motion(
         self, state: DirectionState, message: WireMessage, note: Message, work: DecisionBuilder
     ) -> WireMessage | None:
-        """Refuse the frames of a request that may move the robot. Return the other frames; None if there are
-        none."""
+        """Refuse the frames of a request that may move the robot. Return the frames that were not refused;
+        None if all were refused."""
         passing = self._sender.refuse_motion(state, message, note, work)
         if passing == message.data:
             return message

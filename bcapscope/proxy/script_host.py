@@ -1,5 +1,5 @@
-"""The process in which the scripts run. It receives orders from the proxy, calls the hooks of the scripts and
-answers the proxy."""
+"""The process in which the scripts run. This process receives orders from the proxy, calls the hooks of the
+scripts and answers the proxy."""
 
 from __future__ import annotations
 

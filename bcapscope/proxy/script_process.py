@@ -115,8 +115,8 @@ class ScriptProcess:
             os.close(traces)
 
     def load(self, seconds: float) -> bool:
-        """Wait until the scripts are loaded. Return False if they need more than `seconds`. Call `attach`
-        first.
+        """Wait until the scripts are loaded. Return False if the scripts need more than `seconds`. Call
+        `attach` first.
 
         Raises:
             ScriptError: A script failed to load, or has no add-on.

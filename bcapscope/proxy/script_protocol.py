@@ -109,7 +109,7 @@ def wire_sentence(message: Message) -> WireSentence:
 
 
 class ScriptsLoaded(_WireFrame, frozen=True):
-    """The scripts are loaded and usable. `hooks` holds the names of the hooks that they define."""
+    """The scripts are loaded and usable. `hooks` holds the names of the hooks that the scripts define."""
 
     hooks: frozenset[str]
 

@@ -36,19 +36,20 @@ TIME_LIMIT_NS = 100_000_000
 SHORTEST_LIMIT, LONGEST_LIMIT = 1_000_000, 10_000_000_000
 """Shortest and longest time limit that a user may set, in ns.
 
-The shortest limit allows for waking a process, which takes part of a millisecond. The longest limit is for
-safety: a motion that starts seconds late is dangerous, because its client no longer waits.
+The shortest limit allows for waking a process, which takes part of a millisecond. The longest time limit is
+for safety: a motion that starts seconds late is dangerous, because its client no longer waits.
 """
 
 LONGEST_WAIT = 1_000_000_000
 """Maximum time in ns from a message's arrival to the decision about it, unless the time limit is longer."""
 
 MAX_WAITING = 64
-"""Maximum number of waiting datagrams per client. One call needs at most eight, one for each attempt."""
+"""Maximum number of waiting datagrams per client. One call needs at most eight datagrams, one for each
+attempt."""
 
 MAX_BYTES = 1 << 16
-"""Maximum number of waiting bytes per client. Above this limit, the proxy does not read the client's stream,
-and drops its datagrams."""
+"""Maximum number of waiting bytes per client. If more bytes of a client wait, the proxy does not read the
+client's stream, and drops the client's datagrams."""
 
 MAX_BYTES_IN_ALL = 1 << 22
 """Maximum number of waiting bytes of all clients.
@@ -87,8 +88,8 @@ class ScriptLink(Protocol):
         known."""
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
-        """Send the last order, and pass received bytes to `is_done` until it returns True. Return False if it
-        does not do so in time."""
+        """Send the last order, and pass received bytes to `is_done` until it returns True. Return False if
+        `is_done` does not return True in time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +226,7 @@ class ScriptQueue:
     # answers of the scripts
 
     def on_data(self, data: bytes, now: int) -> Iterator[ScriptDecision]:
-        """Handle bytes that arrived from the scripts' process. Yield the decisions that they contain."""
+        """Handle bytes that arrived from the scripts' process. Yield the decisions in these bytes."""
         if not self.is_on:
             return
         self._answers.feed_bytes(data)
@@ -304,7 +305,7 @@ class ScriptQueue:
 
     def remove_messages(self, flow: Flow) -> list[bytes]:
         """Remove the waiting messages of a flow, and return their bytes. The scripts' later decisions about
-        them will have no effect."""
+        the removed messages have no effect."""
         found: list[bytes] = []
         for place, each in enumerate(self._queue):
             if each.message is not None and _is_of(each, flow):

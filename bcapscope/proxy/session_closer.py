@@ -112,8 +112,8 @@ class SessionCloser(PipelineSubscriber):
 
 
 def _closing_requests(session: ServiceSession, state: _ClientState, robots: Iterable[int]) -> Iterator[bytes]:
-    """Yield the frames that close a session. They continue the client's serials, and use its convention for
-    the reserved field."""
+    """Yield the frames that close a session. The frames continue the client's serials, and use the client's
+    convention for the reserved field."""
     objects = [(each.kind, each.handle) for each in reversed(session.unreleased)]
     serial = state.serial
     for function_id, arguments in closing_calls(robots, state.arm_handles, objects):

@@ -183,7 +183,8 @@ class TcpSession(RelaySession):
         self._relay.ring.write_required(how, self.number, cause, received_at, sent_at=sent_at, up=half.up)
 
     def _send_last(self, half: _HalfConnection) -> None:
-        """Write as many pending bytes as the system accepts at once. Report the other bytes as lost."""
+        """Write as many pending bytes as the system accepts at once. Report the bytes that could not be
+        written as lost."""
         rest, sent, when = len(half.pending), 0, time.time_ns()
         with suppress(OSError):
             sent = half.sink.send(half.pending)
@@ -208,8 +209,8 @@ class TcpSession(RelaySession):
         return quiet if is_stuck and quiet > STUCK_AFTER_NS else None
 
     def sweep(self, now: int) -> None:
-        """End a session that cannot connect or stays half closed too long. If it continues, forward the end
-        of a direction that rules delayed."""
+        """End a session that cannot connect or stays half closed too long. If the session continues, forward
+        the end of a direction that rules delayed."""
         if not self._connected and now - self.last_heard > CONNECT_TIMEOUT_NS:
             self.fail(errno.ETIMEDOUT)
         elif not self._is_half_open and self._is_expired(now - self._last_activity):

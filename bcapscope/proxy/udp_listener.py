@@ -208,9 +208,9 @@ class UdpSession(RelaySession):
         return sent_at
 
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
-        """Send requests instead of the client, each after the reply to the previous one. Return how many got
-        a reply. This method blocks the relay. It sends no request after the time `until`, in seconds of
-        `time.monotonic`.
+        """Send requests instead of the client, each after the reply to the previous one. Return how many
+        requests got a reply. This method blocks the relay. The method sends no request after the time
+        `until`, in seconds of `time.monotonic`.
         """
         for count, request in enumerate(requests):
             if not any(time.monotonic() < until and self._request(request) for _ in range(_TRIES)):
@@ -260,7 +260,7 @@ class UdpSession(RelaySession):
 
     def _count_send_failure(self, data: bytes, error: OSError) -> int:
         """Count a datagram that the system refused to send, and return 0. Report only the 1st, 2nd, 4th, 8th
-        such datagram and so on."""
+        refused datagram and so on."""
         relay = self._relay
         relay.counts[RelayCounter.FULL] += 1
         if should_report(relay.counts[RelayCounter.FULL]):
@@ -279,8 +279,8 @@ def _datagram_handler(
 ) -> Handler:
     """Return a handler that forwards the datagrams of a socket, or passes them to the rules.
 
-    With `session`, the socket receives replies for this session; without, it receives requests. The handler
-    runs for each datagram, so it uses only local variables for speed.
+    With `session`, the socket receives replies for this session; without `session`, it receives requests. The
+    handler runs for each datagram, so it uses only local variables for speed.
     """
     receive, known, up = receive_function(sock), listener.sessions.get, session is None
     relay, ring, has_rules = listener.relay, listener.relay.ring, listener.relay.policy is not None

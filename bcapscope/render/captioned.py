@@ -68,8 +68,8 @@ class CaptionWriter:
 
 
 def frames_message(frames: Sequence[int], count: int | None = None) -> Message:
-    """Return a message that lists the first 8 frame numbers. It also says how many of the `count` frames it
-    does not list.
+    """Return a message that lists the first 8 frame numbers. The message also says how many of the `count`
+    frames it does not list.
     """
     shown = tuple(frames[:_FRAMES_SHOWN])
     left = (len(frames) if count is None else count) - len(shown)

@@ -8,7 +8,8 @@ from collections.abc import Iterator, Sequence
 from bcapscope.protocol.text_format import display_width
 
 _WIDE = "\u1100-\u115f\u2e80-\ua4cf\uac00-\ud7a3\uf900-\ufaff\ufe30-\ufe6f\uff01-\uff60\uffe0-\uffe6"
-"""Matches East Asian characters that take two terminal columns. Text may be wrapped before and after them.
+"""Matches East Asian characters that take two terminal columns. Text may be wrapped before and after such a
+character.
 """
 
 _CLOSING = "、。，．）」』】：；！？ーぁぃぅぇぉっゃゅょァィゥェォッャュョ"

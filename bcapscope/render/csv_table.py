@@ -106,9 +106,9 @@ class CsvTableRenderer:
     def _args(self, observation: Observation, call_kind: CallKind | None) -> str:
         """Return the arguments as JSON, copied from the JSON object of the frame.
 
-        The function searches for the member's name. It cannot match inside a JSON string, because quotation
-        marks inside strings are escaped. The result begins with a bracket, so a spreadsheet does not evaluate
-        it.
+        The function searches for the name of the JSON member. The search cannot match inside a JSON string,
+        because quotation marks inside strings are escaped. The result begins with a bracket, so a spreadsheet
+        does not evaluate it.
         """
         record = self._records.record(observation, call_kind)
         start = record.index(_ARGS) + len(_ARGS)

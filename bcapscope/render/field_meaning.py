@@ -78,7 +78,8 @@ def _frame_field_meaning(field: FrameField, words: MessageFormatter) -> str:
 
 
 def _variant_meaning(field: FrameField, longest: int | None, words: MessageFormatter) -> str:
-    """Describe the value of a VARIANT. Add its type if the field includes the bytes of the type."""
+    """Describe the value of a VARIANT. Add the type of the VARIANT if the field includes the bytes of the
+    type."""
     value, vt = field.value, field.vt or 0
     text = value_text(value, vt, longest, words)
     if isinstance(value, tuple):

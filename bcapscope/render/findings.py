@@ -112,7 +112,8 @@ def finding_record(
 
     Args:
         origin_of: Takes the number of a frame, and returns its capture and packet.
-        is_final: Whether the traffic has ended. Before its end, causes and repetitions are not known.
+        is_final: Whether the traffic has ended. Before the end of the traffic, causes and repetitions are not
+            known.
     """
     repetition = finding.repetition
     words = words_for(ENGLISH_WORDS, totals)

@@ -39,7 +39,8 @@ NumberPlace: TypeAlias = "tuple[int | slice, Callable[[object], bytes]]"
 
 
 class _RecordTemplate:
-    """JSON of a frame as bytes. It has placeholders for the numbers, which differ between similar frames."""
+    """JSON of a frame as bytes. The JSON has placeholders for the numbers, which differ between similar
+    frames."""
 
     __slots__ = ("_parts", "_text")
 

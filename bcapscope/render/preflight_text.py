@@ -28,7 +28,7 @@ _HEAD = ("axis", "unit", "from", "to", "step", "speed", "acceleration", "fastest
 
 
 def trajectory_line(number: int, trajectory: Trajectory, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return a line that describes one of several trajectories in a file. It begins with the number for
+    """Return a line that describes one of several trajectories in a file. The line begins with the number for
     ``--index``."""
     part = trajectory.source.part or Message("trajectory.all")
     return f"{number}: {printable(words.text(part))}, {words.text(_size(trajectory))}"

@@ -34,11 +34,11 @@ from bcapscope.traffic.call import Call, FrameRole
 from bcapscope.traffic.observation import Conversation
 
 MAX_TIMELINE_ROWS = 16
-"""Maximum number of clients in the timeline. It shows the clients that made the most calls."""
+"""Maximum number of clients in the timeline. The timeline shows the clients that made the most calls."""
 
 MAX_KINDS = 20
-"""Maximum number of commands in the picture of latencies. It shows the commands that took the most time in
-total."""
+"""Maximum number of commands in the picture of latencies. The picture shows the commands that took the most
+time in total."""
 
 _NARROWEST = 0.0015  # minimum width of a bar as a share of the total width; a narrower bar would be invisible
 # shorter times are drawn as this: a logarithmic axis has no 0, and clocks of captures are no finer

@@ -228,8 +228,8 @@ def _moment(time: int) -> str:
 
 
 def _script_text(code: str) -> str:
-    """Change JavaScript so that it cannot end its script element. This replaces some character sequences,
-    which is safe, because they occur only in JavaScript strings.
+    """Change JavaScript so that it cannot end its script element. The function replaces some character
+    sequences, which is safe, because they occur only in JavaScript strings.
     """
     return code.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 

@@ -81,7 +81,7 @@ def _points(found: DistributionSummary) -> tuple[str, ...]:
 
 
 def deadline_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Yield a table of recommended timeouts. It shows how many set points would have exceeded each
+    """Yield a table of recommended timeouts. The table shows how many set points would have exceeded each
     timeout."""
     rows = [tuple(map(writer.label, ("slave.timeouts", "slave.timeouts.one", "slave.timeouts.all")))]
     for deadline in timing.deadlines:
@@ -217,8 +217,8 @@ def clock_lines(clock: ClockFacts, writer: CaptionWriter) -> Iterator[str]:
 
 
 def motion_lines(motion: MotionFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Yield lines with the steps, velocities and accelerations of each axis. They also show how far the
-    returned pose differs from the commanded one.
+    """Yield lines with the steps, velocities and accelerations of each axis. The lines also show how far the
+    returned pose differs from the commanded pose.
     """
     case = ".guessed" if motion.pose_type_guessed else ""
     yield writer.captioned("motion", Message(f"slave.motion{case}", poses=Count(motion.read, "pose")))

@@ -36,8 +36,8 @@ def axis_charts(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> Iterator[str]:
-    """Yield one chart per axis with the commanded and the actual position. Its title shows the latest values.
-    All charts together have `height` lines.
+    """Yield one chart per axis with the commanded and the actual position. The title of a chart shows the
+    latest values. All charts together have `height` lines.
     """
     each = min(_MAX_CHART_ROWS, max(4, height // max(1, len(axes))))
     for axis in axes:

@@ -170,8 +170,8 @@ _MEMBERS: dict[type, str] = {
         "latency_ms=latency rtt_ms=rtt deadlines slowest slack_ms gaps gap_list"
     ),
 }
-"""JSON members of each class, in order. Each is written ``name=attribute``, or only as the name if both are
-equal. ``@`` marks a time. ``!`` marks a result code, which is followed by a member with its name.
+"""JSON members of each class, in order. A member is written ``name=attribute``, or only as the name if both
+are equal. ``@`` marks a time. ``!`` marks a result code, which is followed by a member with its name.
 """
 
 

@@ -23,7 +23,8 @@ class TimeFormat(StrEnum):
 
 
 def timestamp_writer(time_format: TimeFormat) -> Callable[[int], str]:
-    """Return a function that formats times. It counts relative times from the first time that it formats."""
+    """Return a function that formats times. The returned function counts relative times from the first time
+    that it formats."""
     if time_format is TimeFormat.UTC:
         return utc_text
     return epoch_text if time_format is TimeFormat.EPOCH else _elapsed_writer(time_format is TimeFormat.DELTA)

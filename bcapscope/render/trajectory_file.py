@@ -27,8 +27,8 @@ sent; `nan`, `inf` and `-inf` are possible. The columns are, in this order:
 ``call``
     Number of the call in the output of `bcapscope calls`.
 
-A program that reads the file needs only ``time_s`` and the commanded pose. Such a program should find columns
-by name.
+A program that reads the file needs only ``time_s`` and the commanded pose. Programs that read the file should
+find columns by name.
 
 The JSON is one object. The object begins with details of the slave-mode session. `columns` has the names
 above. `rows` has an array of values for each set point: null for no value, strings for NaN and infinities.

@@ -32,10 +32,10 @@ _SERVICE_START = CallKind(1, None)
 class ScriptLookup:
     """Finds the recorded call that answers a request of one client.
 
-    `find` returns the next recorded call with the same function, command and arguments. If all such calls
-    were returned already, `find` returns the last one again. If no recorded call has the same arguments,
-    `find` ignores the arguments. A Service_Start after the last recorded Service_Start begins the script
-    again.
+    `find` returns the next recorded call with the same function, command and arguments. If all calls with
+    these arguments were returned already, `find` returns the last of them again. If no recorded call has the
+    same arguments, `find` ignores the arguments. A Service_Start after the last recorded Service_Start begins
+    the script again.
     """
 
     def __init__(self, calls: Iterable[ScriptCall]) -> None:
@@ -81,7 +81,7 @@ def _casefolded(kind: CallKind) -> CallKind:
 
 
 class _ReplayClient:
-    """Replays the recording to one client. It answers one call at a time."""
+    """Replays the recording to one client. The replay answers one call at a time."""
 
     def __init__(
         self,

@@ -1,5 +1,5 @@
-"""Make the calls of a script to a controller. Recorded handles are replaced by those that this controller
-gives."""
+"""Make the calls of a script to a controller. The player replaces recorded handles by the handles that this
+controller gives."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ class ScriptPlayer:
     """Plays a script.
 
     A recording that does not begin with Service_Start may use objects that were opened before it began.
-    `ObjectOpener` opens these objects. At its end, the client session releases the objects that the recording
-    leaves open.
+    `ObjectOpener` opens these objects. At the end of the replay, the client session releases the objects that
+    the recording leaves open.
     """
 
     def __init__(

@@ -39,7 +39,7 @@ class UnreadableSetPointError(BcapError):
 
 
 class SetPointRun(NamedTuple):
-    """Successive set points of a script. The client stays in slave mode between them.
+    """Successive set points of a script. The client stays in slave mode between these set points.
 
     The trajectory also contains refused set points, because a replay sends all set points. `sent_at` is in
     seconds.

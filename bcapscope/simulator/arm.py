@@ -103,7 +103,7 @@ class Arm:
         return self.commanded(now - ENCODER_LAG_NS)
 
     def move(self, goal: Joints, now: int, speed: float, min_duration: int = 0) -> ArmMotion:
-        """Begin an ordinary motion at the commanded joints. It takes at least `min_duration` ns."""
+        """Begin an ordinary motion at the commanded joints. The motion takes at least `min_duration` ns."""
         start = self.commanded(now)
         duration = max(min_duration, motion_duration(start, goal, speed))
         self._motion = ArmMotion(start, goal, now, now + duration)

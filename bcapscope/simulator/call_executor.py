@@ -106,7 +106,7 @@ class CallExecutor:
         return due if self._next_notice is None else min(due, self._next_notice)
 
     def close(self) -> None:
-        """End the session of a client that is gone. Its open requests get no reply."""
+        """End the session of a client that is gone. Open requests of the client get no reply."""
         self.running = None
         self._waiting.clear()
         self._responder.reset()

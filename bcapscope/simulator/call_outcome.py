@@ -2,7 +2,7 @@
 
 Sources for the meanings of the codes: the public list of controller errors in
 nkawa/Denso_CobottaPro900_MQTT_Control; for the symbols of CAO: orin_bcap CSharp ORiNDefine.cs. If a code
-depends on the axis, the constant is the code for axis 0. Add the axis number 1..8 to it.
+depends on the axis, the constant is the code for axis 0. Add the axis number 1..8 to this code.
 """
 
 from __future__ import annotations
@@ -60,7 +60,8 @@ class CallResult(msgspec.Struct, frozen=True):
     """The result of a call. If `value` is None, the profile decides whether the reply has no argument or
     EMPTY.
 
-    `reason` tells the simulator's user why the call was refused. It is empty if the result code says enough.
+    `reason` tells the simulator's user why the call was refused. `reason` is empty if the result code says
+    enough.
     """
 
     hresult: int = S_OK

@@ -28,9 +28,9 @@ so UI1 arrays are not counted. Frames of real sessions hold fewer than a thousan
 1,000,000 items per packet (gui.max_tree_items)."""
 
 MAX_VALUES = 2_048
-"""Maximum number of arguments, elements of VARIANT arrays and strings to read from one frame. Reading each of
-them takes about 2 µs and 200 bytes, so even a malicious frame delays a proxy by only about 5 ms. When the
-limit was 8,192, a flood of malicious frames delayed Robot_Halt by 3 s in a proxy with rules. The longest
+"""Maximum number of arguments, elements of VARIANT arrays and strings to read from one frame. Reading one
+such item takes about 2 µs and 200 bytes, so even a malicious frame delays a proxy by only about 5 ms. When
+the limit was 8,192, a flood of malicious frames delayed Robot_Halt by 3 s in a proxy with rules. The longest
 lists of known sessions hold a few hundred names.
 """
 
@@ -87,8 +87,9 @@ class ArgumentReader:
     The next argument begins where the value of the previous one ends. DENSO's present libraries (orin_bcap C,
     C#, Java and Python) ignore the length field. The reader therefore only checks that the field agrees with
     the value. If a value has no valid end, the reader reads the value again, but not beyond the length that
-    the field states. The older C client also respects the field. From then on, the length fields also bound
-    all following arguments. So no byte belongs to two values, and no byte is read more than twice.
+    the field states. The older C client also respects the field. After such a value, the reader also respects
+    the length fields of all following arguments. So no byte belongs to two values, and the reader reads no
+    byte more than twice.
 
     Attributes:
         arguments: Arguments read so far; the last one may be partial.

@@ -111,8 +111,8 @@ class Frame:
         """Read the header of `raw`, which holds at least `HEADER_SIZE` bytes.
 
         If similar frames share `templates`, only one of them is decoded in full. Without `templates`, the
-        frame creates its own `FrameTemplates` when you first read its arguments. The frame then also keeps
-        the decoded arguments.
+        frame creates its own `FrameTemplates` when you first read its arguments. Without `templates`, the
+        frame also keeps the decoded arguments.
         """
         self._templates = templates
         self.raw = raw
@@ -218,8 +218,8 @@ def parse_captured_datagram(
     """Split a captured datagram into its frames, and mark the first frame if more bytes follow it.
 
     A valid datagram holds exactly one frame. DENSO's C server and client compare the length of the frame with
-    the number of bytes received. The official C server stops its UDP service if these numbers differ
-    (orin_bcap C/src/bCAPServer/bcap_server.c).
+    the number of bytes received. The official C server stops its UDP service if the length and the number of
+    bytes differ (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
     items = parse_datagram(raw, templates)
     if len(items) == 1:

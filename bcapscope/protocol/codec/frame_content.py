@@ -115,8 +115,8 @@ class FrameContent:
 
 def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
     """Return whether the header at `pos` looks like that of a compressed version 1 frame: its reserved field
-    is 1, and a zlib header follows where the compressed body begins. A plain frame looks like this only if it
-    has 376 arguments or more.
+    is 1, and a zlib header follows where the compressed body begins. A plain frame looks like a compressed
+    one only if it has 376 arguments or more.
     """
     return data[pos + 7 : pos + 9] == b"\x01\x00" and has_zlib_header(data, pos)
 

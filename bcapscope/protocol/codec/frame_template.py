@@ -70,8 +70,8 @@ class _FrameShape:
 class FrameTemplate:
     """The parts that similar frames share, learnt from one sound frame that was decoded in full.
 
-    A frame that differs from it only in serial, reserved and numbers is sound as well: its length, EOT and
-    arguments conform to b-CAP.
+    A frame that differs from the learnt frame only in serial, reserved and numbers is sound as well: its
+    length, EOT and arguments conform to b-CAP.
 
     Attributes:
         prototype: Arguments of the frame from which the template was learnt; their numbers are placeholders.
@@ -177,8 +177,8 @@ class FrameTemplates:
     def _decode_in_full(self, raw: bytes) -> DecodedFrame:
         """Decode a frame that matches no template, and learn a template from the frame if possible.
 
-        Callers decode the same `raw` object several times in a row. Therefore the content of the last two
-        frames without a template is cached: room for a request and its reply.
+        Callers decode the same `raw` object several times in a row. Therefore the decoder caches the content
+        of the last two frames without a template, usually a request and its reply.
         """
         for content in self._recent:
             if content.raw is raw:

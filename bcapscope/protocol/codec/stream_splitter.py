@@ -135,8 +135,8 @@ class StreamSplitter:
         return Frame(data, None, self._templates)
 
     def add_gap(self, missing: int) -> list[StreamPiece]:
-        """Note that `missing` bytes of the stream are lost. Return the unfinished bytes before them, then a
-        hole."""
+        """Note that `missing` bytes of the stream are lost. Return the unfinished bytes before the gap, then
+        a hole."""
         pieces = self._flush(Message("problem.cut.unseen"))
         start, self._stream_offset = self._stream_offset, self._stream_offset + missing
         hole = Malformed(b"", (Problem(0, "gap", Message("problem.gap", missing=missing)),), missing)

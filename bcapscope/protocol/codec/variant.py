@@ -1,8 +1,8 @@
 """VARIANT: the typed values of b-CAP, their names and their encoding.
 
 Layout of a VARIANT, all numbers little-endian: u16 type, u32 element count, data. In an argument of a frame,
-the length of the VARIANT in bytes (u32) precedes it. No length precedes the elements of a VARIANT array
-(orin_bcap C/src/bcap_common.c, CSharp bCAPPacketConverter.cs and Python bcapclient.py agree).
+a u32 precedes the VARIANT: the length of the VARIANT in bytes. No length precedes the elements of a VARIANT
+array (orin_bcap C/src/bcap_common.c, CSharp bCAPPacketConverter.cs and Python bcapclient.py agree).
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class Variant(NamedTuple):
     """A typed value.
 
     Attributes:
-        vt: Type number, or-ed with `ARRAY` for an array. It can be a number that b-CAP does not define.
+        vt: Type number, or-ed with `ARRAY` for an array. The type can be a number that b-CAP does not define.
         value: None for EMPTY and NULL. int, float, bool or str for scalars (CY and ERROR as raw integers,
             DATE as days since 1899-12-30). A tuple for arrays, `bytes` for an array of UI1, a tuple of
             Variant for an array of VARIANT. The undecoded `bytes` for an unknown type.
@@ -138,9 +138,9 @@ def encode_variant(variant: Variant) -> bytes:
     """Encode a VARIANT as type, element count and data, without the byte length of an argument.
 
     Raises:
-        LocalProtocolError: b-CAP has no such type, or the value does not fit the type. Also if the number of
-            an array's values differs from its element count, or if arrays are nested deeper than
-            `MAX_NESTING`.
+        LocalProtocolError: b-CAP has no such type, or the value does not fit the type. The error is also
+            raised if the number of an array's values differs from its element count, or if arrays are nested
+            deeper than `MAX_NESTING`.
     """
     return _encode(variant, 0)
 

@@ -60,8 +60,8 @@ class FrameField:
         text: Meaning of the value, such as `Robot_Execute` or `VT_I4`; empty if unknown.
         unit: Unit of the value: `mm`, `deg`, or empty.
         problems: Problems of this field and its children, in the order of their offsets.
-        children: Fields that together cover this field without a gap. They are created on access, so an array
-            of a million elements costs nothing until its elements are displayed.
+        children: Fields that together cover this field without a gap. Children are created on access, so an
+            array of a million elements costs nothing until its elements are displayed.
     """
 
     name: str
@@ -81,8 +81,8 @@ def frame_fields(
     """Return the fields of a frame, from SOH to EOT. Their offsets refer to `Frame.body`.
 
     Fields without children cover every byte exactly once, even in a damaged frame. A missing EOT gives a
-    field without bytes; a damaged EOT gives a field with the damaged byte. For a compressed frame, these are
-    the fields after unpacking. `envelope_fields` returns the fields on the wire.
+    field without bytes; a damaged EOT gives a field with the damaged byte. For a compressed frame, the
+    function returns the fields after unpacking. `envelope_fields` returns the fields on the wire.
 
     For a reply, `function_id` and `command` come from its request; they are None if the request was not
     captured.

@@ -144,8 +144,9 @@ class Requester:
     def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:
         """Start a conversation with the controller.
 
-        `convention` is for the reserved field. It also selects UDP, with retries and a size limit, or TCP. Do
-        not start with serial 0: the C server mistakes a new client's first request with serial 0 for a retry.
+        `convention` is for the reserved field. This convention also selects UDP, with retries and a size
+        limit, or TCP. Do not start with serial 0: the C server mistakes a new client's first request with
+        serial 0 for a retry.
 
         Raises:
             ValueError: `convention` is `UNKNOWN`, or `first_serial` is not in 1..65535.

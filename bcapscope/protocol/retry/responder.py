@@ -22,9 +22,9 @@ from bcapscope.protocol.retry.reserved_convention import ReplyReserved, Reserved
 from bcapscope.protocol.tables.hresult import S_EXECUTING, S_OK
 
 REMEMBERED_ANSWERS = 32
-"""Number of replies that a responder stores for its client. One reply is enough if the network keeps packets
-in order, because a client makes one call at a time. The other replies are stored for retries that arrive
-late. A UDP reply has at most 503 bytes."""
+"""Number of replies that a responder stores for its client. One stored reply is enough if the network keeps
+packets in order, because a client makes one call at a time. The responder stores more replies for retries
+that arrive late. A UDP reply has at most 503 bytes."""
 
 _SERVICE_START = 1
 _SERIAL_COUNT = 0xFFFF
@@ -32,7 +32,9 @@ _SERIAL_COUNT = 0xFFFF
 
 _MAX_ATTEMPTS = 16
 """Assumed maximum number of attempts of one call: serials that differ by more belong to different calls.
-Known clients send at most half this number of attempts, except for one client that never stops retrying."""
+Known clients send at most half this number of attempts per call, except for one client that never stops
+retrying.
+"""
 
 
 _CHAIN_CONVENTIONS = (ReservedConvention.UNKNOWN, ReservedConvention.CHAIN)
@@ -43,10 +45,10 @@ class Defect(Flag):
 
     NONE = 0
     FORGETS_FIRST = 1
-    """The server stores only its last reply, with the serial of the attempt that arrived. It does not compare
-    the contents of requests. If the first attempt is lost, the second retry names a serial that the server
-    never received, so the server executes the call again. If a client restarts with the serial of its last
-    call, the server sends the old reply."""
+    """The server stores only its last reply, with the serial of the attempt that arrived. The server does not
+    compare the contents of requests. If the first attempt is lost, the second retry names a serial that the
+    server never received, so the server executes the call again. If a client restarts with the serial of its
+    last call, the server sends the old reply."""
     SERIAL_ZERO = 2
     """If the first frame of a new client has serial 0, the server answers S_OK without executing the call."""
 
@@ -126,10 +128,11 @@ class Responder:
     that `receive_request` classified as new. On UDP, a client is one address and port; on TCP, one
     connection. A controller executes the requests of one client strictly one after another.
 
-    In a first attempt, the reserved field is 0 or the frame's own serial. Any other value is the serial of
-    the first or the previous attempt of the same call. A request belongs to a remembered call if its reserved
-    field names an attempt of this call, and function and arguments are the same. The responder then adds both
-    serials to the call. If a known serial arrives with other contents, the client has restarted.
+    In a first attempt, the reserved field is 0 or the frame's own serial. Any other value in the reserved
+    field is the serial of the first or the previous attempt of the same call. A request belongs to a
+    remembered call if its reserved field names an attempt of this call, and function and arguments are the
+    same. The responder then adds the request's serial and the named serial to the call. If a known serial
+    arrives with other contents, the client has restarted.
 
     In two cases, a request does not show whether the client sent a new call or a retry:
 
@@ -140,11 +143,11 @@ class Responder:
       program may equal a call of the earlier program with the same or a slightly higher serial. The new call
       then looks like a delayed attempt of the earlier call.
 
-    In both cases, the responder assumes a retry, so that no call runs twice. If the known call has neither
-    the request's serial nor the serial in its reserved field, the responder assumes a retry only while the
-    convention is `CHAIN` or unknown. A new call that is mistaken for a retry is not executed, and its client
-    gets the earlier reply. The earlier reply may hold an old value, or report a motion as done that the robot
-    did not make for the new call.
+    If it is unclear whether a request is a retry, the responder assumes a retry, so that no call runs twice.
+    If the known call has neither the request's serial nor the serial in its reserved field, the responder
+    assumes a retry only while the convention is `CHAIN` or unknown. A new call that is mistaken for a retry
+    is not executed, and its client gets the earlier reply. The earlier reply may hold an old value, or report
+    a motion as done that the robot did not make for the new call.
 
     The responder forgets the calls of an earlier program when the new program reuses one of their serials for
     a different call. At the latest, the responder forgets these calls after `remembered` further calls.
@@ -260,8 +263,8 @@ class Responder:
         self._has_received = False
 
     def _remember_keys(self, call: _Call) -> None:
-        """Add a call's serials and contents to the set. If the set is too large, drop those of forgotten
-        calls first."""
+        """Add a call's serials and contents to the set. If the set is too large, first drop the serials and
+        contents of forgotten calls."""
         keys = self._known_keys
         if len(keys) > self._known_keys_limit:
             keys.clear()
@@ -318,7 +321,7 @@ class Responder:
         call now has.
 
         Calls that were executed later and have smaller serials belong to the present program. The responder
-        keeps these calls, because their retries may still arrive.
+        keeps the calls of the present program, because their retries may still arrive.
         """
         later = list(takewhile(lambda call: serial not in call.serials, self._calls))
         self._calls.clear()

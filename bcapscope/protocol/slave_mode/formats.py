@@ -46,7 +46,7 @@ class SendFormat:
             IO64..IO71 from the word.
         mini_io: Whether the parameter holds the mini I/O word. Bit 0 of the word is IO0; the controller sets
             IO24..IO31 from the word, on some controllers IO16..IO31.
-        user_io: Whether the parameter holds I/O bits to write. Each slvMove states their range.
+        user_io: Whether the parameter holds I/O bits to write. Each slvMove states the range of these bits.
         other: Bits of the format that have no known meaning.
     """
 
@@ -159,7 +159,8 @@ class FormatParameter(NamedTuple):
 
 
 def parse_format_parameter(parameter: Variant) -> FormatParameter | None:
-    """Decode a parameter: a format, or an array of format and time unit. Return None for any other value."""
+    """Decode a parameter: a format, or an array of format and time unit. Return None for a parameter of any
+    other form."""
     value = parameter.value
     items = value if isinstance(value, tuple) else (value,)
     plain = [item.value if isinstance(item, Variant) else item for item in items[:2]]

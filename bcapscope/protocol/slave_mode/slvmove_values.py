@@ -24,7 +24,7 @@ _ROW, _WORD, _DATA, _OTHER, _END = "numbers", "integer", "bytes", "other", "end"
 
 _Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each element
 
-# With receive format 4 or 5, a result has two poses. Their types follow from the number of values.
+# Types of the two poses in a result with receive format 4 or 5, by the number of values.
 _POSE_PAIRS = {15: (PoseType.P, PoseType.J), 18: (PoseType.T, PoseType.J)}
 
 _SIZES = {pose_type: len(axes) for pose_type, axes in AXES.items()}
@@ -171,8 +171,8 @@ def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
 
 
 def _parts_of(variant: Variant) -> tuple[Variant, ...]:
-    """Return the elements of a VARIANT array. Any other value counts as one element, and so does a VARIANT
-    array that is a pose.
+    """Return the elements of a VARIANT array. A value that is not a VARIANT array counts as one element, and
+    so does a VARIANT array that is a pose.
     """
     value = variant.value
     if not isinstance(value, tuple) or not value or not isinstance(value[0], Variant):

@@ -1,7 +1,7 @@
 """HRESULT: the meaning of a reply's result code. The digits of an unknown code show part of its meaning.
 
-A result is 32 bits at offset 9 of a reply. Clients print this number signed or unsigned; the functions here
-accept both.
+A result is 32 bits at offset 9 of a reply. Clients print this number signed or unsigned; the functions in
+this module accept both.
 
 Codes of RC8 and later controllers have the form 8 L S nnnnn. L is the error level, and S is the part of the
 controller. All 7687 codes of the list in nkawa/Denso_CobottaPro900_MQTT_Control
@@ -139,7 +139,7 @@ def with_rc7_forms(codes: Iterable[int]) -> frozenset[int]:
 
 def rc7_digits_guessed(code: int) -> str | None:
     """Return the four digits of a code of the form 8000xxxx; None for any other code. It is only a guess that
-    RC7 sends its codes in this form."""
+    RC7 sends its codes in the form 8000xxxx."""
     guessed = code >> 16 << 16 == _GUESSED_RC7_FORM and is_rc7_code(code)
     return f"{code & 0xFFFF:04X}" if guessed else None
 
@@ -164,8 +164,8 @@ def hresult_name(code: int) -> str:
 def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
     """Return the meaning of a result code, signed or unsigned; bits above the low 32 are ignored.
 
-    `rc7` says that the controller is an RC7. Then the low 16 bits of an unknown code may be a four-digit
-    code.
+    `rc7` says that the controller is an RC7. With `rc7`, the low 16 bits of an unknown code may be a
+    four-digit code.
     """
     code &= 0xFFFFFFFF
     known = _KNOWN.get(code)
@@ -211,7 +211,8 @@ def level_name(level: int) -> Message:
 
 
 def _level_and_subsystem(code: int) -> tuple[int | None, Message | None]:
-    """Return the error level and the subsystem of a code. Either is None if the digits do not show it."""
+    """Return the error level and the subsystem of a code. The level or the subsystem is None if the digits do
+    not show it."""
     if not _has_level_digits(code):
         return None, None
     part = code >> 20 & 0xF

@@ -1,7 +1,7 @@
 """Variables of controller, robot and task objects (`variables.tsv`), and the effect of writing them.
 
-The name of a numbered variable is a letter and a number (`I5`). It may also be a letter and `*`, with the
-number in the option.
+The name of a numbered variable is a letter and a number (`I5`). The name may also be a letter and `*`, with
+the number of the variable in the option.
 """
 
 from __future__ import annotations
