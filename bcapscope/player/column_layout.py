@@ -298,7 +298,7 @@ def _layout_as_given(options: ReadOptions, titles: Sequence[str], count: int) ->
 
 def _named_axis_count(kind: PoseType, columns: Mapping[str, int]) -> int:
     """Count the axes of a pose type that the user named, up to the first axis without a column. Return 0 if
-    the pose type needs more axes."""
+    these axes are too few for the pose type."""
     count = len(list(takewhile(lambda axis: axis.name in columns, AXES[kind])))
     return count if count >= MIN_COLUMNS[kind] else 0
 

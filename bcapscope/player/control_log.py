@@ -1,7 +1,7 @@
 """The controller's own log of a motion, saved as CSV.
 
 The sample others/Get_Syslog.py in ShoheiKobata/orin_bcap_python_samples shows the values that GetLogRecord
-returns, and their order. The column titles also come from this sample.
+returns, and their order. The titles of the CSV columns also come from Get_Syslog.py.
 """
 
 from __future__ import annotations

@@ -171,7 +171,7 @@ def _own_motion(context: PreflightContext) -> TrajectoryMotion:
 
 def _padded_motions(context: PreflightContext) -> Iterator[TrajectoryMotion]:
     """Yield the motion of each set of axes, with rest added at its start and end. In a loop, the start of the
-    next round follows instead."""
+    next round follows instead of rest."""
     points = context.trajectory.points
     after = points[:2] if context.loop else points[-1:]
     return _motions_through(context, np.vstack((points[:1], points, after)))

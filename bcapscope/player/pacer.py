@@ -10,7 +10,7 @@ Slave mode; table of slave modes in ShoheiKobata/orin_bcap_python_samples):
   make the next packet. The operating system gives the reply's arrival time
   (`BlockingCaller.sleep_until_due`). A late reply still shows that the controller is alive, and a late
   refusal ends the play. If the newest answered set point is older than `SILENCE_TIMEOUT`, the controller is
-  behind or gone. In this case the pacer sends nothing until a reply arrives.
+  behind or gone. If the controller is behind or gone, the pacer sends nothing until a reply arrives.
 * **Sync, mode 2**: the controller sets the pace by answering only when its buffer has room. The next set
   point is due `_PREPARATION` after the reply, so that this delay is always the same. Without a reply the
   requester retries every `RetryPolicy.timeout`, and discards replies to earlier attempts. After the last
@@ -52,7 +52,8 @@ from bcapscope.protocol.tables.hresult import (
 
 SILENCE_TIMEOUT = 100_000_000
 """Time in ns without a reply after which the pacer treats a controller as behind or gone: a dozen periods.
-Over TCP, the pacer uses the timeout of a call instead, because TCP may need more than 100 ms to retransmit.
+Over TCP, the pacer uses the timeout of a call instead of this limit, because TCP may need more than 100 ms to
+retransmit.
 """
 
 OVERFLOW_DELAY = 1_000_000
@@ -74,8 +75,8 @@ _MOTION_ERRORS = 0x8420
 """Upper 16 bits of the result codes that late set points can cause: the buffer ran empty, or an axis was too
 fast."""
 _GAPS_KEPT = 8
-"""Number of recent gaps between set points kept, to explain a refused set point. Every controller buffers
-fewer set points."""
+"""Number of recent gaps between set points kept, to explain a refused set point. No controller buffers as
+many set points."""
 _ROBOT_EXECUTE = 64
 _NAME = "Robot_Execute slvMove"
 _BY_CLOCK = (ModeKind.ASYNC, ModeKind.MODE_1)
@@ -110,7 +111,7 @@ class _SetPointGap(NamedTuple):
 
 IdleCallback: TypeAlias = Callable[[int], None]
 """Function that the pacer calls after each set point and regularly during waits; the argument is the time in
-ns. The function must return quickly, and raises HaltedError to end the play at once."""
+ns. The function must return quickly. To end the play at once, the function raises HaltedError."""
 
 
 class Pacer:
@@ -249,7 +250,8 @@ class Pacer:
             self._on_idle(self._caller.link.now())
 
     def _result_code(self, settled: RequesterOutcome) -> int | None:
-        """Count the outcome of a call. Return the result code, or None if no reply arrived in time.
+        """Count the outcome of a call. Return the result code of the call, or None if no reply arrived in
+        time.
 
         Raises CallTimeout if the controller no longer answers, and ControllerError if a late reply shows that
         the controller refused an earlier set point.
@@ -340,8 +342,8 @@ class _Throttle:
 
     At first, the pacer may send two set points more than the buffer holds. After these first set points, the
     pacer sends at most one set point per period on average. A controller that confuses two slave modes may
-    answer at once instead of holding the reply back. Without this limit, the pacer would send the whole
-    trajectory in an instant.
+    answer at once instead of holding the reply back. If the request rate were not limited, the pacer would
+    then send the whole trajectory in an instant.
     """
 
     def __init__(self, period: int, burst: int) -> None:

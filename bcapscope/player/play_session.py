@@ -248,8 +248,8 @@ class PlaySession:
     async def _prepare(self, trajectory: Trajectory) -> None:
         """Bring the robot to a state from which it can enter slave mode.
 
-        If slave mode is on already, another client controls the robot. Most calls would cause an error that
-        ends that client's motion (issue 42 of DENSORobot/denso_robot_ros).
+        If slave mode is on already, another client controls the robot. Most calls of the player would cause
+        an error that ends the other client's motion (issue 42 of DENSORobot/denso_robot_ros).
         """
         robot, cleanup = self._robot, self._cleanup
         self._report_state(PlayState.PREPARING)
@@ -345,8 +345,8 @@ class PlaySession:
         self._channel.wait_until(self._channel.now() + length)
 
     async def _offer_to_clear_errors(self, error: ControllerError) -> None:
-        """Report the controller's errors and offer to clear them. Return only if the user wants to play
-        again.
+        """Report the controller's errors and offer to clear them. The method returns only if the user wants
+        to play again.
 
         If the user orders a stop instead, the session ends with the error as its reason.
         """

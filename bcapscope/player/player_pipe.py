@@ -31,7 +31,7 @@ _SEND_TIMEOUT = 2.0
 """Seconds that `wait_until_sent` waits for the parent to read the last messages."""
 
 _MAX_UNWRITTEN = 1 << 20
-"""Maximum number of bytes that wait until the parent reads them. If more wait, the player drops further
+"""Maximum number of bytes that wait until the parent reads them. If more bytes wait, the player drops further
 messages."""
 
 PARENT_GONE = Message("play.parent-gone")

@@ -56,8 +56,8 @@ class PlayerProcess:
     """A running player. `ended` is the player's last message, or None while the player works.
 
     When `fileno` is readable, `read_messages` returns the messages; `wait_for_messages` waits for them. Any
-    thread may call these two methods. A caller that reads too slowly misses only progress reports. The last
-    message is always `PlayEnded`.
+    thread may call `read_messages` and `wait_for_messages`. A caller that reads too slowly misses only
+    progress reports. The last message is always `PlayEnded`.
     """
 
     def __init__(self, plan: PlayPlan) -> None:
@@ -188,7 +188,7 @@ class PlayerProcess:
     def _on_crash(self) -> PlayerMessage:
         """Start a process that cleans up after a crashed player.
 
-        Return the message for the caller: the cleanup has begun or, if no cleanup is needed, the play has
+        Return a message that says that the cleanup has begun or, if no cleanup is needed, that the play has
         ended.
         """
         assert self._process.stderr is not None

@@ -36,8 +36,8 @@ _TIME_SLICE = 100_000
 """Requested time slice in ns; the shortest that Linux offers."""
 
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
-"""Number of the system call sched_setattr on each processor. Older C libraries have no function for this
-call."""
+"""Number of the system call sched_setattr on each processor. Older C libraries have no function for
+sched_setattr."""
 
 _SCHED_ATTR = struct.Struct("=IIQiIQQQ")
 """Layout of the kernel's struct sched_attr: size, policy, flags, niceness, priority, runtime, deadline,

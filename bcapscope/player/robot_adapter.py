@@ -154,8 +154,9 @@ class RobotAdapter:
     async def _switch_motor(self, on: bool, retries: int) -> None:
         """Switch the motor on or off, with at least `retries` retries.
 
-        A controller whose machine lock is on refuses this call. The method ignores the refusal, because a
-        locked machine has no motor to switch. DENSO's slides recommend the machine lock for experiments.
+        A controller whose machine lock is on refuses to switch the motor. The method ignores the refusal,
+        because a locked machine has no motor to switch. DENSO's slides recommend the machine lock for
+        experiments.
         """
         parameter = Variant(VT.I2, int(on))
         if self.generation is not Generation.RC7:
@@ -173,7 +174,8 @@ class RobotAdapter:
             session.retry_policies = usual
 
     async def approach(self, kind: PoseType, goal: SetPointValues, percent: float) -> None:
-        """Move to a pose by an ordinary motion. The motion ends with @E, as slave mode requires.
+        """Move to a pose by an ordinary motion. The motion ends with the pass motion @E, as slave mode
+        requires.
 
         With NEXT, the controller answers the call at once, so that the player can halt the robot on its way.
         If the robot stops before the goal, raise the controller's error or, if there is no error,

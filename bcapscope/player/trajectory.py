@@ -148,8 +148,8 @@ _CYCLE_TOLERANCE = 0.05
 
 
 class SetPointTiming(NamedTuple):
-    """Timing of set points in seconds. `period` is None if the intervals are uneven, `times` if there are no
-    useful times."""
+    """Timing of set points in seconds. `period` is None if the intervals are uneven. `times` is None if there
+    are no useful times."""
 
     period: float | None
     times: Array | None
@@ -194,8 +194,8 @@ def find_gaps(times: Array) -> NDArray[np.bool_]:
 
 
 def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
-    """Use a counter to find the runs of records without gaps. Also return by how much the counter grows per
-    record.
+    """Use a counter to find the runs of records without gaps. The second value says by how much the counter
+    grows per record.
 
     A run is a pair: the index of its first record, and the index after its last record. If the counter grows
     too unevenly, return all records as one run, and None as the growth.

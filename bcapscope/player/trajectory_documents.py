@@ -165,8 +165,8 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
 
 
 def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[Message, ...]]:
-    """Return the positions of J1, J2 and so on in the message, and notes. Use the numbers in the names if
-    possible, or else the order of the names."""
+    """Return the positions of J1, J2 and so on in the message, and notes. The joints are ordered by the
+    numbers in their names if possible, or else as the message lists them."""
     numbers = [_LAST_NUMBER.search(name) for name in names]
     by_number = {int(found[1]): place for place, found in enumerate(numbers) if found and len(found[1]) < 3}
     count = sum(found is not None for found in numbers)
@@ -217,9 +217,9 @@ def _number_table(rows: Sequence[Sequence[object]], names: Sequence[str]) -> Arr
 def read_yaml(data: bytes) -> Iterator[object]:
     """Yield the documents of a YAML stream as lists, dictionaries and text, or raise TrajectoryError.
 
-    All scalars stay text, including numbers. PyYAML's own loaders would first build a node for each value.
-    For a trajectory of 140,000 values, these nodes took 71 MB more memory, and reading took four times as
-    long (PyYAML 6, libyaml).
+    The values in the documents stay text, even numbers. PyYAML's own loaders would first build a node for
+    each value. For a trajectory of 140,000 values, PyYAML's nodes took 71 MB more memory, and reading took
+    four times as long (PyYAML 6, libyaml).
     """
     events = yaml_events(data)
     try:

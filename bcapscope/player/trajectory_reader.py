@@ -4,8 +4,8 @@ This is the only module of the player that opens files to read set points. Files
 is limited, and wrong content of any kind raises `TrajectoryError`.
 
 No public source describes how a project of WINCAPS III stores a log itself. bcapscope does not guess the
-format, and looks for exported logs in the project. If there are none, the error lists the files and says what
-to export.
+format, and looks for exported logs in the project. If the project has no exported logs, the error lists the
+files and says what to export.
 """
 
 from __future__ import annotations
@@ -199,9 +199,8 @@ def _is_project(path: Path) -> bool:
 def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
     """Read every control log in a project, given as its folder or file.
 
-    The function stops after the file with which the number of trajectories reaches `MAX_TRAJECTORIES`. The
-    function skips tables without titles, because their meaning is unknown, and captures, because WINCAPS III
-    exports none.
+    The function reads no further file once it has `MAX_TRAJECTORIES` trajectories or more. The function skips
+    tables without titles, because their meaning is unknown, and captures, because WINCAPS III exports none.
 
     Raises:
         TrajectoryError: There is no control log; the message lists the files and says what to export.

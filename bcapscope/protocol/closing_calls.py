@@ -13,8 +13,8 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, Ob
 RELEASES: Mapping[ObjectClass, Function] = {
     function.releases: function for function in FUNCTIONS.values() if function.releases is not None
 }
-"""For each class of objects, the function that releases such an object. The service counts as an object,
-released by Service_Stop."""
+"""For each class of objects, the function that releases such an object. The service counts as an object that
+Service_Stop releases."""
 
 ClosingCall = tuple[int, tuple[Variant, ...]]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 
 LONGEST_NUMBER = 40
-"""Maximum length, in characters, of the text of a number. An integer of 64 bits needs 20."""
+"""Maximum length, in characters, of the text of a number. An integer of 64 bits needs 20 characters."""
 
 _INTEGER = re.compile(r"[-+]?(?:[0-9]+|0[xX][0-9A-Fa-f]+)")
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")

@@ -58,7 +58,7 @@ def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant,
 
 
 def plain_value(variant: Variant) -> Value:
-    """Return the Python value of a VARIANT. Convert the elements of a VARIANT array likewise."""
+    """Return the Python value of a VARIANT. If the value is a VARIANT array, convert its elements, too."""
     if isinstance(variant.value, tuple):
         return tuple(plain_value(item) if isinstance(item, Variant) else item for item in variant.value)
     return variant.value

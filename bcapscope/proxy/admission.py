@@ -124,8 +124,8 @@ class ClientSlots:
         return True
 
     def _evict_one(self, source: str | None, now: int) -> bool:
-        """Evict a client of `source`, or of any source if this is None. Return False if no client may be
-        evicted."""
+        """Evict a client of `source`, or of any source if this is None. Return False if the proxy must not
+        evict any of these clients."""
         victim = self._oldest_replaceable(source, now) or self._longest_idle(source, now)
         if victim is None:
             return False
@@ -136,7 +136,7 @@ class ClientSlots:
     def _longest_idle(self, source: str | None, now: int) -> RelaySession | None:
         """Return the client that has been idle longest; None if no client may be evicted.
 
-        A search without a result is not repeated for the same `now`.
+        If a search finds no client, it is not repeated for the same `now`.
         """
         if now != self._exhausted_at:
             self._exhausted_at = now

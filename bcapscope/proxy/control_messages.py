@@ -43,7 +43,7 @@ JsonHex: TypeAlias = Annotated[str, Meta(pattern=r"^([0-9A-Fa-f]{2} ?)*\Z")]
 Seconds: TypeAlias = Annotated[float, Meta(ge=-1e9, le=1e9)]
 
 LONGEST_LINE = 1 << 20
-"""Maximum size of a line in bytes. A held message has up to 1006 hexadecimal digits over UDP, and more over
+"""Maximum size of a line in bytes. A held message needs up to 1006 hexadecimal digits over UDP, and more over
 TCP."""
 
 
@@ -247,8 +247,8 @@ class RelayDelays(msgspec.Struct, frozen=True):
 class ProxyStats(DoneResponse, frozen=True, kw_only=True):
     """Figures of the proxy. `RelayCounter` describes those that the relay counts.
 
-    `injected` says how often the proxy injected each fault. `struck` and `held_up_ns` are the old names of
-    `injected` and `delays_ns`.
+    `injected` counts for each fault how often the proxy injected it. `struck` and `held_up_ns` are the old
+    names of `injected` and `delays_ns`.
     """
 
     injected: dict[str, JsonCount]

@@ -37,7 +37,7 @@ class HeldMessage(NamedTuple):
 
     Attributes:
         number: Number by which the user names the message; every held message has a different one.
-        data: Bytes of the message. If the client has retried, the bytes of the latest attempt, because the
+        data: Bytes of the message. If the client has retried, `data` is the latest attempt, because the
             client only accepts a reply to this attempt.
         call_kind: Function and command that the message calls or answers; None if unknown.
         since: Start of the hold, in ns.

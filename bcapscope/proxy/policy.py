@@ -78,8 +78,8 @@ class PolicyDecision(msgspec.Struct, frozen=True):
 
 
 class Policy(Protocol):
-    """Decides which messages the relay forwards. No method raises an exception, and only `close` may
-    block."""
+    """Decides which messages the relay forwards. No method of a policy raises an exception, and only `close`
+    may block."""
 
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
         """Register a client. No other client ever has the same number."""

@@ -26,8 +26,8 @@ NotedObservation: TypeAlias = tuple[Observation, Message | None]
 """An observation, and a note of what a rule did to the message; None if no rule changed it."""
 
 _MAX_MARKS = 256
-"""An unfinished frame of a stream arrives in pieces. The decoder keeps the times of at most this number of
-pieces."""
+"""An unfinished frame of a stream arrives in pieces. The decoder keeps the arrival times of at most this
+number of pieces."""
 
 
 class _DirectionStream:
@@ -93,8 +93,8 @@ class RecordDecoder:
         """Yield each observation, with a note of what a rule did to the message; None if no rule changed it.
 
         Args:
-            packets: For each record, the number of its packet in the recording, or 0 if it has none. None if
-                there is no recording.
+            packets: For each record, the number of its packet in the recording, or 0 if it has none.
+                `packets` is None if there is no recording.
         """
         clients = self._clients
         for record, packet in zip(records, packets or repeat(0), strict=False):

@@ -39,8 +39,8 @@ _LONGEST_NOTE = 4096
 """Maximum size of a rule's note, in bytes."""
 
 _LONGEST_CUT_NOTE = 600
-"""If a note is too long, the relay keeps this number of its characters. Each character takes at most six
-bytes."""
+"""If a note is too long, the relay keeps this number of its characters. Each character of a note takes at
+most six bytes."""
 
 _SPARE_DESCRIPTORS = 4
 """Number of spare file descriptors for clients that send a stop when no other descriptor is free. A TCP
@@ -274,8 +274,8 @@ class Relay:
         return self.policy is not None and self.policy.hides_end(session.number)
 
     def pauses_reading(self, session: RelaySession) -> bool:
-        """Return True if rules hold so much data that the session must not read more. In this case, the relay
-        calls `resume_reading` later."""
+        """Return True if rules hold so much data that the session must not read more. After a pause, the
+        relay calls `resume_reading` once the rules hold less data."""
         if self.policy is None or not self.policy.is_full(session.number):
             return False
         self._paused_sessions[session.number] = session

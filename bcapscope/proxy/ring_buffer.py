@@ -189,7 +189,7 @@ class RingWriter(_Ring):
         figures: Delays that the watcher measured; see `DELAY_FIGURES`.
         pending_datagrams: Datagrams that are not in the ring yet. The relay appends datagrams, and calls
             `flush` once there are `BATCH_SIZE`.
-        streams: Numbers of the TCP clients. If bytes of these clients do not fit into the ring, the writer
+        streams: Numbers of the TCP clients. If bytes of a TCP client do not fit into the ring, the writer
             records a hole.
     """
 
@@ -289,7 +289,8 @@ class RingWriter(_Ring):
 
     def _write_holes(self, client: int, size: int) -> bool:
         """Write the holes of a client's streams if the next record also has room. Return whether the ring had
-        room. If holes were written alone, many short holes would follow each other instead of one long hole.
+        room for the holes and the next record. If holes were written alone, many short holes would follow
+        each other instead of one long hole.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:
@@ -334,8 +335,8 @@ class RingWriter(_Ring):
         """Write a record that must not be lost, as soon as the ring has room. Later records wait until this
         record is written.
 
-        The number of waiting records is limited even if the reader stops. The records of a client that
-        connects and leaves in this time are discarded, and messages for the user are lost above a limit.
+        The number of waiting records is limited even if the reader stops. If a client connects and leaves
+        while the reader has stopped, its records are discarded. Messages for the user are lost above a limit.
         """
         self.flush()
         if self._is_reader_detached or (

@@ -48,8 +48,8 @@ MAX_WAITING = 64
 attempt."""
 
 MAX_BYTES = 1 << 16
-"""Maximum number of waiting bytes per client. If more bytes of a client wait, the proxy does not read the
-client's stream, and drops the client's datagrams."""
+"""Maximum number of waiting bytes per client. If more than this number of a client's bytes wait, the proxy
+does not read the client's stream, and drops the client's datagrams."""
 
 MAX_BYTES_IN_ALL = 1 << 22
 """Maximum number of waiting bytes of all clients.

@@ -10,8 +10,8 @@ from bcapscope.traffic.observation import Conversation
 SILENT_AFTER_NS = 500_000_000
 """Time in ns without a request after which a client in slave mode counts as silent.
 
-In this time, a working client sends about 60 set points (DENSO Wave 2009, How to use the Slave mode), or all
-eight attempts of a call.
+In this time, a client that still works sends about 60 set points (DENSO Wave 2009, How to use the Slave
+mode), or all eight attempts of a call.
 """
 
 

@@ -89,8 +89,8 @@ class TcpListener(ClientListener):
         self.relay.deny(endpoint_of(address), why)
 
     def _pause_accepting(self, error: OSError) -> None:
-        """Stop accepting clients for about a second. Report this once, not again before a client is
-        accepted."""
+        """Stop accepting clients for about a second. Report the first such error; report the next one only
+        after a client was accepted."""
         if not self._is_pause_reported:
             self._is_pause_reported = True
             self.relay.notify(

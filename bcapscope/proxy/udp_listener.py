@@ -30,8 +30,9 @@ from bcapscope.transport.descriptors import wait_readable
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 
 EXPIRE_AFTER_NS = 600_000_000_000
-"""The relay removes a client that is silent for this time in ns. The time is long, because the controller
-takes a removed client that sends again for a new client. The socket of a silent client costs almost nothing.
+"""The relay removes a client that is silent for this time in ns. Clients are removed late, because the
+controller takes a removed client that sends again for a new client. The socket of a silent client costs
+almost nothing.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
@@ -209,8 +210,8 @@ class UdpSession(RelaySession):
 
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
         """Send requests instead of the client, each after the reply to the previous one. Return how many
-        requests got a reply. This method blocks the relay. The method sends no request after the time
-        `until`, in seconds of `time.monotonic`.
+        requests got a reply. This method blocks the relay. No request is sent after the time `until`, in
+        seconds of `time.monotonic`.
         """
         for count, request in enumerate(requests):
             if not any(time.monotonic() < until and self._request(request) for _ in range(_TRIES)):
@@ -218,7 +219,7 @@ class UdpSession(RelaySession):
         return len(requests)
 
     def _request(self, request: bytes) -> bool:
-        """Send a request and wait for its reply. Return whether the reply arrived in time."""
+        """Send a request and wait for its reply. Return False if the reply does not arrive in time."""
         relay = self._relay
         sent_at = self.send(True, request)
         note = encode_note(Message("session.closing"))

@@ -90,7 +90,8 @@ def _label(row: int, rows: int, low: float, high: float, unit: str) -> str:
 
 
 def _short(value: float, unit: str) -> str:
-    """Return a number with its unit. The number has four digits, or fewer if the label is too narrow."""
+    """Return a number with its unit. The number has four digits, or fewer if four do not fit into the
+    label."""
     texts = (f"{value:.{digits}g}{unit}" for digits in (4, 3, 2, 1))
     return next((text for text in texts if len(text) <= _LABEL), f"{value:.0e}")
 

@@ -19,8 +19,8 @@ from bcapscope.render.finding_text import finding_depths, finding_sentence, word
 from bcapscope.render.json_values import packet_objects, time_fragment
 
 NARROWEST, WIDEST = 40, 120
-"""Minimum and maximum width of the text in columns. The minimum holds even on a narrower terminal; longer
-lines than the maximum are hard to read."""
+"""Minimum and maximum width of the text in columns. The minimum holds even on a narrower terminal; lines
+longer than the maximum would be hard to read."""
 
 _STEP = 4
 
@@ -112,8 +112,8 @@ def finding_record(
 
     Args:
         origin_of: Takes the number of a frame, and returns its capture and packet.
-        is_final: Whether the traffic has ended. Before the end of the traffic, causes and repetitions are not
-            known.
+        is_final: Whether the traffic has ended. Before the end of the traffic, the causes and repetitions of
+            a finding are not known.
     """
     repetition = finding.repetition
     words = words_for(ENGLISH_WORDS, totals)

@@ -25,8 +25,8 @@ class FrameTreeRenderer:
     """Writes frames as trees. With `full`, a tree shows all bytes of long fields. With `dump`, a hex dump
     follows each tree.
 
-    Lines have fewer than 100 columns. Lines with long text from the wire, or with a long problem, can be
-    longer.
+    Lines have fewer than 100 columns. Only lines with long text from the wire, or with a long problem, exceed
+    100 columns.
     """
 
     palette: Palette = PLAIN

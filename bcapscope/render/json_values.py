@@ -71,7 +71,7 @@ def packet_objects(
 
 def with_packets(record: bytes, origin_of: Callable[[int], PacketOrigin | None]) -> bytes:
     """Add the member `packets` to a JSON object: captures and packets of the frames that the object names.
-    The members that name frames end in `frame` or `frames`.
+    The names of the members that hold frame numbers end in `frame` or `frames`.
     """
     frames = sorted(set(_cited_frames(json.loads(record))))  # orjson reads no lone surrogates
     return b'%b,"packets":%b}' % (record[:-1], orjson.dumps(packet_objects(frames, origin_of)))

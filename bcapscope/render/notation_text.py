@@ -9,7 +9,7 @@ from bcapscope.render.number import number_text, single_text
 
 
 def untyped_text(variant: Variant) -> str | None:
-    """Return a value in the notation without its type. The reader must know the type.
+    """Return a value in the notation without its type. The notation can be parsed only if the type is known.
 
     The result is None if the notation cannot express the value: a VARIANT array inside a VARIANT array, an
     array of strings that contain a separator, or a type that b-CAP does not have.

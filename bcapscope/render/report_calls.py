@@ -153,8 +153,8 @@ def _latency_text(row: StatisticsRow, latency: DistributionSummary, words: Messa
 
 
 def retry_chain_picture(report_data: ReportData, words: MessageFormatter) -> Picture | None:
-    """Return the picture of the calls with the most retries, which shows their frames. Return None if there
-    are no retries."""
+    """Return the picture of the calls with the most retries, which shows their frames. Return None if no call
+    has retries."""
     if not report_data.retry_chains:
         return None
     found = report_data.retry_chains[::-1]

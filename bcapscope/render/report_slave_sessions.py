@@ -345,13 +345,14 @@ class _SessionDrawing:
 
 
 def _axis_number(place: int) -> str:
-    """Return the number by which plotly names the axes of a diagram. `place` counts the diagrams from 0; the
-    first has ""."""
+    """Return the number by which plotly names the axes of a diagram. `place` counts the diagrams from 0; for
+    the first diagram, the result is ""."""
     return "" if place == 0 else str(place + 1)
 
 
 def _column(column: int, columns: int) -> list[float]:
-    """Return the left and right edge of a column of diagrams. Between two columns is space for an axis."""
+    """Return the left and right edge of a column of diagrams. Space for an axis is left between two
+    columns."""
     width = (1 - _COLUMN_GAP * (columns - 1)) / columns
     left = column * (width + _COLUMN_GAP)
     return [left, left + width]

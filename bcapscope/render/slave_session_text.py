@@ -179,8 +179,8 @@ def exit_message(reason: ExitReason) -> Message:
 
 
 def exit_result_message(code: int, slave_session: SlaveSession) -> Message:
-    """Return a result code with its meaning. The meaning depends on the controller of the slave-mode
-    session."""
+    """Return a result code with its meaning. The meaning of a code depends on the controller of the
+    slave-mode session."""
     info = describe_hresult(code, rc7=slave_session.mode.generation is Generation.RC7)
     case = ".guess" if info.is_guess else ""
     return Message(f"slave.result{case}", code=hresult_name(code), meaning=info.meaning)

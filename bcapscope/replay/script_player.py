@@ -25,7 +25,7 @@ from bcapscope.replay.set_point_runs import mode_entered
 
 ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE = 1e-3, 1e-4
 """Two numbers count as equal if their absolute or relative difference is at most this. A robot never returns
-exactly the same mm, degrees or seconds twice."""
+exactly the same positions or times twice."""
 
 
 class NotAtStartError(BcapError):
@@ -35,8 +35,8 @@ class NotAtStartError(BcapError):
 class PlayedCall(NamedTuple):
     """A call of the script, and its result in the replay.
 
-    `delay` is how much later than planned the call was made, in ns: earlier calls may take longer than in the
-    recording.
+    `delay` is how much later than planned the call was made, in ns: the calls before it may have taken longer
+    than in the recording.
     """
 
     script_call: ScriptCall

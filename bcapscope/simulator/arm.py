@@ -70,7 +70,7 @@ class Arm:
 
     @property
     def goal(self) -> Joints:
-        """Joints at the end of the running motion. If there is no motion, the current joints."""
+        """Joints at the end of the running motion. If no motion is running, these are the current joints."""
         return self._steps[-1][1] if self._steps else self._motion.goal
 
     @property

@@ -26,8 +26,8 @@ MAX_WAITING = 16
 """Maximum number of a client's requests that wait while a call runs. Only bcapscope has this limit."""
 
 MAX_KEPT_REPLIES = 8
-"""Number of replies to keep for retries: no client sends so many retries. Each kept reply makes every call
-slower."""
+"""Number of replies to keep for retries: no client sends so many retries. Each reply that is kept makes every
+call slower."""
 
 _ROBOT_EXECUTE = 64
 _NEW = RequestKind.NEW

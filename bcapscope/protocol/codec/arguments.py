@@ -24,8 +24,9 @@ SMALLEST_ARGUMENT = 10
 
 MAX_NUMBERS = 65_536
 """Maximum number of elements of number arrays to read from one frame. The bytes of a UI1 array are one value,
-so UI1 arrays are not counted. Frames of real sessions hold fewer than a thousand. Wireshark likewise stops at
-1,000,000 items per packet (gui.max_tree_items)."""
+so UI1 arrays are not counted. Frames of real sessions hold fewer than a thousand elements. Wireshark likewise
+stops at 1,000,000 items per packet (gui.max_tree_items).
+"""
 
 MAX_VALUES = 2_048
 """Maximum number of arguments, elements of VARIANT arrays and strings to read from one frame. Reading one
@@ -87,9 +88,9 @@ class ArgumentReader:
     The next argument begins where the value of the previous one ends. DENSO's present libraries (orin_bcap C,
     C#, Java and Python) ignore the length field. The reader therefore only checks that the field agrees with
     the value. If a value has no valid end, the reader reads the value again, but not beyond the length that
-    the field states. The older C client also respects the field. After such a value, the reader also respects
-    the length fields of all following arguments. So no byte belongs to two values, and the reader reads no
-    byte more than twice.
+    the field states. The older C client also respects the length field. After such a value, the reader also
+    respects the length fields of all following arguments. So no byte belongs to two values, and the reader
+    reads no byte more than twice.
 
     Attributes:
         arguments: Arguments read so far; the last one may be partial.

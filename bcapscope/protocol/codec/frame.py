@@ -57,8 +57,8 @@ __all__ = [
 ]
 
 LARGEST_UDP_FRAME = 503
-"""Largest whole frame over UDP and serial line, in bytes (orin_bcap C/include/dn_udp.h). Longer frames are
-rejected before sending."""
+"""Largest whole frame over UDP and serial line, in bytes (orin_bcap C/include/dn_udp.h). `encode_frame` or
+its caller rejects longer frames before they are sent."""
 
 _SERIAL_RESERVED_CODE = struct.Struct("<5xHHI").unpack_from
 _SERIAL_RESERVED = struct.Struct("<HH")
@@ -196,7 +196,7 @@ def parse_datagram(raw: bytes, templates: FrameTemplates | None = None) -> tuple
     """Split a datagram into its frames, or into bytes that are not a frame.
 
     Bytes that begin with SOH and hold a header become a `Frame`, even if it is damaged. If a frame ends with
-    EOT before the datagram ends, the remaining bytes become further items.
+    EOT before the datagram ends, the bytes after the frame become further items.
     """
     if len(raw) >= HEADER_SIZE and raw[0] == SOH and int.from_bytes(raw[1:5], "little") == len(raw):
         return (Frame(raw, None, templates),)
@@ -249,7 +249,7 @@ def encode_frame(
 ) -> bytes:
     """Return the bytes of a frame; `code` may be signed or unsigned.
 
-    `reserved` must be 1 for the two values of `Framing` that belong to version 1.
+    `reserved` must be 1 for `Framing.VERSION_1` and `Framing.VERSION_1_ZLIB`.
 
     Raises:
         TooLargeError: The frame is longer than `LARGEST_FRAME`, or its unpacked content exceeds

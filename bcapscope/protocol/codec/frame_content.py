@@ -124,9 +124,9 @@ def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
 def crc16(data: bytes) -> int:
     """Return the CRC-16 of a serial-line frame.
 
-    Polynomial 0x1021, start value 0xFFFF, most significant bit first, no reflection, no final inversion
-    (orin_bcap C/src/bcap_common.c; Java agrees). In a frame, the CRC covers the bytes from the length field
-    to the last argument. The CRC is stored low byte first, directly before EOT.
+    The CRC has the polynomial 0x1021, start value 0xFFFF, most significant bit first, no reflection, no final
+    inversion (orin_bcap C/src/bcap_common.c; Java agrees). In a frame, the CRC covers the bytes from the
+    length field to the last argument. The CRC is stored low byte first, directly before EOT.
     """
     return crc_hqx(data, 0xFFFF)
 

@@ -82,7 +82,8 @@ def frame_fields(
 
     Fields without children cover every byte exactly once, even in a damaged frame. A missing EOT gives a
     field without bytes; a damaged EOT gives a field with the damaged byte. For a compressed frame, the
-    function returns the fields after unpacking. `envelope_fields` returns the fields on the wire.
+    function returns the fields after unpacking. `envelope_fields` returns the fields of a compressed frame as
+    on the wire.
 
     For a reply, `function_id` and `command` come from its request; they are None if the request was not
     captured.
@@ -401,7 +402,7 @@ class _NumberFields(Sequence[FrameField]):
 
 class _LazyFields(Sequence[FrameField]):
     """Fields that are created anew in each iteration. The first access by index, or to the length, stores the
-    fields."""
+    fields for later accesses."""
 
     def __init__(self, make: Callable[[], Iterator[FrameField]]) -> None:
         self._make = make

@@ -1,7 +1,7 @@
 """The client's part of a call: give each attempt a serial, retry, and decide which reply to accept.
 
 This module uses no socket and no clock. The caller passes the current time to each method, in ns of any
-monotonic clock. After each method, the caller reads what to send (`data_to_send`), when to call
+monotonic clock. After each call of a method, the caller reads what to send (`data_to_send`), when to call
 `handle_timeout` (`deadline`), and what happened (`drain_events`). The rules are those of DENSO Wave 2009, How
 to use the Slave mode (Retry sequence in UDP connection), and of orin_bcap C/src/bCAPClient/bcap_client.c.
 """
@@ -239,7 +239,8 @@ class Requester:
             self._events.append(CallTimedOut(self._attempt_snapshots()))
 
     def abandon(self) -> tuple[Attempt, ...]:
-        """Give up the call in progress and return its attempts. A reply that arrives afterwards is late."""
+        """Give up the call in progress and return its attempts. A reply that arrives after this call is a
+        late reply."""
         self._deadline = None
         return self._attempt_snapshots()
 

@@ -61,8 +61,8 @@ class RequestKind(Enum):
     REPEAT = "repeat"
     """A retry of a completed call: send the stored reply again."""
     RUNNING = "running"
-    """A retry of the running call; the reply to this call will carry the serial of the retry. Also a retry of
-    an abandoned call, which never gets a reply."""
+    """A retry of the running call; the reply to this call will carry the serial of the retry. A retry of an
+    abandoned call also has this kind; such a call never gets a reply."""
     BUSY = "busy"
     """A new call while another call is running. The caller may refuse the new call with
     `Responder.reply_unremembered`."""
@@ -136,9 +136,9 @@ class Responder:
 
     In two cases, a request does not show whether the client sent a new call or a retry:
 
-    * A client of the old C library (`ReservedConvention.CHAIN`) names the previous attempt. If the previous
-      attempt was lost, its serial is unknown. The request may then be a retry of the known call, or a retry
-      of a new, equal call.
+    * A retry from a client of the old C library (`ReservedConvention.CHAIN`) names the previous attempt. If
+      the previous attempt was lost, its serial is unknown. The request may then be a retry of the known call,
+      or a retry of a new, equal call.
     * A program that uses the port of an earlier program may start with the same serial. A call of the new
       program may equal a call of the earlier program with the same or a slightly higher serial. The new call
       then looks like a delayed attempt of the earlier call.
@@ -150,7 +150,8 @@ class Responder:
     a motion as done that the robot did not make for the new call.
 
     The responder forgets the calls of an earlier program when the new program reuses one of their serials for
-    a different call. At the latest, the responder forgets these calls after `remembered` further calls.
+    a different call. At the latest, the responder forgets the calls of an earlier program after `remembered`
+    further calls.
     """
 
     def __init__(

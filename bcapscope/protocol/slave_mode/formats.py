@@ -90,7 +90,7 @@ class ReceiveFormat:
         user_io: Whether the result holds the range of I/O bits that slvMove requested.
         other: Bits of the format that have no known meaning, or its last digit if this is above 5.
         microseconds: Whether the timestamp is in µs instead of ms. A second number in the parameter of
-            slvRecvFormat sets this unit.
+            slvRecvFormat sets the unit of the timestamp.
 
     Raises:
         ValueError: No receive format returns the pose types in `poses`.
@@ -128,8 +128,8 @@ class ReceiveFormat:
 
     @property
     def is_known(self) -> bool:
-        """Whether the ROS driver knows this format. The driver uses mini and user I/O together only in the
-        format 0x340."""
+        """Whether the ROS driver knows this format. The ROS driver uses mini and user I/O together only in
+        the format 0x340."""
         both = self.mini_io and self.user_io
         return not self.other and (
             not both or int(self) & ~POSE_BITS == MINI_IO_BIT | USER_IO_BIT | CURRENT_BIT

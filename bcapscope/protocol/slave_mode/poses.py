@@ -16,7 +16,7 @@ from bcapscope.protocol.slave_mode.modes import PoseType
 
 USED_AXES_FLAG = 0x400000
 """Number that the ROS driver appends to a pose; the driver also sets a bit in it for each axis in use. The
-purpose of this number is not known."""
+purpose of the appended number is not known."""
 
 FLOAT_ARRAYS = frozenset((int(ARRAY | VT.R8), int(ARRAY | VT.R4)))
 """VARIANT types of a pose that is an array of numbers."""

@@ -19,7 +19,8 @@ from bcapscope.protocol.slave_mode.formats import POSE_ONLY_FORMAT, ReceiveForma
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, FLOAT_ARRAYS, Pose, build_pose, pose_numbers
 
-# Kinds of elements in slvMove's parameter and result. From the kinds, the decoder guesses each meaning.
+# Kinds of elements in slvMove's parameter and result. From the kinds of the elements, the decoder guesses
+# their meanings.
 _ROW, _WORD, _DATA, _OTHER, _END = "numbers", "integer", "bytes", "other", "end"
 
 _Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each element
@@ -257,7 +258,8 @@ def _feedback_parts(form: ReceiveFormat) -> Iterator[tuple[str, str]]:
 
 
 def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Variant], list[Message]]:
-    """Name the elements by an arrangement, in order. Also return problems: elements missing or too many."""
+    """Name the elements by an arrangement, in order. Also return the problems: which elements are missing or
+    too many."""
     named: dict[str, Variant] = {}
     problems: list[Message] = []
     for name, kind in layout:
@@ -339,7 +341,7 @@ def _poses_of_part(
             second._replace(guessed=receive is None),
         ), problems + more
     # With unknown format, assume the pose type of the slave mode if the number of values fits it. No source
-    # documents the default format.
+    # documents the default format of slvMove's result.
     agrees = pose_type is not None and len(row) == len(AXES[pose_type])
     known = types[0] if types else (pose_type if agrees else None)
     pose, problems = build_pose(row, known)

@@ -25,8 +25,8 @@ POSE_TYPES = _numbers("pose type")
 pose type as text."""
 
 PASS_MOTIONS = _numbers("pass motion")
-"""Pass motion: the third element of a pose that is a VARIANT array. A number n that is not listed means @n.
-Controllers also accept the pass motion as text.
+"""Pass motion: the third element of a pose that is a VARIANT array. A number n that is not in this table
+means @n. Controllers also accept the pass motion as text.
 """
 
 TASK_START_MODES = _numbers("start mode")
