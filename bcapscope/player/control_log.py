@@ -46,12 +46,12 @@ def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
     if path is None:
         yield None
         return
-    file = open(path, "xb")  # noqa: SIM115 - an error of close() must not end the block
+    file = open(path, "xb")  # noqa: SIM115 - with `with`, an error of close() would be raised
     try:
         yield file
     finally:
         is_empty = not file.tell()
-        with suppress(OSError):  # the code that wrote the file has flushed it already, and got any error
+        with suppress(OSError):  # the writing code has already flushed the file, and seen any error
             file.close()
         if is_empty:
             Path(path).unlink(missing_ok=True)

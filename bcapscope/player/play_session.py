@@ -236,7 +236,7 @@ class PlaySession:
             await self._prepare(trajectory)
             self._report_state(PlayState.ENTERING)
             await self._robot.set_formats(trajectory.kind)
-            # pushed first, so that the cleanup leaves slave mode even if slvChangeMode fails
+            # push before the call, so that the cleanup leaves slave mode even if slvChangeMode fails
             self._cleanup.push(CleanupTask.SLAVE_MODE)
             await self._robot.robot.slv_change_mode(mode.value)
             await self._play(mode, trajectory)

@@ -102,7 +102,7 @@ class PlayerPipe:
             return False
         self._unwritten = data
         if not self._flush():
-            # the pipe took nothing: it takes so short a message completely or not at all
+            # the pipe is full: it never takes only a part of so short a message
             self._unwritten = b""
             return False
         return True

@@ -79,9 +79,9 @@ class PlayerProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                # unbuffered, because a signal handler may interrupt `_send` and send an order itself
+                # no buffer: a signal handler may interrupt `_send` and write an order to the pipe itself
                 bufsize=0,
-                start_new_session=True,  # Ctrl-C reaches only the parent, which stops the player
+                start_new_session=True,  # so that Ctrl-C reaches only the parent, which then stops the player
             )
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)

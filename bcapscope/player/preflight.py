@@ -92,7 +92,7 @@ def run_preflight(
     case = PreflightContext(trajectory, period, limits, current_pose, mode, loop)
     findings = list(checks.check_finite(case))
     sound = not findings
-    with np.errstate(all="ignore"):  # no warnings of numpy about absurd times: the checks report these times
+    with np.errstate(all="ignore"):  # numpy must not warn about absurd times, because the checks report them
         for each in (*_FORM_CHECKS, *(_NUMBER_CHECKS if sound else ())):
             findings += each(case)
         figures = motion_checks.axis_figures(case) if sound else ()

@@ -25,7 +25,7 @@ DEFAULT_RAMP = 0.25
 """Seconds that a start or a stop takes by default."""
 
 _SHORTEST_STOP, _LONGEST_STOP = 0.1, 2.0  # seconds
-_STOP_GROWTH = 1.5  # each stop that is tried lasts this many times as long as the one before
+_STOP_GROWTH = 1.5  # duration of each stop that is tried, relative to that of the previous one
 _DEFAULT_STOP = 0.5  # shortest stop, in seconds, if no acceleration limit is known
 _ROUNDING = 1e-9  # a computed number of cycles can be this share of a cycle too large, through rounding
 

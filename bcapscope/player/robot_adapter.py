@@ -34,7 +34,7 @@ _POLL = 50 * _MS
 _ROBSLAVE_START_DELAY = 1000 * _MS  # DENSO's samples for RC7 wait this long after Task_Start
 _ARRIVAL_TIMEOUT = 1000 * _MS  # a robot that stands still for this long has stopped
 _RUNNING = 3  # state of a task
-# retries of the call that switches the motor on (two minutes) or off (less)
+# retries of the call that switches the motor: on takes up to two minutes, off takes less
 _ON_RETRIES, _OFF_RETRIES = 119, 29
 _MACHINE_LOCK = (0x81501005, 0x81201705, 0x81201748)
 _E_SWITCHING_OFF = 0x8350106E

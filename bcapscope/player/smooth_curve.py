@@ -54,7 +54,7 @@ class SmoothCurve:
     def _interpolate(self, left: NDArray[np.intp], part: Array, width: Array) -> Array:
         u, h = part[:, None], width[:, None]
         u3, rest = u**3, 1 - u
-        # what position, speed and acceleration at the start and end contribute, in Bernstein form
+        # the parts of the curve from position, speed and acceleration at its start and end (Bernstein form)
         start = rest**3 * (
             self._rows[left] * (1 + 3 * u + 6 * u**2)
             + self._speeds[left] * h * u * (1 + 3 * u)

@@ -42,7 +42,7 @@ TOO_MANY_VALUES = Message("trajectory.too-many-values", limit=MAX_VALUES)
 
 _DEEPEST, _MAX_TRAJECTORIES, _SHOWN = 8, 256, 40
 _DEGREES_PER_RADIAN = degrees(1.0)
-_NONE = (None, "", "~", "null")  # text is included, because the YAML reader returns numbers as text
+_NONE = (None, "", "~", "null")  # the YAML reader returns a missing value as one of these texts
 _LAST_NUMBER = re.compile(r"(\d+)\D*$")
 _AXIS_NUMBERS = range(1, len(AXES[PoseType.J]) + 1)
 
@@ -233,7 +233,7 @@ def read_yaml(data: bytes) -> Iterator[object]:
 def _build_document(events: Iterator[yaml.Event]) -> object:
     """Build a document from the parser's events, up to the end of the document, without recursion."""
     roots: list[object] = []
-    # open lists and dictionaries, each with the key of its next value, if known
+    # lists and dictionaries that have not ended yet, each with the key of its next value, if known
     open_nodes: list[tuple[Any, list[str]]] = [(roots, [])]
     anchors: dict[str, object] = {}
     values = 0

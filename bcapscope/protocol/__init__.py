@@ -75,7 +75,7 @@ _NAMES_BY_MODULE = {
 _MODULE_BY_NAME = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
 
 
-# hidden from type checkers: one that sees `__getattr__` would accept any name of this module
+# Hide `__getattr__` from type checkers, because they would accept any name of the module.
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> object:

@@ -74,7 +74,7 @@ def date_of(days: float) -> datetime | None:
 
 
 def _typed_variant(function: Function, param: Param, value: object) -> Variant:
-    variant = Variant(_TYPES[param.type], value)  # type: ignore[arg-type]  # checked by encode_variant below
+    variant = Variant(_TYPES[param.type], value)  # type: ignore[arg-type]  # encode_variant checks the value below
     try:
         encode_variant(variant)
     except LocalProtocolError:

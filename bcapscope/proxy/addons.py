@@ -195,7 +195,8 @@ class AddonRunner(PipelineSubscriber):
         try:
             hook(*arguments)
         except BaseException as error:  # catch even SystemExit, because the process must continue
-            if self._is_new(addon, name, "error"):  # it takes long to find the line of an error
+            # first, because it takes long to find the line of an error
+            if self._is_new(addon, name, "error"):
                 self.notify(
                     Message("addon.error", hook=f"{type(addon).__name__}.{name}", error=_where(error))
                 )

@@ -125,7 +125,7 @@ class ControlApi:
         if request.hex:
             return bytes.fromhex(request.hex)
         data = rewrite_message(held.data, held.flow, request.rewrite)
-        # refused, so that after a typing error the proxy does not forward the motion unchanged
+        # refuse an edit without effect: after a typing error, the motion must not pass unchanged
         if data == held.data:
             raise InputError(Message("control.no-change"))
         return data

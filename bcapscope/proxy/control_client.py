@@ -84,7 +84,7 @@ class ControlClient:
         return line
 
     def _failure_reason(self, error: OSError | ValueError) -> Message:
-        # the connection broke during the request: a failure to connect raises `ControlError`
+        # the proxy ended during the request (a failure to connect raises `ControlError`)
         if isinstance(error, ConnectionError):
             return Message("control.ended", address=self._address)
         if isinstance(error, OSError):

@@ -14,8 +14,8 @@ from bcapscope.messages import Message
 from bcapscope.traffic.observation import Conversation, Direction
 
 
-# Structs, because each message needs several: creating a struct takes 0.1 µs (a named tuple 0.4 µs, a frozen
-# dataclass 0.9 µs). Unlike named tuples, structs of different types are never equal.
+# Structs, because each message needs several: creating one takes 0.1 µs, a frozen dataclass 0.9 µs.
+# A named tuple takes 0.4 µs, and two named tuples of different types can be equal.
 class SendAction(msgspec.Struct, frozen=True):
     """Bytes to send now.
 

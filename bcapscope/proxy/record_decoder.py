@@ -143,7 +143,8 @@ class RecordDecoder:
         self, stream: _DirectionStream, data: bytes, time: int, note: Message | None
     ) -> Iterator[NotedObservation]:
         if not stream.splitter.pending_bytes:
-            stream.arrival_times.clear()  # so the first entry is always the time of a frame's first byte
+            # after this, the first entry is the arrival time of a frame's first byte
+            stream.arrival_times.clear()
         stream.arrival_times.append((stream.size, time))
         stream.size += len(data)
         yield from self._make_observations(stream, stream.splitter.feed(data), time, note)
@@ -160,7 +161,7 @@ class RecordDecoder:
 
     def _decode_end(self, client: _Client, record: RingRecord) -> Iterator[NotedObservation]:
         _, up, _, received_at, sent_at, *_ = record
-        if received_at:  # the time is 0 if the proxy itself ended the connection
+        if received_at:  # `received_at` is 0 if the proxy itself ended the connection
             is_reset = record.kind is RingRecordKind.RESET
             client.conversation.record_end(client.streams[up].flow.direction, is_reset, received_at)
         if time := received_at if up else sent_at:

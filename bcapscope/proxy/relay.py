@@ -233,7 +233,8 @@ class Relay:
             self._undecided[decision.ticket] = arrival
             self._perform(decision.actions)
         else:
-            self.record_undecided(session, up)  # so that records of this direction stay in order
+            # write waiting data first, so that the records of this direction stay in order
+            self.record_undecided(session, up)
             self._record_and_perform(arrival, decision.note, decision.actions)
 
     def record_undecided(self, session: RelaySession, up: bool) -> None:
@@ -297,7 +298,7 @@ class Relay:
                 continue
             if isinstance(action, LateDecision):
                 arrival = self._undecided.pop(action.ticket, None)
-                if arrival is None:  # the data was written to the ring before the decision
+                if arrival is None:  # `record_undecided` has already written the data to the ring
                     self.counts[RelayCounter.RULED] += action.note is not None
                     self._perform(action.actions)
                 else:
@@ -355,8 +356,7 @@ class Relay:
         self._tick_count += 1
         if self._tick_count % _SWEEP_EVERY == 0:
             self._sweep()
-        # After the sweep: if the relay stood still, clients must not count as silent before it reads their
-        # data.
+        # Not before the sweep: after a standstill, clients whose data is unread must not count as silent.
         self.now = time.monotonic_ns()
 
     def _sweep(self) -> None:

@@ -178,7 +178,7 @@ def _only_stops(request: Frame) -> bool:
         return False
     if not request.problems:
         return True
-    # Some functions always stop something: then errors in the arguments do not matter.
+    # Errors in the arguments do not matter if the function always stops or releases something.
     by_number = request.body is request.raw and always_passes(request.code, ())
     return by_number and not _hides_frame(request.raw)
 

@@ -219,7 +219,7 @@ class RulePolicy:
             self.scripts,
         )
 
-    # called for the scripts' process
+    # `ScriptProcess` calls the following methods.
 
     def on_script_data(self, data: bytes, now: int) -> None:
         """Apply decisions of the scripts. `pop_due_actions` returns the resulting actions."""
@@ -231,7 +231,7 @@ class RulePolicy:
         if self.scripts is not None:
             self._apply_script_decisions(self.scripts.on_process_ended(now), now)
 
-    # called by the control socket and the screen
+    # The control socket and the screen call the following methods.
 
     def clients(self) -> Iterator[tuple[DirectionState, DirectionState]]:
         """For each client, yield the states of its request direction and of its response direction."""

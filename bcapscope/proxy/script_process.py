@@ -109,7 +109,7 @@ class ScriptProcess:
                 words(other.fileno(), traces),
                 stdin=subprocess.DEVNULL,
                 pass_fds=(other.fileno(), traces),
-                start_new_session=True,  # so that Ctrl-C reaches only the proxy, which then ends the scripts
+                start_new_session=True,  # Ctrl-C then reaches only the proxy, which ends the scripts
             )
         finally:
             os.close(traces)
@@ -279,7 +279,8 @@ class ScriptProcess:
         # after the end of the process, its id may belong to another process
         if self._process.returncode is None:
             if hasattr(os, "killpg"):
-                with suppress(OSError):  # fails if the process has just started, or is in another group
+                # killpg fails if the process has just started, or is in another group
+                with suppress(OSError):
                     os.killpg(self._process.pid, signal.SIGKILL)
             self._process.kill()
 

@@ -163,7 +163,7 @@ class ScriptQueue:
         self._sizes: Counter[int] = Counter()
         self._size = self._waiting_size = 0
         self._head_since = 0
-        self._relay_delay = 0  # in ns; added to the time limit because the relay was late
+        self._relay_delay = 0  # additional time limit in ns, because the relay was late
         self._was_late = False
         self._has_open_calls = False
         self._expire_at = 0

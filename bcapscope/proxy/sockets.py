@@ -52,7 +52,7 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
         sock.setblocking(False)
         if family == socket.AF_INET6:
             sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        # not on Windows, where other programs could then take over the port
+        # not on Windows: there, SO_REUSEADDR lets other programs take over the port
         if stream and sys.platform != "win32":
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.bind(_own_address(family, endpoint))

@@ -260,7 +260,7 @@ class TcpSession(RelaySession):
         if happened & (READ | HANG_UP) and not self._closed:
             if self._may_read(incoming):
                 self._read(incoming)
-            elif happened & HANG_UP:  # without this, the poller would report the hang-up again and again
+            elif happened & HANG_UP:  # ignore the socket: the poller would report the hang-up again and again
                 self._set_mask(sock, None)
             else:
                 self._update_masks()

@@ -199,7 +199,7 @@ class UdpSession(RelaySession):
         except OSError as error:
             if not up or not isinstance(error, ConnectionRefusedError):
                 return self._count_send_failure(data, error)
-            # the error reports an earlier datagram, but this datagram was not sent either: repeat it
+            # The error is about an earlier datagram, but this datagram was not sent either. Send it again.
             self.notify_refused()
             sent_at = time.time_ns()
             try:

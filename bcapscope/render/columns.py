@@ -59,7 +59,7 @@ def fold_line(line: str, width: int) -> str:
     for piece in _PIECES.findall(line):
         rest = piece
         while rest and not _COLORS.fullmatch(rest) and display_width(rest) > room:
-            if room == (width - len(_INDENT) if rows else width):  # the word is too long for a row
+            if room == (width - len(_INDENT) if rows else width):  # break a word that is too long for a row
                 start = _prefix(rest, room)
                 row, rest = row + start, rest[len(start) :]
             rows.append(row)

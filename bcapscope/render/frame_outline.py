@@ -61,7 +61,7 @@ def frame_sections(observation: Observation, call_kind: CallKind | None) -> tupl
     """Return the sections of a frame or of malformed bytes: two for a compressed frame, otherwise one."""
     item = observation.item
     if isinstance(item, Malformed):
-        # Malformed bytes have no fields. A gap in a stream has no bytes either, so only its problem is shown.
+        # Malformed bytes have no fields, and a gap in a stream has no bytes either: show only the problem.
         size = len(item.raw)
         name, value = ("bytes", item.raw) if size else ("no bytes", None)
         return (FrameSection(None, item.raw, (FrameField(name, 0, size, value, problems=item.problems),)),)

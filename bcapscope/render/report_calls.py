@@ -41,7 +41,7 @@ MAX_KINDS = 20
 time in total."""
 
 _NARROWEST = 0.0015  # minimum width of a bar as a share of the total width; a narrower bar would be invisible
-# shorter times are drawn as this: a logarithmic axis has no 0, and clocks of captures are no finer
+# draw shorter times as this time, because a logarithmic axis has no 0
 _SHORTEST_MS = 0.001
 
 _BAR = "#2A74B2"  # contrast to white text: 4.9:1

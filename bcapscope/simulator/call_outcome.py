@@ -54,8 +54,8 @@ def error_level(code: int) -> int:
     return code >> 24 & 0xF if code >> 28 == 8 else 0
 
 
-# A struct, because every call makes one: making a struct takes 0.1 µs (a named tuple 0.4 µs, a frozen
-# dataclass 0.9 µs). Unlike a named tuple, a struct never equals an object of another class.
+# A struct, because every call makes one: creating it takes 0.1 µs, a frozen dataclass 0.9 µs.
+# A named tuple takes 0.4 µs, and can equal an object of another class.
 class CallResult(msgspec.Struct, frozen=True):
     """The result of a call. If `value` is None, the profile decides whether the reply has no argument or
     EMPTY.

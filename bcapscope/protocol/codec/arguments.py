@@ -145,7 +145,7 @@ class ArgumentReader:
         variant = self._read_value(start, stop if bounded and self._trusts_lengths else self.end)
         if self._position_lost and bounded and stop < self.end and not self._trusts_lengths:
             self._trusts_lengths = True
-            variant = EMPTY  # free the memory of the first reading before the second one
+            variant = EMPTY  # free the memory of the value before it is read a second time
             del self.problems[known:]
             self._numbers_left, self._values_left = left
             self._limit_reached = False

@@ -57,8 +57,8 @@ __all__ = [
 ]
 
 LARGEST_UDP_FRAME = 503
-"""Largest whole frame over UDP and serial line, in bytes (orin_bcap C/include/dn_udp.h). `encode_frame` or
-its caller rejects longer frames before they are sent."""
+"""Largest whole frame over UDP and serial line, in bytes (orin_bcap C/include/dn_udp.h). `Requester` rejects
+longer frames instead of sending them over UDP."""
 
 _SERIAL_RESERVED_CODE = struct.Struct("<5xHHI").unpack_from
 _SERIAL_RESERVED = struct.Struct("<HH")
@@ -66,7 +66,7 @@ _HEADER = struct.Struct("<BIHHIH").pack
 _SIGNED_HEADER = struct.Struct("<BIHHiH").pack
 
 _PLAIN = Framing.PLAIN
-# numbers; rows longer than this have too many different lengths to cache a packer for each
+# longest row, in numbers, for which a packer is cached; longer rows vary too much in length
 _LONGEST_PACKED_ROW = 64
 
 

@@ -298,8 +298,7 @@ class Responder:
         calls = self._known_calls()
         serial, named = frame.serial, frame.reserved or frame.serial
         alike = [call for call in calls if serial in call.serials or call.content == content]
-        # During retries, the old C client's serial may wrap to 0; the reserved field of the next attempt is
-        # then 0.
+        # If the old C client's serial wraps to 0 in a retry, the next attempt has 0 in the reserved field.
         after_zero = serial == 1 and frame.reserved == 0
         equal, is_known = [], False
         for call in alike:

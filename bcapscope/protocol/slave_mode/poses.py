@@ -97,7 +97,7 @@ def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
     plain = [item.value if isinstance(item, Variant) else item for item in value]
     if not all(isinstance(item, int | float) and not isinstance(item, bool) for item in plain):
         return None
-    return tuple(plain)  # type: ignore[arg-type]  # each was just checked
+    return tuple(plain)  # type: ignore[arg-type]  # the types were checked above
 
 
 def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:

@@ -19,8 +19,7 @@ from bcapscope.protocol.slave_mode.formats import POSE_ONLY_FORMAT, ReceiveForma
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, FLOAT_ARRAYS, Pose, build_pose, pose_numbers
 
-# Kinds of elements in slvMove's parameter and result. From the kinds of the elements, the decoder guesses
-# their meanings.
+# Kinds of elements in slvMove's parameter and result, from which the decoder guesses their meanings.
 _ROW, _WORD, _DATA, _OTHER, _END = "numbers", "integer", "bytes", "other", "end"
 
 _Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each element
@@ -34,7 +33,7 @@ _POSE_ONLY = (
     POSE_ONLY_FORMAT,
 )  # a tuple: `in` compares identities first, which is faster than == of dataclasses
 
-_MAX_PARTS = 8  # more elements than any format selects
+_MAX_PARTS = 8  # maximum number of elements to examine; no format selects so many
 
 
 class UserIO(NamedTuple):

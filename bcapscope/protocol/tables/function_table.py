@@ -93,8 +93,8 @@ class Function:
         return bool(self.params) and self.params[0].name.startswith("h")
 
 
-# In DENSO's names, the prefix of an argument gives its type. newVal has no prefix: its type is VT_I4 in
-# function 115, and any type elsewhere.
+# The prefix of DENSO's name for an argument shows its type, as in `lAxis` or `bstrCommand`.
+# The name newVal has no prefix: its type is VT_I4 in function 115, and any type in other functions.
 _TYPE_BY_PREFIX = (("bstr", "VT_BSTR"), ("vnt", "VARIANT"), ("h", "VT_I4"), ("l", "VT_I4"), ("f", "VT_R4"))
 
 
