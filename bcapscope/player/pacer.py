@@ -342,8 +342,8 @@ class _Throttle:
 
     At first, the pacer may send two set points more than the buffer holds. After these first set points, the
     pacer sends at most one set point per period on average. A controller that confuses two slave modes may
-    answer at once instead of holding the reply back. If the request rate were not limited, the pacer would
-    then send the whole trajectory in an instant.
+    answer at once instead of holding the reply back. If the rate of these requests were not limited, the
+    pacer would send the whole trajectory in an instant.
     """
 
     def __init__(self, period: int, burst: int) -> None:

@@ -194,8 +194,8 @@ def find_gaps(times: Array) -> NDArray[np.bool_]:
 
 
 def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
-    """Use a counter to find the runs of records without gaps. The second value says by how much the counter
-    grows per record.
+    """Use a counter to find the runs of records without gaps. The second returned value is the growth of the
+    counter per record.
 
     A run is a pair: the index of its first record, and the index after its last record. If the counter grows
     too unevenly, return all records as one run, and None as the growth.

@@ -205,8 +205,8 @@ class AddonRunner(PipelineSubscriber):
             self.notify(Message("addon.slow", hook=hook_name, time=f"{took / 1e6:.1f} ms"))
 
     def _is_new(self, addon: object, name: str, kind: str) -> bool:
-        """Count an error. Return True if it is the first of its kind in this hook, so that the user must see
-        it."""
+        """Count an error. Return True if the error is the first of its kind in this hook, so that the user
+        must see the error."""
         self.errors += kind != "slow"
         key = (id(addon), name, kind)
         is_new = key not in self._reported

@@ -190,7 +190,8 @@ class ClientsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class HeldStatus(msgspec.Struct, frozen=True):
-    """A held message. `given_up` is why the client no longer waits. `more` is the old name of `retries`."""
+    """A held message. `given_up` says why the client no longer waits for the message. `more` is the old name
+    of `retries`."""
 
     number: JsonCount
     client: JsonEndpoint

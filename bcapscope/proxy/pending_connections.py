@@ -26,8 +26,8 @@ _AT_ONCE = 4096
 
 
 class PendingConnections:
-    """Connected clients that have not sent a complete frame yet. The proxy has not connected to the
-    controller for these clients."""
+    """Connected clients that have not sent a complete frame yet. The proxy connects to the controller only
+    after a client's first frame."""
 
     def __init__(self, relay: Relay) -> None:
         self._relay = relay

@@ -2,8 +2,8 @@
 
 A write takes about a microsecond, makes no system call and never waits. If the ring has no room for a record,
 the record is lost and counted. One process writes and one process reads. The processor may store the new
-write position before it stores the record itself. So each poll returns only the records that were written
-before the previous poll.
+write position before it stores the record itself. Therefore each poll of the ring returns only the records
+that were written before the previous poll.
 """
 
 from __future__ import annotations

@@ -153,7 +153,8 @@ def pack(frame: ScriptOrder | ScriptStatement) -> bytes:
 
 
 class FrameUnpacker(Generic[T]):
-    """Splits received bytes into messages. `kinds` is the union of their types, such as `ScriptOrder`."""
+    """Splits received bytes into messages. `kinds` is the union of the message types, such as
+    `ScriptOrder`."""
 
     def __init__(self, kinds: Any) -> None:
         self._decoder: msgspec.msgpack.Decoder[T] = msgspec.msgpack.Decoder(kinds)

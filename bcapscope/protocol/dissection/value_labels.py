@@ -48,9 +48,9 @@ NO_LABEL = ValueLabel()
 def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
     """Name the elements of slvMove's parameter or result, from the value alone.
 
-    The label of the whole value has an empty name. Earlier calls set the formats and the slave mode. This
-    function does not know these calls. Therefore the function guesses the names from the number and types of
-    the elements. The `text` of the label says that the names are a guess.
+    The label of the whole value has an empty name. Earlier calls set the formats and the slave mode, but this
+    function gets only one value. Therefore the function guesses the names from the number and types of the
+    elements. The `text` of the label says that the names are a guess.
     """
     found = parse_set_point(variant) if is_request else parse_feedback(variant)
     named = list(_set_point_labels(found) if isinstance(found, SetPoint) else _feedback_labels(found))

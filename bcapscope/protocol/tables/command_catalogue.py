@@ -23,8 +23,8 @@ COBOTTA, COBOTTA_PRO = "COBOTTA", "COBOTTA PRO"
 _POSE = "BSTR R8[] R4[] V[]"
 _LONGEST_COMPARED = 40
 _LEAST_SIMILARITY = 0.7
-"""Two names count as similar from this ratio of difflib on. Two swapped letters in slvChangeMode give
-0.92."""
+"""Two names count as similar if difflib's ratio is at least this value. Two swapped letters in slvChangeMode
+give 0.92."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ POSE_TYPES = _numbers("pose type")
 pose type as text."""
 
 PASS_MOTIONS = _numbers("pass motion")
-"""Pass motion: the third element of a pose that is a VARIANT array. A number n that is not in this table
+"""Pass motion: the third element of a pose that is a VARIANT array. A pass motion n that is not in this table
 means @n. Controllers also accept the pass motion as text.
 """
 
