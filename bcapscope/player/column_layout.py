@@ -27,7 +27,7 @@ class ColumnRole(StrEnum):
     """Role of the numbers in a column, in order of preference."""
 
     COMMANDED = "commanded"
-    UNMARKED = "not marked as commanded or measured"
+    UNMARKED = "The title does not say whether the column is commanded or measured."
     MEASURED = "measured"
 
 
@@ -101,7 +101,7 @@ _PREFERENCE = (PoseType.J, PoseType.P, PoseType.T)
 _HALF_TURN = 180.0
 _POSTURES = 31.0
 _MAX_NAMED = 12
-_EVEN = 1e-3  # maximum difference between even steps, as a share of the step
+_EVEN = 1e-3  # steps count as even if they differ by at most this share of the first step
 _USUAL_AXES = 6
 
 

@@ -75,7 +75,7 @@ class DisableFault(_Request, frozen=True, tag="off"):
 
 
 class SetIntercept(_Request, frozen=True, tag="intercept", rename={"condition": "if"}):
-    """Request to change which messages the proxy holds from now on. Without a filter, the proxy holds no
+    """Request to change which messages the proxy holds from now on. If the filter is None, the proxy holds no
     messages.
 
     Without `patience`, the maximum hold time does not change.
@@ -170,8 +170,8 @@ class FaultsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class ClientStatus(msgspec.Struct, frozen=True):
-    """A client of the proxy. `up` and `down` count datagrams or reads of a stream. A time is None if the
-    event never happened."""
+    """A client of the proxy. `up` and `down` count datagrams or reads of a stream. A member that holds the
+    time of an event is None if the event never happened."""
 
     number: JsonCount
     client: str

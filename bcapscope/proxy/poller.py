@@ -80,8 +80,8 @@ def open_ticker(seconds: float) -> int | None:
     """Open a file descriptor that becomes readable every `seconds`. Return None if the system has no such
     timer.
 
-    With this descriptor, waits need no time limit. A time limit would set a timer in each wait, which
-    lengthened a round trip of 21 µs by 1 µs.
+    A program that waits for this descriptor, too, needs no time limit for its waits. A time limit would set a
+    timer in each wait, which lengthened a round trip of 21 µs by 1 µs.
     """
     if sys.platform != "linux":
         return None

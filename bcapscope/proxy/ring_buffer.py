@@ -62,7 +62,8 @@ class RingRecordKind(IntEnum):
     NOTICE = 4
     """A message for the user, encoded with `encode_message`."""
     RESET = 5
-    """An RST, which ends both directions of the connection. `data` is the same as for `END`."""
+    """An RST, which ends both directions of the connection. If the relay itself reset the connection, `data`
+    is the reason."""
     HOLE = 6
     """Bytes of a stream that are missing because the ring was full; see `hole_sizes`."""
 

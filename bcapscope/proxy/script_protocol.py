@@ -78,7 +78,7 @@ class ClientGone(_WireFrame, frozen=True):
 
 
 class ExpireCalls(_WireFrame, frozen=True):
-    """Order to complete the calls that no longer wait for a reply at `time`, in ns since 1970."""
+    """Order to complete the calls that, at `time` (in ns since 1970), no longer wait for a reply."""
 
     time: int
 

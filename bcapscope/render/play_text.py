@@ -26,7 +26,7 @@ from bcapscope.render.escape import printable
 _COUNTS = ("retries", "late", "unanswered", "repeated", "shifted", "held")
 
 RETRIES_EXPECTED = Message("play.retries-expected")
-"""Says that retries are normal. DENSO's timeout for Sync over UDP causes them (DENSO Wave 2009, How to use
+"""Says that retries are normal. DENSO's timeout for Sync over UDP causes retries (DENSO Wave 2009, How to use
 the Slave mode).
 """
 
