@@ -27,7 +27,7 @@ class ColumnRole(StrEnum):
     """Role of the numbers in a column, in order of preference."""
 
     COMMANDED = "commanded"
-    UNMARKED = "The title does not say whether the column is commanded or measured."
+    UNMARKED = "not marked as commanded or measured"
     MEASURED = "measured"
 
 
