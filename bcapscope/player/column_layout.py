@@ -101,7 +101,7 @@ _PREFERENCE = (PoseType.J, PoseType.P, PoseType.T)
 _HALF_TURN = 180.0
 _POSTURES = 31.0
 _MAX_NAMED = 12
-_EVEN = 1e-3  # maximum difference between even steps, as a share of the step
+_EVEN = 1e-3  # steps count as even if they differ by at most this share of the first step
 _USUAL_AXES = 6
 
 
@@ -168,7 +168,7 @@ def _column_pairs(part: str) -> Iterator[tuple[str, int]]:
 
 
 def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayout | None:
-    """Find the columns by their titles; return None if no pose type has all its columns."""
+    """Find the columns by their titles; return None if no pose type has a column for each axis it needs."""
     if options.columns:
         return _layout_as_given(options, titles, len(titles))
     read = [read_title(title) for title in titles]
@@ -194,7 +194,7 @@ def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayou
 
 
 def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> ColumnLayout:
-    """Guess columns without titles from some lines; raise TrajectoryError if several or no meanings fit."""
+    """Guess what columns without titles mean, from some rows; raise TrajectoryError if this is unclear."""
     count = len(rows[0])
     if options.columns:
         return _layout_as_given(options, (), count)
@@ -219,7 +219,7 @@ def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> 
 
 
 def _ambiguity(rows: Sequence[Sequence[float]]) -> Message | None:
-    """Return the reason why numbers cannot be joints; None if they look like joints."""
+    """Return why the numbers are probably not joint angles; None if they look like joint angles."""
     first = [row[0] for row in rows]
     steps = [b - a for a, b in pairwise(first)]
     if len(steps) > 1 and steps[0] > 0 and max(steps) - min(steps) <= _EVEN * steps[0]:
@@ -234,7 +234,7 @@ def _ambiguity(rows: Sequence[Sequence[float]]) -> Message | None:
 
 
 def _axis_columns(kind: PoseType, role: ColumnRole, read: Sequence[ColumnTitle | None]) -> list[int]:
-    """Return the columns of a pose type's axes up to the first missing axis; [] if these are too few."""
+    """Return the columns of a pose type's axes, up to the first axis without a column; [] if too few."""
     by_name: dict[str, int] = {}
     for place, title in enumerate(read):
         if title and title.role is role:
@@ -297,8 +297,8 @@ def _layout_as_given(options: ReadOptions, titles: Sequence[str], count: int) ->
 
 
 def _named_axis_count(kind: PoseType, columns: Mapping[str, int]) -> int:
-    """Return how many axes of a pose type the user named, up to the first axis that is missing; 0 if the pose
-    type needs more."""
+    """Count the axes of a pose type that the user named, up to the first axis without a column. Return 0 if
+    these axes are too few for the pose type."""
     count = len(list(takewhile(lambda axis: axis.name in columns, AXES[kind])))
     return count if count >= MIN_COLUMNS[kind] else 0
 
@@ -310,7 +310,8 @@ def _layout_notes(
     role: ColumnRole,
     read: Sequence[ColumnTitle | None],
 ) -> Iterator[Message]:
-    """Yield a note for each choice among roles, among pose types, and among columns of one axis."""
+    """Yield a note for each choice that the reader made: of a role, a pose type, or one of several
+    columns."""
     if role is ColumnRole.MEASURED:
         yield Message("trajectory.note.measured")
     elif role is ColumnRole.UNMARKED and any(title and title.role is ColumnRole.COMMANDED for title in read):
@@ -334,7 +335,7 @@ def list_titles(titles: Sequence[str]) -> Message:
 
 
 def read_title(text: str) -> ColumnTitle | None:
-    """Read a title; return None if its column is no part of a trajectory."""
+    """Read the title of a column; return None if the column does not belong to a trajectory."""
     words = _words(text)
     if "counter" in words:
         return ColumnTitle(COUNTER, ColumnRole.UNMARKED, None)
@@ -355,7 +356,8 @@ def read_title(text: str) -> ColumnTitle | None:
 
 
 def _words(text: str) -> list[str]:
-    """Split a title between letters, digits and Japanese; join a number to a preceding word for joint."""
+    """Split a title between letters, digits and Japanese; attach a number to a word before it that means
+    "joint"."""
     plain = unicodedata.normalize("NFKC", text[:_LONGEST]).casefold()
     words: list[str] = []
     for word in _WORD.findall(plain.replace("_", " ")):
