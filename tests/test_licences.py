@@ -248,6 +248,17 @@ def test_a_process_that_loads_both_is_found(tmp_path: Path, module: str) -> None
     assert not _is_forbidden(_packages({"modules": ["scapy", "bcapscope", "numpy"], "maps": []}))
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_the_scapy_layer_loads_nothing_that_forbids_scapy(tmp_path: Path) -> None:
+    program = "import bcapscope.scapy_layer; bcapscope.open('captures/slave-session.pcapng')  # layer"
+    with recorded(tmp_path) as environment:
+        argv = [sys.executable, "-c", program]
+        subprocess.run(argv, env=environment, cwd=PAGE.parent.parent, check=True)
+    (process,) = _processes(tmp_path, "# layer")
+    assert "scapy" in _packages(process)
+    assert not _is_forbidden(_packages(process))
+
+
 def _is_forbidden(packages: set[str]) -> bool:
     """Tell whether scapy is there beside a package that the table keeps from it."""
     table = rows()
