@@ -90,6 +90,9 @@ class _CodeField(LEIntEnumField):  # type: ignore[misc] # mypy skips scapy
         return x & 0xFFFFFFFF if isinstance(x, int) and -(2**31) <= x < 0 else x
 
     def i2repr_one(self, pkt: Packet | None, x: Any) -> str:
+        """Return the name; None for the function in a reply, and for the result code in a request."""
+        if isinstance(pkt, BCAP) and pkt.is_response is not (self.name == "hresult"):
+            return "None"
         return self._name_of(x) if isinstance(x, int) else repr(x)
 
 
@@ -302,6 +305,12 @@ class BCAP(Packet):  # type: ignore[misc] # as above
             self.fields.pop("hresult", None)
         elif attr == "hresult":
             self.fields.pop("function", None)
+
+    def hide_defaults(self) -> None:
+        """Remove fields with default values, except the one that makes the frame a request or a reply."""
+        kept = {name: self.fields[name] for name in ("function", "hresult") if name in self.fields}
+        super().hide_defaults()
+        self.fields.update(kept)
 
     def self_build(self) -> bytes:
         """Return the bytes of the frame.

@@ -57,7 +57,7 @@ def test_dissects_into_fields() -> None:
     assert (result.hresult, result.is_response) == (0x83500121, True)
 
 
-def test_builds_what_our_codec_builds() -> None:
+def test_builds_what_the_codec_builds() -> None:
     args = [HANDLE, Variant(VT.BSTR, "slvMove"), Variant.array(VT.R8, (1.5, 2.5))]
     assert bytes(BCAP(serial=5, reserved=4, function=64, args=args)) == CALL
     assert bytes(BCAP(serial=5, reserved=4, function="Robot_Execute", args=args)) == CALL
@@ -374,6 +374,20 @@ def test_a_field_makes_it_a_request_or_a_reply() -> None:
     assert bytes(packet) == encode_frame(5, 4, Frame(request(1)).code)
 
 
+def test_a_reply_without_its_defaults_stays_a_reply() -> None:
+    packet = BCAP(encode_frame(1, 0, 0))
+    packet.hide_defaults()
+    assert packet.is_response
+    assert packet.sprintf("%BCAP.function% %BCAP.hresult%") == "None S_OK"
+
+
+def test_the_port_tells_the_kind_of_each_frame_in_a_segment() -> None:
+    stream = reply(5) + encode_frame(6, 0, 1)
+    answer = IP(src="10.0.0.1", dst="10.0.0.2") / TCP(sport=5007, dport=50001, seq=1, flags="PA") / stream
+    (packet,) = sniff(offline=[Ether(bytes(Ether() / answer))], session=TCPSession)
+    assert [(layer.hresult, layer.function) for layer in frames_of(packet)] == [(0, None), (1, None)]
+
+
 def test_show_names_functions_and_arguments() -> None:
     shown = BCAP(CALL).show(dump=True)
     assert "function  = Robot_Execute\n" in shown
@@ -430,9 +444,3 @@ def test_a_simulated_controller_answers_what_scapy_sends() -> None:
     assert started.hresult == 0
     assert connected.args[0].vt == VT.I4
     assert calls[:2] == ["Service_Start", "Controller_Connect"]
-
-
-def test_read_from_a_file(tmp_path: Path) -> None:
-    path = str(tmp_path / "udp.pcap")
-    wrpcap(path, [Ether() / IP() / UDP(sport=50001, dport=5007) / BCAP(args=[""])])
-    assert rdpcap(path)[0][BCAP].function == "Service_Start"
