@@ -13,6 +13,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -139,6 +140,13 @@ def stated(name: str) -> set[str]:
     return {part.strip() for text in known for part in re.split(r" AND | OR |[()]", text) if part.strip()}
 
 
+with_all_packages = pytest.mark.skipif(
+    find_spec("grimp") is None,
+    reason="the table lists the packages of the extra test, which is not installed",
+)
+
+
+@with_all_packages
 def test_the_table_lists_every_dependency_and_who_needs_it() -> None:
     by_extra = {extra: needed(extra) for extra in EXTRAS}
     expected: dict[str, str] = {}
@@ -148,6 +156,7 @@ def test_the_table_lists_every_dependency_and_who_needs_it() -> None:
     assert {row.package: row.extra for row in rows().values()} == expected
 
 
+@with_all_packages
 def test_the_table_has_the_licences_that_packages_state() -> None:
     for row in rows().values():
         with suppress(metadata.PackageNotFoundError):  # not needed on this system
@@ -246,6 +255,17 @@ def test_a_process_that_loads_both_is_found(tmp_path: Path, module: str) -> None
     (process,) = _processes(tmp_path, "# both")
     assert _is_forbidden(_packages(process))
     assert not _is_forbidden(_packages({"modules": ["scapy", "bcapscope", "numpy"], "maps": []}))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_the_scapy_layer_loads_nothing_that_forbids_scapy(tmp_path: Path) -> None:
+    program = "import bcapscope.scapy_layer; bcapscope.open('captures/slave-session.pcapng')  # layer"
+    with recorded(tmp_path) as environment:
+        argv = [sys.executable, "-c", program]
+        subprocess.run(argv, env=environment, cwd=PAGE.parent.parent, check=True)
+    (process,) = _processes(tmp_path, "# layer")
+    assert "scapy" in _packages(process)
+    assert not _is_forbidden(_packages(process))
 
 
 def _is_forbidden(packages: set[str]) -> bool:

@@ -50,11 +50,19 @@ def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant,
             Message("value.argument-count", function=function.name, wanted=wanted, given=len(values))
         )
     return tuple(
-        variant_of(value)
-        if isinstance(value, Variant) or param.type == "VARIANT"
-        else _typed_variant(function, param, value)
-        for param, value in zip(function.params, values, strict=True)
+        argument_of(function, param, value) for param, value in zip(function.params, values, strict=True)
     )
+
+
+def argument_of(function: Function, param: Param, value: object) -> Variant:
+    """Convert a value to one argument of a request. A Variant stays unchanged.
+
+    Raises:
+        LocalProtocolError: The value does not fit the argument.
+    """
+    if isinstance(value, Variant) or param.type == "VARIANT":
+        return variant_of(value)
+    return _typed_variant(function, param, value)
 
 
 def plain_value(variant: Variant) -> Value:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -51,6 +52,15 @@ PUBLIC_NAMES = [
 
 def test_the_public_names_are_pinned() -> None:
     assert sorted(bcapscope.__all__) == PUBLIC_NAMES
+
+
+def test_the_scapy_layer_is_pinned() -> None:
+    module = import_module("bcapscope.scapy_layer")
+    assert module.__all__ == ["BCAP"]
+    names = "soh length serial reserved function hresult argc args trailer eot"
+    assert [field.name for field in module.BCAP.fields_desc] == names.split()
+    properties = {name for name, value in vars(module.BCAP).items() if isinstance(value, property)}
+    assert properties == {"is_response", "function_id", "command_name", "retry_of", "frame"}
 
 
 def test_type_checkers_see_the_same_names() -> None:
