@@ -71,15 +71,16 @@ class ScenarioTransport(StrEnum):
 
 
 class ClientProgram(StrEnum):
-    """Program of a client; without the faults of a scenario, each program succeeds."""
+    """What the client of a scenario does. Each program succeeds if no fault occurs."""
 
     CALLS = "calls"
     """The client connects, reads and writes a few variables, and disconnects."""
     MOTION = "motion"
     """Like `CALLS`; the client also takes the arm, switches the motor on and moves the robot to and fro."""
     SLAVE = "slave"
-    """Like `MOTION`; the client also moves to a first position with @E and sends set points in slave mode. If
-    the mode paces the client, each reply triggers the next set point; else the client sends one every 8 ms.
+    """Like `MOTION`; the client also moves to a first position with the pass @E and sends set points in slave
+    mode. If the mode paces the client, each reply triggers the next set point. If not, the client sends a set
+    point every 8 ms.
     """
     PASSING = "passing"
     """Like `SLAVE`, but the motion before slave mode has the pass @P."""
@@ -88,7 +89,9 @@ class ClientProgram(StrEnum):
 
 
 class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The client that a scenario is made for: its program, its slave mode, its options of Service_Start."""
+    """The client that a scenario is made for: its program, its slave mode, and its options of
+    Service_Start.
+    """
 
     session: ClientProgram = ClientProgram.SLAVE
     over: ScenarioTransport = ScenarioTransport.UDP
