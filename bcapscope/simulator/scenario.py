@@ -174,13 +174,13 @@ class AxisLimitsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
 
 class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A controller with a start state, and the faults and events that happen to it.
+    """The start state of a simulated controller, and the faults and events that happen to the controller.
 
     Attributes:
         title: One sentence that says what the scenario shows.
         story: Text that says what happens, how the controller reacts, and which users reported this failure.
         shows: Rule that `bcapscope diagnose` reports as the root cause; None for no rule.
-        then: Other rules that `bcapscope diagnose` reports, among the rules that depend on the client.
+        then: Rules besides `shows` that `bcapscope diagnose` reports if the scenario's `client` is used.
         client: Client that the scenario is made for.
         defects: Defects of DENSO's C server that the controller has; None for the defects of the profile.
         no_argument: Choice of the replies that carry no argument; None for the choice of the profile.

@@ -133,7 +133,7 @@ class TakeArm(ScenarioEvent, frozen=True, kw_only=True, tag="take-arm"):
 
 
 class MoveArm(ScenarioEvent, frozen=True, kw_only=True, tag="move"):
-    """Somebody else moves the arm at `speed` percent, unless slave mode is on or a motion is held."""
+    """Somebody else moves the arm at `speed` percent, unless slave mode is on or a motion is paused."""
 
     joints: Joints6
     speed: Percent = 100.0

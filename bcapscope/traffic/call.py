@@ -48,7 +48,8 @@ class FrameRole(StrEnum):
     contradicts an earlier reply has this role, too."""
     LOST = "lost reply"
     """A reply that was captured before the client sent another attempt. The client evidently did not receive
-    the reply, because the client retried."""
+    the reply, because it retried.
+    """
     DUPLICATE = "duplicate"
     """An exact copy of an earlier request or reply of the same call. The network or the capture made the
     copy, because all known clients give a retry a new serial."""
@@ -69,8 +70,7 @@ class CallState(StrEnum):
     ABANDONED = "abandoned"
     """The client began another call before it received a reply to this call."""
     UNANSWERED = "unanswered"
-    """Complete without a reply: the client waited until no reply was possible any more, or until the traffic
-    ended."""
+    """Complete without a reply: a reply can no longer follow, or the traffic has ended."""
     SETTLED = "settled"
     """Complete: no further frame can belong to the call."""
     EVICTED = "evicted"
