@@ -8,7 +8,9 @@ from bcapscope.traffic.observation import Conversation, Observation
 
 
 class DeliveryQueue:
-    """Observations that wait until no earlier observation can follow, ordered by time, then by number."""
+    """Observations, ordered by time and then by number. Each waits until no earlier observation can
+    follow.
+    """
 
     def __init__(self) -> None:
         self._waiting: list[tuple[int, int, Observation]] = []
