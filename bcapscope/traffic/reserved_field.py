@@ -1,4 +1,4 @@
-"""Deduce from frames how a client and a controller use the reserved field."""
+"""Find out from frames how a client and a controller use the reserved field."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["ReplyReserved", "ReservedConvention", "ReservedFieldUsage"]
 
 
 class ReservedFieldUsage(NamedTuple):
-    """Use of the reserved field by client and controller, as far as known.
+    """How client and controller use the reserved field, as far as the frames have shown it.
 
     Attributes:
         reply_reserved: How the controller fills the reserved field of its replies.
@@ -31,7 +31,9 @@ class ReservedFieldUsage(NamedTuple):
         )
 
     def after_first_attempt(self, reserved: int) -> ReservedFieldUsage:
-        """Return the usage after a first attempt on UDP, whose reserved field is 0 or its own serial."""
+        """Return the usage after a first attempt on UDP. The reserved field of a first attempt is 0 or the
+        attempt's own serial.
+        """
         if reserved:
             return self._replace(convention=ReservedConvention.OWN)
         return (
@@ -46,7 +48,8 @@ class ReservedFieldUsage(NamedTuple):
         """Return the usage after a retry.
 
         Args:
-            origin: Serial of the call's first attempt, as captured or as named by a retry.
+            origin: Serial of the call's first attempt, from the captured attempt or from a retry that names
+                it.
             previous: Serial of the call's previous attempt.
             starts_with_zero: Whether the client's latest first attempt has 0 in the reserved field.
         """

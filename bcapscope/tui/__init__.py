@@ -2,5 +2,5 @@
 
 import os
 
-# Textual draws up to two frames after the update that a key caused, and reads this variable at import.
+# Textual draws a change up to two frames later, so a high rate is quick. It reads this variable at import.
 os.environ.setdefault("TEXTUAL_FPS", "240")
