@@ -29,7 +29,7 @@ def current_language() -> Language:
 
 
 def reader_words() -> MessageFormatter:
-    """Return the message formatter for the language of the screen."""
+    """Return the message formatter that writes in the language of the screen."""
     return _Reader.words
 
 

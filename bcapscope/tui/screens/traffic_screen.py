@@ -1,4 +1,6 @@
-"""The traffic screen, for a capture, an interface or a simulator: keys to navigate, mark, save and open."""
+"""The traffic screen for a capture, an interface or a simulator, with keys to navigate, mark, save and
+open.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +63,9 @@ class TrafficScreen(TrafficViews):
         self._evidence_frames: list[int] = []
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer frame actions only in lists of frames or calls, and stop only while a capture runs."""
+        """Offer the actions on frames only in lists of frames or calls. Offer the action stop only while a
+        capture runs.
+        """
         if action in _FRAME_ACTIONS:
             return self.view in RECORD_KINDS
         if action == "proof":
@@ -209,7 +213,9 @@ class TrafficScreen(TrafficViews):
             self._set_note(number, None if number in self.frames.marks else "")
 
     def _set_note(self, number: int, note: str | None) -> None:
-        """Mark a frame, with a note or ""; None removes the frame's mark."""
+        """Mark a frame. `note` is the user's note, "" for a mark without a note, or None to remove the
+        mark.
+        """
         self.frames.marks.pop(number, None)
         if note is not None:
             self.frames.marks[number] = note
