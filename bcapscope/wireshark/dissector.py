@@ -31,7 +31,9 @@ def dissector_text() -> str:
 
 
 def _block(part: str) -> str:
-    """Return a part as a block of its own, because a Lua function has at most 200 local names."""
+    """Return a part of the dissector as a separate Lua block, because a Lua function has at most 200 local
+    names.
+    """
     exports = _EXPORTS.search(part)
     declared = f"local {exports[1]}\n" if exports else ""
     return f"{declared}do\n\n{part}\nend\n"

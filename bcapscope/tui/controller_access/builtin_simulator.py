@@ -32,7 +32,7 @@ START_JOINTS: Joints = (
     0.0,
     0.0,
 )
-"""Joint angles in degrees at the start, as VT_R4 values. DENSO Wave 2009 shows them after slvMove in b-CAP Tester."""
+"""Joint angles in degrees at the start, as VT_R4 values. DENSO Wave 2009 shows these values after slvMove."""
 
 END_TIMEOUT = 2.0
 """Maximum time in seconds that the simulator may take to end. After this time, it is killed."""
