@@ -57,7 +57,9 @@ _OTHER_CLIENTS_COMMANDS = frozenset(
 )
 """Commands that a client may call while another client is in slave mode (orin_bcap_python_samples
 others/bcapslavemove_handmove_COBOTTA.py). It is assumed that the client in slave mode itself may not call
-them. The hand cannot move while slave mode moves the arm (issue 13 of DENSORobot/denso_robot_ros)."""
+these commands. The hand cannot move while slave mode moves the arm (issue 13 of
+DENSORobot/denso_robot_ros).
+"""
 
 
 class ClientSession:
@@ -141,8 +143,8 @@ class ClientSession:
         """Open the controller. RC7 ignores all four arguments; other controllers require the name of their
         provider.
 
-        The name of a controller object is in use while any client has such an object open. This includes a
-        crashed client that the controller still remembers.
+        The name of a controller object is in use while any client has such an object open, even a crashed
+        client that the controller still remembers.
         """
         name, provider, _, option = (text_of(argument_at(arguments, index)) for index in range(4))
         providers = self.machine.profile.providers
@@ -169,8 +171,8 @@ def is_allowed_in_slave_mode(
 ) -> bool:
     """Return whether slave mode accepts a call; `is_other` means that another client has the arm.
 
-    If no source mentions a call, slave mode accepts the call only if it reads. Unknown commands are accepted
-    here, and refused when they run.
+    If no source mentions a call, slave mode accepts the call only if it reads. Slave mode accepts unknown
+    commands, and the controller refuses them when they run.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:

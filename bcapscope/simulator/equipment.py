@@ -30,8 +30,8 @@ SECOND = 1_000_000_000
 class HandLimits(NamedTuple):
     """Limits of a hand: widths in mm, speeds in mm/s, acceleration in mm/s², forces in N.
 
-    `speed` is the speed at 100 %. `grip_speed` is the speed of a grip without speed parameter. `slowest` is
-    the lowest speed in percent.
+    `speed` is the speed of the fingers at 100 %. `grip_speed` is the speed of a grip without speed parameter.
+    `slowest` is the lowest speed in percent.
     """
 
     narrowest: float

@@ -8,8 +8,8 @@ touch an object without gripping it: DENSORobot/denso_robot_ros issue 46. Source
 needs the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
 
 The call of a hand lasts as long as its motion. The samples send the next command at once, and a moving hand
-would refuse it. No force acts on the simulated robot. The simulator has one arm. It therefore checks the
-order of SyncTimeStart, SyncTimeEnd, SyncMoveStart and SyncMoveEnd, but these commands do not change motions.
+would refuse it. No force acts on the simulated robot. The simulator has one arm. SyncTimeStart, SyncTimeEnd,
+SyncMoveStart and SyncMoveEnd therefore do not change motions; the simulator only checks their order.
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ def _start(
 ) -> RunningCall | None:
     """Begin a motion, unless the state forbids it, the hand moves, or COBOTTA's motor is off.
 
-    If the call `waits`, it lasts as long as the motion. The call then fails if the 2FG hand grips nothing.
+    If the call `waits`, it lasts as long as the motion. A waiting call fails if the 2FG hand grips nothing.
     """
     is_gripper = hand is context.machine.equipment.gripper
     if is_gripper:
@@ -365,7 +365,7 @@ EQUIPMENT_COMMANDS: CommandTable = {
     ),
     "forcewaitcondition": accept_without_effect,
     "autocal": accept_without_effect,
-    # RobInfo returns the type name for 1, and an empty text for other numbers.
+    # RobInfo returns the type name if the parameter is 1, and an empty text for any other parameter.
     "robinfo": lambda context, kind: bstr(
         context.machine.initial_state.type_name if integer_of(kind) == 1 else ""
     ),

@@ -16,8 +16,8 @@ _RECEIVE_BUFFER = 4 << 20
 """Requested size in bytes of the buffer for waiting datagrams; the system may grant less."""
 
 _BACKLOG = 1024
-"""Maximum number of TCP connections that wait until the simulator accepts them. Beyond this number, a new
-client retries after a second.
+"""Maximum number of TCP connections that wait until the simulator accepts them. If more connections wait, a
+new client retries after a second.
 """
 
 

@@ -1,9 +1,9 @@
 """Ordinary motions: Robot_Move, Drive, Approach, Depart, Halt, Hold, Unhold.
 
 Unless the option is NEXT, a call lasts as long as its motion. The motion ends when the commanded joints reach
-the target. With @E, it ends when the encoders reach the target. With @P, the next motion may begin when most
-of the first motion's time is over. A second motion before that time returns 80010004 (b-Cap.h of the ANSI-C
-client, which then repeats its Robot_Move).
+the target. With @E, the motion ends when the encoders reach the target. With @P, the next motion may begin
+when most of the first motion's time is over. A second motion before that time returns 80010004 (b-Cap.h of
+the ANSI-C client, which then repeats its Robot_Move).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The simulated controller with its clients: datagrams and segments in, datagrams and segments out.
 
 The model does no I/O and has no clock. The limits on clients are those of orin_bcap
-C/src/bCAPServer/bcap_server.c. That server ends its UDP service when it receives a datagram that begins like
-a frame but is not one. The simulator drops and counts such a datagram.
+C/src/bCAPServer/bcap_server.c. DENSO's C server ends its UDP service when it receives a datagram that begins
+like a frame but is not a frame. The simulator drops and counts such a datagram.
 """
 
 from __future__ import annotations
@@ -161,7 +161,7 @@ class ClientHost:
         return outputs
 
     def on_disconnect(self, peer: Peer, now: int) -> None:
-        """Remove a client that is gone."""
+        """Remove a client that has disconnected."""
         link = self._links.pop(peer, None)
         self._running.pop(peer, None)
         self._stops.pop(peer, None)
@@ -286,5 +286,5 @@ class Simulator(ClientHost):
 
     @property
     def has_running_calls(self) -> bool:
-        """Whether a call is running that ends at a later time."""
+        """Whether any call has been received but not answered yet."""
         return bool(self._running)

@@ -1,8 +1,8 @@
 """The controller's time: the machine's time, stopped while this process gets no processor.
 
-A real controller never waits for a processor. If this process gets no processor while an event is due or a
-request is in its socket, the model's time stands still until the process runs again. If time continued, 8 ms
-would pass before the simulator sends the reply that asks the client for its next set point.
+A real controller never waits for a processor. An event may become due, or a request may arrive, while this
+process gets no processor. The model's time then stands still until the process runs again. If time continued,
+8 ms would pass before the simulator sends the reply that asks the client for its next set point.
 
 A frame that arrived during the delay is processed with its arrival time, which the operating system records.
 A set point that arrived in time therefore counts as in time, however late the simulator reads it. Clients

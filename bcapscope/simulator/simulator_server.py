@@ -110,7 +110,8 @@ class SimulatorServer:
     The model's time is the time of a `SimulatorClock`. A request has its arrival time, which Linux records.
     On TCP, Linux records only the arrival of the last byte. In modes where the client sets the pace, set
     points can pile up. The server then spreads their arrival times evenly between the client's previous bytes
-    and the last bytes. In other modes, all requests that were read together have the same arrival time.
+    and the last bytes. In modes where the client does not set the pace, all requests that were read together
+    have the same arrival time.
     """
 
     def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:
@@ -188,7 +189,7 @@ class SimulatorServer:
         """Wait for readable and writable sockets; shortly after a request, poll instead of sleeping.
 
         If a poll found no bytes, the bytes of the next poll arrived between both polls. If several datagrams
-        arrived, a later poll finds the others.
+        arrived, a later poll finds the remaining datagrams.
         """
         end = self._spin_until if due is None else min(self._spin_until, due)
         self._may_be_more = True
@@ -207,7 +208,8 @@ class SimulatorServer:
         """Return the descriptors that are ready, after `seconds` at the latest.
 
         Stdin may be a regular file, which is always ready and which `epoll` refuses. Modes with a fixed cycle
-        of 8 ms need a wait with microsecond precision. `select` has this precision, `poll` has not.
+        of 8 ms need a wait with microsecond precision. `select` waits with microsecond precision, `poll` does
+        not.
         """
         readable, writable, _ = select.select(readers, self._writers, (), seconds)
         return readable, writable
@@ -227,8 +229,8 @@ class SimulatorServer:
                 self._deliver_queued()
 
     def _read_datagrams(self) -> None:
-        """Read the waiting datagrams, so that the system's buffer does not overflow. Answer the first at
-        once, and queue the others.
+        """Read the waiting datagrams, so that the system's buffer does not overflow. Answer the first
+        datagram at once, and queue the remaining ones.
         """
         receive, turns = self._receive, self.datagram_queue
         # 0: no time is requested, because the datagram came between two polls

@@ -40,7 +40,9 @@ PATIENCE = 500 * MS
 
 INVALID_SET_POINT = 0x83201405
 LONGEST_SET_POINT = 1e9
-"""Smallest norm at which a set point is invalid. The norm is that of the set point's numbers as a vector."""
+"""Smallest norm at which a set point is invalid. The norm is computed from the numbers of the set point,
+taken as a vector.
+"""
 
 FIRST_USER_IO = 128
 HAND_IO, MINI_IO = 48, 0

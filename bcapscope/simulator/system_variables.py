@@ -106,8 +106,8 @@ def _write_frame(context: CallContext, kind: str, number: int, value: Variant) -
 
 
 def _numbered_variable(variable: ControllerObject) -> tuple[str, int] | None:
-    """Return the letter and the number of a numbered variable. If its name ends in `*`, the number is the
-    object's ID.
+    """Return the letter and the number of a numbered variable. If the name of the variable ends in `*`, the
+    number is the ID that the client stored.
     """
     match = _NUMBERED.fullmatch(variable.name.strip().upper())
     if match is None or _owner_kind(variable) is not ObjectClass.CONTROLLER:

@@ -28,7 +28,7 @@ class EmbeddedProxy(RecordingContext):
         with bcapscope.Proxy(to="192.168.0.1:5007", faults=["loss=5%"], seed=3) as proxy:
             run_my_client(proxy.host, proxy.port)
 
-    The proxy works like that of `bcapscope proxy`. It records the traffic with the client and with the
+    The proxy works like that of `bcapscope proxy`. The proxy records the traffic with the client and with the
     controller. `calls` and `findings` wait until the recorder has been idle for 1 s.
 
     Attributes:

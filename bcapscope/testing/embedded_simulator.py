@@ -103,7 +103,9 @@ class EmbeddedSimulator(RecordingContext):
 
 
 class _ServerThread:
-    """The thread that serves the clients. It owns the server and the recorder until it ends."""
+    """The thread that serves the clients. The thread owns the server and the recorder until the thread
+    ends.
+    """
 
     def __init__(self, server: SimulatorServer, recorder: BackgroundRecorder) -> None:
         self._server = server

@@ -17,7 +17,9 @@ class ThreadedContext(ABC):
 
     @abstractmethod
     def _open(self) -> None:
-        """Acquire the resource. If that fails, release everything and raise an exception."""
+        """Acquire the resource. If the resource cannot be acquired, release everything and raise an
+        exception.
+        """
 
     @abstractmethod
     def _close(self) -> None:

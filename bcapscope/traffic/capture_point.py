@@ -1,10 +1,10 @@
 """Where a capture was taken, and what this means for replies that were captured shortly before a retry.
 
 A reply and a retry cross if the client sends the retry before it receives the reply. The reply is then late.
-If they did not cross, the client never received the reply, so the reply was lost. A capture on the client's
-computer shows whether the reply was late or lost. In a capture taken elsewhere, a reply that was captured
-before the retry may still have crossed it. The time between reply and retry is then shorter than the round
-trip from the capture point to the client and back.
+If reply and retry did not cross, the client never received the reply, so the reply was lost. A capture on the
+client's computer shows whether the reply was late or lost. In a capture taken elsewhere, a reply that was
+captured before the retry may still have crossed it. The time between reply and retry is then shorter than the
+round trip from the capture point to the client and back.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class CrossingWindow:
     """The time within which a reply and a retry of one client may cross.
 
     The client's reactions show this time. A reaction lasts from a captured reply to the client's next
-    request. It consists of the round trip from the capture point to the client and back, and of the client's
-    time to prepare the request.
+    request. A reaction consists of the round trip from the capture point to the client and back, and of the
+    client's time to prepare the request.
 
     Attributes:
         considered_below_ns: Only reactions shorter than this can narrow the window.

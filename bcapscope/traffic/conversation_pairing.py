@@ -37,10 +37,10 @@ from bcapscope.traffic.unseen_attempts import (
 SERVICE_START = 1
 
 MAX_EXTRA_FRAMES = 65536
-"""Maximum number of retries, notices and further replies of a conversation's open calls. They take about 30
-MB of memory. The call that exceeds the limit is evicted with all earlier calls, and its further frames start
-another call. The older C client retries without end (start-jsk/denso b-Cap.c). At one retry every 20 ms, it
-reaches the limit within 20 minutes.
+"""Maximum number of retries, notices and further replies of a conversation's open calls. These frames take
+about 30 MB of memory. The call that exceeds the limit is evicted with all earlier calls, and its further
+frames start another call. The older C client retries without end (start-jsk/denso b-Cap.c). At one retry
+every 20 ms, such a client reaches the limit within 20 minutes.
 """
 
 _FRAME_COST = 512  # bytes of overhead per frame

@@ -93,8 +93,8 @@ class HandleTracker:
         """Start without sessions.
 
         Args:
-            max_ended: Maximum number of ended sessions that the tracker remembers. Beyond the limit, it drops
-                the oldest session.
+            max_ended: Maximum number of ended sessions that the tracker remembers. Beyond the limit, the
+                tracker drops the oldest session.
         """
         self._clients: dict[Conversation, _ClientObjects] = {}
         self._current_client: _ClientObjects | None = None

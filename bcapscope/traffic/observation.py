@@ -61,7 +61,9 @@ class ConnectionEnd:
 
     @property
     def ends_replies(self) -> bool:
-        """Whether the controller can no longer reply. It may still reply if only the client has sent FIN."""
+        """Whether the controller can no longer reply. The controller may still reply if only the client has
+        sent FIN.
+        """
         return self.reset or self.both_ended or self.by is Direction.RESPONSE
 
 

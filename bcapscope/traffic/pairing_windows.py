@@ -54,9 +54,9 @@ def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequ
 def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], now: int) -> None:
     """Mark the open calls that could no longer be answered when the traffic of their conversation ended.
 
-    A reply to a later call shows that an open call can no longer be answered. The reason is that controllers
-    answer in order, and the network reorders replies only within a short time. If the capture ends after the
-    client gave up, the times between the attempts show it.
+    If a later call has a reply, an open call can no longer be answered, because controllers answer in order.
+    The network reorders replies only within a short time. The times between the attempts also show that a
+    call can no longer be answered, if the capture ends after the client gave up.
 
     Args:
         open_calls: Open calls of the conversation, oldest first.

@@ -40,8 +40,8 @@ class PipelineSubscriber:
     pipeline computes only what its subscribers need.
 
     Attributes:
-        needs_targets: Whether `on_call` needs the object of each call's handle. If it is False, the `target`
-            of `on_call` may be None.
+        needs_targets: Whether `on_call` needs the object of each call's handle. If `needs_targets` is False,
+            the `target` of `on_call` may be None.
     """
 
     needs_targets: ClassVar[bool] = False

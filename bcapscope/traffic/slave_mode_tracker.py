@@ -39,8 +39,8 @@ class SlaveModeEffect(Enum):
     captured.
     """
     SET_POINT_FAILED = "set point failed"
-    """The call is a set point that the controller refused, neither because slave mode is off nor because the
-    buffer is full.
+    """The call is a set point that the controller refused for a reason other than a full buffer or slave mode
+    being off.
     """
     FOUND_OFF = "found off"
     """The call is a set point that the controller refused because slave mode is off."""

@@ -15,10 +15,10 @@ from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_OPEN = 8192
-"""Maximum number of open calls in all conversations. They take about 10 MB of memory. Beyond the limit, the
-older half of the open calls is evicted from the conversation with the most open calls. Four clients that send
-a set point every 2 ms without a reply reach the limit. The evicted calls are then older than a second and are
-considered unanswered, because a reply would be late.
+"""Maximum number of open calls in all conversations. These calls take about 10 MB of memory. Beyond the
+limit, the older half of the open calls is evicted from the conversation with the most open calls. Four
+clients that send a set point every 2 ms without a reply reach the limit. The evicted calls are then older
+than a second and are considered unanswered, because a reply would be late.
 """
 
 MAX_BYTES = 32 * 1024 * 1024
@@ -37,9 +37,9 @@ _REQUEST = Direction.REQUEST
 class Tracker:
     """Pairs requests, retries, notices and replies of live or recorded traffic in bounded memory.
 
-    The tracker numbers calls in starting order, and returns the calls of a conversation in that order. It
-    returns a call as soon as no further frame can belong to this call or an earlier call of the conversation.
-    Calls of one conversation do not wait for calls of another conversation.
+    The tracker numbers calls in starting order, and returns the calls of a conversation in that order. The
+    tracker returns a call as soon as no further frame can belong to this call or an earlier call of the
+    conversation. Calls of one conversation do not wait for calls of another conversation.
 
     The calls depend only on the observations so far. A truncated capture gives the same calls as the whole
     capture, except for calls that are open at its end. Beyond the memory limits, the tracker evicts calls: it

@@ -38,8 +38,8 @@ def accept_connection(
 ) -> tuple[socket.socket, Any] | None:
     """Accept a connection and return its socket and address; None if no connection is pending.
 
-    If no file descriptor is free, this function calls `free_descriptor`. That function closes a descriptor,
-    and returns False if it has none to close.
+    If no file descriptor is free, this function calls `free_descriptor`. `free_descriptor` closes a
+    descriptor, and returns False if it has none to close.
 
     Raises:
         OSError: No connection can be accepted now.

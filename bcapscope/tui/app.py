@@ -36,7 +36,9 @@ if TYPE_CHECKING:
     from bcapscope.tui.screens.base_screen import BaseScreen
 
 CLOSE_TIMEOUT = 10.0
-"""Maximum time in seconds for all closers together. After this time, the screen closes anyway."""
+"""Maximum time in seconds for all closers together. When this time is over, the screen closes even if closers
+still run.
+"""
 
 HALT_KEY_WINDOW = 0.5
 """For this time in seconds after the terminal driver halted the robot, `action_halt` does not halt it
@@ -47,7 +49,7 @@ TERMINAL_CHECK_INTERVAL = 1.0
 """Seconds between two checks that the terminal still exists."""
 
 _GC_THRESHOLDS = (2_000, 20, 1000)
-"""Thresholds of the garbage collector. While it collects, no key is handled.
+"""Thresholds of the garbage collector. No key is handled while the collector runs.
 
 Textual creates many objects. A collection of new objects is frequent and takes 1 ms; a collection of older
 objects is rarer and takes 30 ms. A full collection takes 50 ms, so it is rare.
@@ -288,7 +290,7 @@ class BcapApp(KeyOrderApp):
         self.save_settings()
 
     def action_language(self, name: str) -> None:
-        """Save the language for the next start; texts on the screen keep the present language."""
+        """Save the language for the next start; texts on the screen keep the current language."""
         self.settings.language = name
         self.save_settings()
         self.show_message(label("shell.language.next"))

@@ -30,8 +30,8 @@ _MOUNT_POLL_INTERVAL = 0.02
 
 @dataclass
 class KeyHandled(Message):
-    """A marker that follows a key on the key's path through the widgets. It arrives when the widgets have
-    handled the key.
+    """A marker that follows a key on the key's path through the widgets. The marker arrives when the widgets
+    have handled the key.
 
     A second marker waits for events that the key caused, such as the press of a button.
     """

@@ -124,14 +124,14 @@ def _write_all(fileno: int, data: bytes) -> int:
 
 _REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
 _IDEOGRAPHIC_SPACE = "\u3000"
-"""The ideographic space. Python counts it as not printable, but Japanese texts use it everywhere."""
+"""Python counts the ideographic space as not printable, but Japanese texts use it everywhere."""
 
 
 class ControlCharFilter(LineFilter):
     """Replaces each character that is not visibly printable, after running all other line filters.
 
-    Textual splits and joins each line once per filter. A single filter that runs the others itself is
-    therefore faster.
+    Textual splits and joins each line once per filter. `ControlCharFilter` therefore runs the other filters
+    itself, so that Textual sees only one filter.
     """
 
     def __init__(self, earlier_filters: Sequence[LineFilter] = ()) -> None:

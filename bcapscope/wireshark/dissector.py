@@ -9,7 +9,9 @@ from bcapscope import __version__
 from bcapscope.wireshark.lua_tables import dissector_tables
 
 PARTS = ("inflate", "decoder", "splitter", "dissector")
-"""The fixed parts of the dissector, in order. Each part uses what the earlier parts export."""
+"""The fixed Lua parts of the dissector, in the order in which the dissector contains them. Each part uses
+what the earlier parts export.
+"""
 
 _EXPORTS = re.compile(r"(?m)^-- Exports: (.+)$")
 

@@ -95,8 +95,8 @@ class Filter:
     Attributes:
         getter_names: Names of the getters that must be passed to `bind`.
         warnings: Comparisons that are valid, but probably a mistake.
-        unknown_values: Values in the expression that bcapscope's tables do not contain. Such a value can be
-            right, but may also be the reason why a filter selects nothing.
+        unknown_values: Values in the expression that bcapscope's tables do not contain. An unknown value can
+            be right, but may also be the reason why a filter selects nothing.
     """
 
     expression: str

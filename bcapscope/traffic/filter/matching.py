@@ -39,8 +39,8 @@ class LiteralMatch(NamedTuple):
     """How a filter compares values with a literal.
 
     Attributes:
-        same_kind: Function that returns whether a value can be compared with the literal. If it cannot, both
-            == and != are false.
+        same_kind: Function that returns whether a value can be compared with the literal. If a value cannot
+            be compared, both == and != are false.
     """
 
     same_kind: Match

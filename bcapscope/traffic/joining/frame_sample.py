@@ -60,8 +60,8 @@ class FrameSample:
 
     Attributes:
         count: Number of frames in the sample.
-        frames: Time of each frame, by conversation, direction and bytes. For equal frames, it is the time of
-            the first one.
+        frames: Time of each frame, by conversation, direction and bytes. If several frames are equal, the
+            time is that of the first one.
     """
 
     def __init__(self) -> None:

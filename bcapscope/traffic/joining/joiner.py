@@ -19,8 +19,8 @@ from bcapscope.traffic.joining.twin_recognition import (
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation
 
 HELD_NS = 1_000_000_000
-"""Maximum time in ns for which the traffic of a new conversation is held. During this time, bcapscope looks
-for a conversation that is the other leg.
+"""Maximum time in ns for which the traffic of a new conversation is held. While the traffic is held,
+bcapscope looks for a conversation that is the other leg of the proxy.
 """
 
 HELD_UNANSWERED_NS = 5_000_000_000
@@ -37,8 +37,8 @@ HELD_FRAMES = 512
 """Maximum number of frames of a new conversation that are held until the other leg is known."""
 
 OWN_CALLS = 2
-"""Number of answered calls after which a conversation is assumed not to be the leg of a proxy, if no other
-conversation has the same requests. A proxy forwards a request before it receives the reply. If there were a
+"""If no other conversation has the same requests, a conversation with this number of answered calls is
+assumed not to be the leg of a proxy. A proxy forwards a request before it receives the reply. If there were a
 proxy, the request would have been captured twice by then.
 """
 
@@ -97,7 +97,7 @@ class _NewConversation:
             self.suspects[conversation] = None
 
     def drop_before(self, client_side: _NewConversation) -> None:
-        """Drop the first frames, up to the first one that the client's side still holds."""
+        """Drop the first frames, up to the first frame that the client's side still holds."""
         waiting = {each.item.raw for each in client_side.held}
         while self.held and self.held[0].item.raw not in waiting:
             del self.held[0]
@@ -106,9 +106,9 @@ class _NewConversation:
 class Joiner:
     """Joins the two legs of a conversation through a proxy, which are captured as two conversations.
 
-    A new conversation is held until it is known whether another conversation is its second leg. It is held
-    for at most `HELD_NS`. The joiner returns observations of joined conversations as `JoinedObservation`, and
-    all others unchanged.
+    The joiner holds a new conversation, for at most `HELD_NS`, until it knows whether another conversation is
+    the second leg. The joiner returns observations of joined conversations as `JoinedObservation`, and all
+    others unchanged.
 
     Attributes:
         passing: Flows that are not the leg of a proxy. Their observations need not be added, because no

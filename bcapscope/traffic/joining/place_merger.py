@@ -27,8 +27,8 @@ MAX_COMPARED = 1024
 """Maximum number of waiting frames that are compared with a frame, because a proxy may have changed it."""
 
 MAX_OVERDUE = 256
-"""Maximum number of lost frames that are remembered. If the other place captures such a frame later, it is
-recognised. An example is a held message that the proxy's user released.
+"""Maximum number of lost frames that are remembered. If the other place captures a lost frame later, the
+merger recognises the frame. An example is a held message that the proxy's user released.
 """
 
 NO_COMMENTS: Mapping[int, tuple[str, ...]] = {}
@@ -109,7 +109,7 @@ class PlaceMerger:
         return pending[0].observation.time if pending else None
 
     def add(self, observation: Observation, place: CapturePlace) -> None:
-        """Add the next observation of a place."""
+        """Add the next observation that was captured at `place`."""
         flow = observation.flow
         if flow.conversation is self.conversation and flow.direction not in self._known_flows:
             self._known_flows.add(flow.direction)

@@ -16,7 +16,9 @@ calls in a row are very unlikely.
 """
 
 FEWEST_CALLS = 2
-"""Number of nested calls that prove the same if the traffic holds no further calls."""
+"""If the traffic holds no further calls, this number of nested calls proves that two conversations are the
+legs of a proxy.
+"""
 
 CLIENT_LEG, CONTROLLER_LEG = "clients of ", "controller "
 """Prefixes of the interface names that bcapscope's proxy uses for its two legs in a recording."""
@@ -56,8 +58,8 @@ def nested_calls(outer: Iterable[Observation], inner: Iterable[Observation]) -> 
 
 
 def may_be_twins(one: Conversation, other: Conversation) -> bool:
-    """Return whether two conversations can be the legs of a proxy. They must use the same transport, and have
-    different servers.
+    """Return whether two conversations can be the legs of a proxy. Both legs of a proxy use the same
+    transport, and have different servers.
     """
     return one.transport is other.transport and one.server != other.server
 

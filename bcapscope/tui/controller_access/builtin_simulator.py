@@ -35,7 +35,9 @@ START_JOINTS: Joints = (
 """Joint angles in degrees at the start, as VT_R4 values. DENSO Wave 2009 shows these values after slvMove."""
 
 END_TIMEOUT = 2.0
-"""Maximum time in seconds that the simulator may take to end. After this time, it is killed."""
+"""Maximum time in seconds that the simulator may take to end. After this time, bcapscope kills the
+simulator.
+"""
 
 _STEP = 0.2
 _HOST = "127.0.0.1"

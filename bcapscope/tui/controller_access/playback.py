@@ -211,8 +211,8 @@ class PlaybackRun:
     ended: PlayEnded | None = None
 
     def on_message(self, message: PlayerMessage) -> str | None:
-        """Store a message of the player. If it is a question that needs no decision of the user, return the
-        answer.
+        """Store a message of the player. If the message is a question that needs no decision of the user,
+        return the answer.
         """
         if isinstance(message, PlayProgress):
             if message.of or self.progress is None:

@@ -117,8 +117,8 @@ def find_frame(text: str, journal: ObservationStore) -> int | None:
     """Return a frame by its number, or by a time in seconds after the start such as ``12.5s``.
 
     Returns:
-        Number of the frame. For a time, it is the first frame at or after this time; a number or time that is
-        too large gives the last frame. None if the text is neither a number nor a time.
+        Number of the frame. If the text is a time, it is the first frame at or after this time. A number or
+        time that is too large gives the last frame. None if the text is neither a number nor a time.
     """
     text = text.strip()
     number = parse_integer(text, 0, 1 << 63)
@@ -134,8 +134,8 @@ def find_frame(text: str, journal: ObservationStore) -> int | None:
 
 
 def notes_by_packet(marks: Mapping[int, str], read_frame: Callable[[int], AnnotatedFrame]) -> dict[int, str]:
-    """Return the notes on frames by packet number. The number is that of the packet that completed the
-    frame.
+    """Return the notes on frames by packet number. The note on a frame has the number of the packet that
+    completed the frame.
     """
     notes: dict[int, str] = {}
     for number, note in sorted(marks.items()):

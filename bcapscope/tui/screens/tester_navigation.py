@@ -15,7 +15,7 @@ from bcapscope.tui.tester.packet_pane import VIEWS, PacketPane
 _PART_SELECTOR = "#left .box, #function, #raw, #right"
 _FOCUS_SELECTOR = "Input, HexView, Lines, Button"
 _SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"
-"""CSS selector of the widgets that the navigation skips. They precede the main widget of their area."""
+"""CSS selector of the widgets that precede the main widget of an area, and that the navigation skips."""
 
 
 class TesterNavigation(BaseScreen):
@@ -25,8 +25,8 @@ class TesterNavigation(BaseScreen):
     """
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Yield palette commands for the tabs and views. Reaching these with keys alone takes several
-        keys.
+        """Yield palette commands for the tabs and views. Without a palette command, the user needs several
+        keys to reach a tab or a view.
         """
         for kind, names in (("tab", TABS), ("view", VIEWS)):
             for name in names:

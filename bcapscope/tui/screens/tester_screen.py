@@ -255,7 +255,7 @@ class TesterScreen(TesterNavigation):
                 panel.show_status(self.session.status)
 
     def _focus_next_form(self, panel: ConnectionPanel) -> None:
-        """Focus the next form to use, unless the user has moved the focus to another part."""
+        """Focus the next form to use, unless the user has moved the focus to another area of the screen."""
         if self.focused is None or panel in self.focused.ancestors:
             for name in ("#robot-forms", "#panels"):
                 if self._focus_first_in(self.query_one(name)):

@@ -104,7 +104,7 @@ class TrafficScreen(TrafficViews):
         self.frames.move_cursor_to(index)
 
     def action_partner(self) -> None:
-        """Select the request of the present reply, or the reply to the present request."""
+        """From a reply, select its request; from a request, select its reply."""
         number = self.frame_number
         if number is None:
             return
@@ -115,7 +115,9 @@ class TrafficScreen(TrafficViews):
             self.go_to_frame(other)
 
     def action_call(self) -> None:
-        """From the frames, select the call of the present frame; from the calls, select the present frame."""
+        """In the list of frames, select the call of the frame under the cursor. In the list of calls, select
+        the frame under the cursor.
+        """
         number, calls = self.frame_number, self.feed.calls
         if number is None or calls is None:
             return
@@ -132,7 +134,7 @@ class TrafficScreen(TrafficViews):
             self.calls.go_to_call(row + 1)
 
     def action_why(self) -> None:
-        """Select the finding that names the present frame; from a finding, select its cause."""
+        """From a frame, select the finding that names the frame; from a finding, select its cause."""
         page, findings = self.query_one(FindingPage), self.analysis.findings
         if self.view == "findings":
             number = page.current_finding()

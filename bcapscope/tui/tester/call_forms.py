@@ -54,8 +54,8 @@ class CommandForm(Vertical):
     def _show_suggestion(self, message: Input.Changed) -> None:
         """Show what the typed command does, and prepare its parameter.
 
-        The form restores the parameter that the user last sent with this command. It clears a parameter of
-        any other command.
+        The form restores the parameter that the user last sent with this command. The form clears a parameter
+        of any other command.
         """
         found = command_hint(self.function.id, message.value)
         if found is None:

@@ -37,7 +37,7 @@ class ChoiceDialog(ModalScreen[str | None]):
         Binding("right", "app.focus_next", show=False),
     ]
     LABELS = "tester.answer"
-    """Beginning of the label id of each choice; a point and the name of the choice follow."""
+    """Beginning of the label id of each choice; a dot and the name of the choice follow."""
 
     def __init__(self, lines: Sequence[str], choices: Sequence[str]) -> None:
         """`lines` are the facts and the question, already escaped. `choices` are the answers that the user

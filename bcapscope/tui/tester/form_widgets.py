@@ -34,7 +34,7 @@ class Box(Vertical):
 
 
 class FormButton(Button):
-    """A button of one line. `key` is the label id of the button's text."""
+    """A button that is one line high. `key` is the label id of the button's text."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class TickBox(Checkbox):
 
 
 class ChoiceRow(ClickBar, can_focus=True):
-    """A row of names. The user chooses one of them."""
+    """A row of names, of which the user chooses one."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "step(-1)", "", show=False),

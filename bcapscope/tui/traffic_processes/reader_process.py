@@ -1,4 +1,4 @@
-"""The reader process. It writes observations to a journal and calls to a call store, and analyses the
+"""The reader process, which writes observations to a journal and calls to a call store, and analyses the
 traffic.
 
 Run as ``python -m bcapscope.tui.traffic_processes.reader_process``. The job arrives on standard input;
@@ -46,8 +46,8 @@ from bcapscope.tui.traffic_processes.process_messages import (
 from bcapscope.tui.traffic_processes.traffic_publisher import TrafficPublisher
 
 _BATCH_MASK = 0xFF
-"""Mask for frame numbers. With it, the reader checks the clock every 256 frames, which is several times per
-ms.
+"""Mask for frame numbers. With this mask, the reader checks the clock every 256 frames, which is several
+times per ms.
 """
 
 LIVE_FILE = "live.pcapng"

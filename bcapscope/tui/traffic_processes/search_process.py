@@ -1,8 +1,8 @@
 """The search process: applies a filter to the records of a journal, and reports the matches.
 
-bcapscope runs it as ``python -m bcapscope.tui.traffic_processes.search_process FOLDER``. Search requests
-arrive on standard input; matches go to standard output. A new request ends the previous search. When a search
-has reached the last row, it waits for new rows and examines them.
+bcapscope runs this process as ``python -m bcapscope.tui.traffic_processes.search_process FOLDER``. Search
+requests arrive on standard input; matches go to standard output. A new request ends the previous search. When
+a search has reached the last row, it waits for new rows and examines them.
 """
 
 from __future__ import annotations

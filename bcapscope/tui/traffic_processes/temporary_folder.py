@@ -27,11 +27,12 @@ class TemporaryFolderError(BcapError):
 
 
 class TemporaryFolder:
-    """A folder that is removed when the screen ends, even if the screen is killed. It is a context manager.
+    """A folder that is removed when the screen ends, even if the screen is killed. A `TemporaryFolder` is a
+    context manager.
 
-    The files in the folder need names, because several processes open them. One of them is the proxy's relay.
-    Windows cannot remove a file that is open. A separate process therefore waits until the screen has ended,
-    and then removes the folder.
+    The files in the folder need names, because several processes open the files; one such process is the
+    proxy's relay. Windows cannot remove a file that is open. A separate process therefore waits until the
+    screen has ended, and then removes the folder.
     """
 
     def __init__(self) -> None:

@@ -30,7 +30,7 @@ from bcapscope.tui.traffic_processes.process_messages import (
 from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder, cache_root
 
 _END_TIMEOUT = 2.0
-"""Maximum time in seconds that a process may take to end. After this time, it is killed."""
+"""Maximum time in seconds that a process may take to end. After this time, the screen kills the process."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,9 +75,9 @@ class ScreenProcess(AppService):
         """Prepare the process.
 
         Args:
-            write_bytes: Function that sends drawing data to the page. It must not raise, because unread
-                output blocks the process.
-            write_str: Function that sends messages to the page. It must not raise.
+            write_bytes: Function that sends drawing data to the page and never raises, because unread output
+                would block the process.
+            write_str: Function that sends messages to the page and never raises.
         """
         super().__init__(
             subprocess.list2cmdline(argv),

@@ -1,4 +1,4 @@
-"""Access check of the served screen. It checks every HTTP request, and does no I/O.
+"""Access check of the served screen. The module checks every HTTP request, and does no I/O.
 
 The address that bcapscope prints contains a token. The printed address opens a page that sets a cookie and
 forwards to a secret path. All other pages are below the secret path and need the cookie. Browsers send a
@@ -21,8 +21,8 @@ TOKEN = "token"
 
 _HTTP_PORT = 80
 _NOT_FROM_OTHER_PAGES = ("", "none", "same-origin")
-"""Accepted values of the header Sec-Fetch-Site. They stand for a typed address or a bookmark, for bcapscope's
-own page, and for a missing header.
+"""Accepted values of the header Sec-Fetch-Site. The values mean a typed address or a bookmark, bcapscope's
+own page, or a missing header.
 """
 
 

@@ -26,7 +26,7 @@ from bcapscope.tui.reader_language import label
 from bcapscope.tui.themes import readable_style
 
 _MAX_STRIPS = 500
-"""Maximum number of cached strips, which are rendered lines. This number is enough for several screens."""
+"""Maximum number of cached strips, which are rendered lines. The lines of several screens fit."""
 
 _SIDEWAYS_COLUMNS = 8
 
@@ -208,7 +208,7 @@ class Lines(ScrollView, can_focus=True):
         return Strip(drawn, max(length, x + width)).crop(x, x + width)
 
     def _line_styles(self, cursor_state: str) -> Styles:
-        """Return the styles for pieces of a line, by style name. The name "" stands for the line itself.
+        """Return the styles for pieces of a line, by style name. The style of the whole line has the name "".
 
         Args:
             cursor_state: "cursor" or "blurred" for the line under the cursor, "" for any other line.

@@ -1,4 +1,6 @@
-"""Show a frame as a tree and as bytes, side by side. The selected field is highlighted in both."""
+"""Show a frame as a tree and as bytes, side by side. The selected field is highlighted in the tree and in the
+bytes.
+"""
 
 from __future__ import annotations
 
@@ -375,12 +377,14 @@ line are shown.
 
 
 class PacketView(Horizontal, PlainContainer):
-    """Shows one frame, or bytes that are not a frame, as a tree and as bytes. Selecting in one half selects
-    in the other half.
+    """Shows one frame, or bytes that are not a frame, as a tree and as bytes. The tree and the bytes
+    highlight the same field.
     """
 
     def compose(self) -> ComposeResult:
-        """Put the tree and the bytes side by side. The line between them is a widget, drawn only once."""
+        """Put the tree and the bytes side by side. The line between tree and bytes is a widget, which Textual
+        draws only once.
+        """
         yield FieldTree(id="fields")
         yield Container(classes="edge")
         yield HexView(id="bytes")

@@ -104,7 +104,7 @@ def right_aligned(text: str, width: int) -> str:
 
 
 MARKED, RELATED, EVIDENCE = "●", "┃", "◆"
-"""Marks before a frame. They mean: marked by the user, part of the call under the cursor, and proof of a
+"""Marks before a frame. The marks mean: marked by the user, part of the call under the cursor, and proof of a
 finding.
 """
 
