@@ -27,7 +27,7 @@ CommandHandler: TypeAlias = Callable[[CallContext, Variant], HandlerOutcome]
 """Handler of one command of an ..._Execute function; the handler gets the command's parameter."""
 
 CommandTable: TypeAlias = Mapping[str, CommandHandler]
-"""Handlers of commands by the commands' names in lower case."""
+"""Handlers of commands, by command name in lower case."""
 
 
 def accept_without_effect(context: CallContext, parameter: Variant) -> None:

@@ -1,4 +1,5 @@
-"""The outcome of a call to the simulated controller: a result now, or later; and the codes of refusals.
+"""The outcome of a call to the simulated controller, which is a result or a running call, and the codes of
+refusals.
 
 Sources for the meanings of the codes: the public list of controller errors in
 nkawa/Denso_CobottaPro900_MQTT_Control; symbols of CAO: orin_bcap CSharp ORiNDefine.cs. For a code that

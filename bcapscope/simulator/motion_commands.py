@@ -2,8 +2,8 @@
 
 Unless the option is NEXT, a call lasts as long as its motion. The motion ends when the commanded joints reach
 the target. With @E, the motion ends when the encoders reach the target. With @P, the next motion may begin
-when most of the first motion's time is over. A second motion before that time returns 80010004 (b-Cap.h of
-the ANSI-C client, which then repeats its Robot_Move).
+when most of the first motion's time is over. If a second motion begins too early, its call returns 80010004
+(b-Cap.h of the ANSI-C client, which then repeats its Robot_Move).
 """
 
 from __future__ import annotations
@@ -257,4 +257,4 @@ MOTION_COMMANDS: CommandTable = {
     "driveaex": partial(_drive_many, absolute=True),
     "motionskip": _motion_skip,
 }
-"""Handlers of the motion commands of Robot_Execute by the commands' names in lower case."""
+"""Handlers of the motion commands of Robot_Execute, by command name in lower case."""

@@ -188,7 +188,7 @@ FRAMES: Mapping[str, FrameTable] = {
 }
 
 PALLET_COMMANDS: CommandTable = {"calcpos": _pallet_position}
-"""Handlers of the commands of the extension Pallet by the commands' names in lower case."""
+"""Handlers of the commands of the extension Pallet, by command name in lower case."""
 
 
 _KEEP, _SQUARE = -1, -2
@@ -270,8 +270,9 @@ def _servo_data(context: CallContext, parameter: Variant) -> Variant:
 def _log_record(context: CallContext, parameter: Variant) -> Variant:
     """Run GetLogRecord, whose parameter 0 selects the oldest record.
 
-    Source for the 39 values: ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py. The counter in ms,
-    and current and load computed from the encoders' lag, are assumptions of bcapscope.
+    Source for the 39 values of a record in the controller's log: ShoheiKobata/orin_bcap_python_samples
+    others/Get_Syslog.py. The counter in ms, and current and load computed from the encoders' lag, are
+    assumptions of bcapscope.
     """
     index, machine = integer_of(parameter), context.machine
     if not 0 <= index < len(machine.log.records):
@@ -336,4 +337,4 @@ ROBOT_COMMANDS: CommandTable = {
     **dict.fromkeys(("manualresetpreparation", "motionpreparation"), accept_without_effect),
     "getmotionpreparationstate": lambda context, _: boolean(True),
 }
-"""Handlers of the commands of Robot_Execute by the commands' names in lower case."""
+"""Handlers of the commands of Robot_Execute, by command name in lower case."""

@@ -79,8 +79,8 @@ class ClientProgram(StrEnum):
     """Like `CALLS`; the client also takes the arm, switches the motor on and moves the robot to and fro."""
     SLAVE = "slave"
     """Like `MOTION`; the client also moves to a first position with the pass @E and sends set points in slave
-    mode. If the mode paces the client, each reply triggers the next set point. If not, the client sends a set
-    point every 8 ms.
+    mode. If the mode paces the client, each reply triggers the next set point. If the mode does not pace the
+    client, the client sends a set point every 8 ms.
     """
     PASSING = "passing"
     """Like `SLAVE`, but the motion before slave mode has the pass @P."""

@@ -43,7 +43,7 @@ time at the latest.
 # time slice if another program runs.
 _SPIN_NS = 60_000
 
-_MAX_DATAGRAMS = 1024  # maximum number of datagrams read before the second is processed
+_MAX_DATAGRAMS = 1024  # maximum number of datagrams that are read before the second one is processed
 _READ_SIZE = 256  # maximum number of bytes read from one connection before the next
 _READ_SIZE_PACED = 16384  # `_READ_SIZE` in modes where each set point has its own arrival time
 # a match inside a frame does no harm, because both halves are delivered

@@ -243,4 +243,4 @@ SLAVE_COMMANDS: CommandTable = {
     "slvsendformat": send_format,
     "slvrecvformat": receive_format,
 }
-"""Handlers of the slave-mode commands of Robot_Execute by the commands' names in lower case."""
+"""Handlers of the slave-mode commands of Robot_Execute, by command name in lower case."""

@@ -45,7 +45,8 @@ class FrameRole(StrEnum):
     """The reply that the client accepted."""
     LATE = "late reply"
     """A reply that arrived after the client sent another attempt or began another call. A reply that
-    contradicts an earlier reply has this role, too."""
+    contradicts an earlier reply also has the role `LATE`.
+    """
     LOST = "lost reply"
     """A reply that was captured before the client sent another attempt. The client evidently did not receive
     the reply, because it retried.

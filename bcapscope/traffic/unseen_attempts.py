@@ -51,7 +51,7 @@ class UnseenRequests:
     """
 
     def __init__(self) -> None:
-        # each with the call that was the newest one when the reply came
+        # stray replies, each with the newest call at the time of the reply
         self._ahead: list[tuple[StrayReply, Call]] = []
         self.waiting = False
 

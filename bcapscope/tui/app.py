@@ -52,7 +52,7 @@ _GC_THRESHOLDS = (2_000, 20, 1000)
 """Thresholds of the garbage collector. No key is handled while the collector runs.
 
 Textual creates many objects. A collection of new objects is frequent and takes 1 ms; a collection of older
-objects is rarer and takes 30 ms. A full collection takes 50 ms, so it is rare.
+objects is rarer and takes 30 ms. A full garbage collection takes 50 ms, so full collections are rare.
 """
 
 

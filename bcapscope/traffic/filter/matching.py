@@ -32,7 +32,8 @@ _LARGEST_BYTE = 0xFF
 _REMEMBERED = 1024
 _LONGEST_REMEMBERED = 128
 """Maximum length in characters of a text whose test result is cached. Names, commands and endpoints are
-shorter and recur. A hostile client could fill the memory with longer texts."""
+shorter than this length, and recur. A hostile client could fill the memory with longer texts.
+"""
 
 
 class LiteralMatch(NamedTuple):

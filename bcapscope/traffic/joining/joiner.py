@@ -49,7 +49,7 @@ MAX_SUSPECTS = 32
 """Maximum number of conversations that are compared with a new conversation."""
 
 MAX_CONVERSATIONS = 4096
-"""Maximum number of conversations that are remembered. Beyond this limit, the joiner forgets all
+"""Maximum number of conversations that the joiner remembers. Beyond this limit, the joiner forgets all
 conversations, and recognises them again.
 """
 

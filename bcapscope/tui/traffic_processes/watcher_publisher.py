@@ -1,8 +1,8 @@
 """Publishes traffic from the watcher of a proxy to the screen that started the proxy.
 
 The screen reads the proxy's frames and calls from files, like those of the reader process. The watcher's
-reports go to the standard output of the relay. The relay writes its addresses there before it accepts
-clients, so the addresses come before all reports.
+reports go to the standard output of the relay. The relay writes its addresses to standard output before it
+accepts clients, so the addresses come before all reports.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ class WebRequest:
 
 
 class WebGate:
-    """The secrets of one served screen, and the check of requests against them.
+    """The secrets of one served screen, and the check whether a request contains these secrets.
 
     Attributes:
         authority: Host and port of the server, as in Host headers.

@@ -26,7 +26,7 @@ from bcapscope.tui.reader_language import label
 from bcapscope.tui.themes import readable_style
 
 _MAX_STRIPS = 500
-"""Maximum number of cached strips, which are rendered lines. The lines of several screens fit."""
+"""Maximum number of rendered lines in the cache, enough for several screens."""
 
 _SIDEWAYS_COLUMNS = 8
 
