@@ -3,7 +3,7 @@
 Examples: `@E J(0, 0, 90, 0)`, `@P P1`, a plain array of numbers, or a VARIANT array of numbers, type, pass
 and extra axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2). The number of a variable
 may replace the numbers, as in `[1, "P", "@0"]`. ShoheiKobata's samples send this number as VT_I4, although
-their README says VT_R4. In these samples, the pass may also come before the type.
+their README says VT_R4. ShoheiKobata's samples also write the pass before the type.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ C server refuses clients beyond its limit; only bcapscope accepts these.
 
 EVICTABLE_AFTER_NS = 10_000_000_000
 """Time in ns without a request from a UDP client, after which a new client may replace this client. A new
-client replaces another one only at the maximum number of clients.
+client replaces another one only if the maximum number of clients is reached.
 """
 
 LARGEST_REQUEST = 64 * 1024

@@ -281,7 +281,7 @@ class SimulatorServer:
         self._choose_sockets()
 
     def _drop_newcomer(self, number: int | None) -> bool:
-        """Close a connection that has sent no frame yet. Return False if there is none."""
+        """Close a connection that has sent no frame yet. Return False if there is no such connection."""
         if number is None:
             return False
         self._drop(self._connections[number], by_reset=True)

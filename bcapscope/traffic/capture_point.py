@@ -22,7 +22,7 @@ LONGEST_ROUND_TRIP_NS = 100_000_000
 frame by milliseconds."""
 
 _REACTIONS = 3  # number of reactions to collect; a single one can be a coincidence
-_MARGIN = 2  # factor, because one round trip can take longer than another
+_MARGIN = 2  # factor on the round trip, because one can take longer than another
 
 
 class CapturePoint(StrEnum):

@@ -12,9 +12,9 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 SHORTEST_TIMEOUT_NS = 2_000_000
-"""Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). If a client begins a new call sooner than this
-after its previous request, it does not wait for replies. Such a client may still accept the reply to the
-previous request.
+"""Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). A client does not wait for replies if it
+begins a new call in less than this time after its previous request. Such a client may still accept the reply
+to the previous request.
 """
 
 TIMEOUTS_TO_GIVE_UP = 4

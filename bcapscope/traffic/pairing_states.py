@@ -31,7 +31,7 @@ class CallEvent(StrEnum):
     COPY = "copy"
     """An exact copy of an earlier frame of the call arrives."""
     CAPTURED_AGAIN = "captured again"
-    """The capture holds the packet of a frame of the call twice."""
+    """The capture holds a packet with a frame of the call twice."""
     NOTICE = "notice"
     """The controller sends S_EXECUTING."""
     REPLY = "reply"
@@ -132,5 +132,5 @@ AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is Cal
 
 
 def copy_event(time: int, earlier: int) -> CallEvent:
-    """Return the event that an exact copy of a frame means, from the times of copy and frame in ns."""
+    """Return which event an exact copy of a frame is, from the times of copy and frame in ns."""
     return CallEvent.CAPTURED_AGAIN if time - earlier <= CAPTURED_AGAIN_WITHIN_NS else CallEvent.COPY

@@ -27,8 +27,9 @@ BUSY_WITHIN_NS = 30_000_000_000
 answered a later call. The controller may still be executing the call, because controllers answer in order."""
 
 EXECUTION_NS = 180_000_000_000
-"""Maximum time in ns without a frame of a call, if no later call was answered. The value is the InvokeTimeout
-of DENSO's C server, after which the server never answers (orin_bcap C/src/bCAPServer/bcap_server.c).
+"""Maximum time in ns from one frame of a call to the next, if no later call was answered. The value is the
+InvokeTimeout of DENSO's C server, after which the server never answers (orin_bcap
+C/src/bCAPServer/bcap_server.c).
 """
 
 

@@ -1,8 +1,8 @@
 """TCP connections that have not sent a complete frame yet. This module does no I/O and uses no clock.
 
 An attacker can open many connections at no cost, and each could keep out an honest client. Therefore a
-connection becomes a client only when its first frame is complete. At the limit, connections without a
-complete frame are dropped first.
+connection becomes a client only when its first frame is complete. When too many connections are open,
+connections without a complete frame are dropped first.
 """
 
 from __future__ import annotations

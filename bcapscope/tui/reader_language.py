@@ -19,7 +19,7 @@ class _Reader:
 
 
 def set_language(name: str) -> None:
-    """Choose the language of everything that this process shows; "" keeps the present language."""
+    """Choose the language of everything that this process shows; "" keeps the current language."""
     if name in tuple(Language):
         _Reader.words = MessageFormatter(Language(name))
 

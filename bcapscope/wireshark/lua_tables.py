@@ -26,8 +26,8 @@ _HIDDEN_CATEGORIES = ("Cc", "Cf", "Zl", "Zp")
 
 
 def dissector_tables(parts: Iterable[str]) -> str:
-    """Return all tables as Lua; `parts` are the fixed parts of the dissector. Their code names the texts that
-    the tables must contain.
+    """Return all tables as Lua; `parts` are the fixed parts of the dissector. The Lua code of the parts names
+    the texts that the tables must contain.
     """
     tables = {**_limits(), **_types(), **_functions(), **_results(), "TEXTS": _texts(parts)}
     tables["COUNTS"] = {

@@ -255,7 +255,7 @@ def search(pattern: str) -> Match:
 
     Raises:
         ValueError: RE2 rejects the expression. The exception's arguments are RE2's reason and the invalid
-            part.
+            part of the expression.
     """
     import re2  # noqa: PLC0415  # slow to import, and most filters have no regular expression
 

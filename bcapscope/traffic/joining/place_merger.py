@@ -19,8 +19,8 @@ time.
 """
 
 MAX_PENDING = 65536
-"""Maximum number of frames that wait for the other place. Beyond this limit, the oldest frame is delivered
-without its second sighting.
+"""Maximum number of frames that wait for their sighting at the other place. Beyond this limit, the oldest
+frame is delivered without its second sighting.
 """
 
 MAX_COMPARED = 1024

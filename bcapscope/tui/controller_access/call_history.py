@@ -37,7 +37,7 @@ _PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")
 _MAX_ARGUMENT_TEXT, _MAX_SUBJECT_TEXT = 18, 24
 
 _UNNAMED_SUBJECTS = (ObjectClass.CONTROLLER, ObjectClass.ROBOT)
-"""Classes of objects whose names are omitted, because usually only one object of each is in use.
+"""Classes of objects whose names are omitted, because usually only one object of each class is in use.
 
 With these names, a line would be so long that its result would not be visible.
 """

@@ -217,7 +217,7 @@ class ProxyScreen(ViewsScreen):
         self.show_state()
 
     def _report_source_problem(self, reason: str) -> None:
-        """Show on the traffic screen the reason why no further traffic may come from the proxy."""
+        """Show on the traffic screen the reason why no further traffic might come from the proxy."""
         if self._feed is not None:
             self._feed.report_source_problem(reason)
 

@@ -1,4 +1,4 @@
-"""Make the calls that widgets want through the session, and report the results to the widgets."""
+"""Make the calls that widgets request. The calls go through the session; the widgets get the results."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ def _hint_text(known: CommandSpec) -> str:
 
 
 class TypedValue(Horizontal):
-    """A list of types and a field. The widget reports a text that does not fit the chosen type."""
+    """A list of types and an input field. The widget reports a text that does not fit the chosen type."""
 
     @dataclass
     class Changed(Message):

@@ -35,7 +35,7 @@ _END_TIMEOUT = 2.0
 
 @dataclass(frozen=True, slots=True)
 class SourceProblem:
-    """Report of the reason why the source may send no more traffic. `reason` is "" if an earlier problem is
+    """Report of the reason why the source might send no more traffic. `reason` is "" if an earlier problem is
     over.
     """
 
@@ -90,7 +90,7 @@ class TrafficFeed:
             send_message(_pipe(self._reader.stdin), self.job)
             self._start_thread(self._read_reports, self._reader.stdout)
         else:
-            # This thread ends with the proxy, after `close`.
+            # This thread ends when the proxy ends, which is after `close`.
             threading.Thread(target=self._read_reports, args=(reports,), daemon=True, name="feed").start()
 
     def _start_thread(self, target: Callable[..., None], *arguments: object) -> None:
@@ -176,7 +176,7 @@ class TrafficFeed:
                 return self._generation
             self._searcher = self._start_process("search_process", self.job.folder)
             self._start_thread(self._read_matches, self._searcher)
-        with suppress(OSError):  # the process has just died; the next search starts another
+        with suppress(OSError):  # the process has just died; the next search starts another process
             send_message(_pipe(self._searcher.stdin), request)
         return self._generation
 
@@ -214,7 +214,7 @@ class TrafficFeed:
             _pipe(self._reader.stdin).flush()
 
     def report_source_problem(self, reason: str) -> None:
-        """Report the reason, one sentence, why the source may send no more traffic. "" withdraws an earlier
+        """Report the reason, one sentence, why the source might send no more traffic. "" withdraws an earlier
         report.
 
         Any thread may call this method.

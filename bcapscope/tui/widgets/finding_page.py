@@ -58,7 +58,7 @@ class FindingPage(ItemList[tuple[str, int]]):
 
     @property
     def _columns(self) -> int:
-        """Number of columns for text. Before the first layout, it is the number that is expected."""
+        """Number of columns for text. Before the first layout, this is the expected number of columns."""
         return self.size.width or self.app.size.width - self.scrollbar_size_vertical
 
     def _update_lines(self) -> None:
