@@ -34,8 +34,7 @@ LARGEST_BACKLOG = 1 << 20
 """Maximum number of bytes that a client may leave unread before the server closes its connection."""
 
 LONGEST_WAIT = 0.5
-"""Longest wait for a socket in seconds. On every operating system, the server notices an interrupt after this
-time at the latest.
+"""Longest wait in seconds. On every system, the server notices an interrupt after this time at the latest.
 """
 
 # Time in ns for which the server polls its sockets instead of sleeping. On a virtual machine, waking an idle
@@ -60,9 +59,7 @@ ReadyDescriptors: TypeAlias = tuple[list[int], list[int]]
 
 
 class TrafficTap(Protocol):
-    """Receives all traffic of the simulator's server. Addresses are host and port; times are in ns since
-    1970.
-    """
+    """Receives all traffic of the server. Addresses are host and port; times are in ns since 1970."""
 
     def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
         """Note a UDP datagram."""
@@ -148,8 +145,8 @@ class SimulatorServer:
         self._spares.close()
 
     def step(self, until: float = LONGEST_WAIT, extra: Sequence[int] = ()) -> list[int]:
-        """Serve sockets and due events, waiting for at most `until` seconds. Return the readable descriptors
-        of `extra`.
+        """Serve sockets and due events for at most `until` seconds. Return the readable descriptors in
+        `extra`.
         """
         now = self._clock.now()
         self._tidy()

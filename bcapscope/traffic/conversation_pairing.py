@@ -186,9 +186,7 @@ class ConversationPairing:
             self._apply(call, CallEvent.NOTICE if is_notice else CallEvent.UNDELIVERED_REPLY, observation)
 
     def add_own_request(self, observation: FrameObservation, frame: Frame) -> None:
-        """Add a request that a proxy sent on its own. The request belongs to a call only if it is a copy of a
-        client's request.
-        """
+        """Add a request that a proxy sent on its own. Only a copy of a client's request belongs to a call."""
         prior = self._by_serial.get(frame.serial)
         if prior is not None:
             self._add_to_prior(prior, observation, frame)
