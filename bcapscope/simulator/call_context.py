@@ -28,7 +28,7 @@ CommandHandler: TypeAlias = Callable[[CallContext, Variant], HandlerOutcome]
 """Function that executes one command of a function such as Robot_Execute. It gets the command's parameter."""
 
 CommandTable: TypeAlias = Mapping[str, CommandHandler]
-"""For each command, by its name in lower case, the function that executes it."""
+"""Handlers of commands, by command name in lower case."""
 
 
 def accept_without_effect(context: CallContext, parameter: Variant) -> None:

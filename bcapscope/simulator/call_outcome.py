@@ -1,4 +1,5 @@
-"""The outcome of a call to the simulated controller, at once or later, and the codes of refusals.
+"""The outcome of a call to the simulated controller, which is a result or a running call, and the codes of
+refusals.
 
 Sources for the meanings of the codes: the public list of controller errors in
 nkawa/Denso_CobottaPro900_MQTT_Control; for the symbols of CAO: orin_bcap CSharp ORiNDefine.cs. If a code
@@ -71,9 +72,10 @@ class CallResult(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class RunningCall:
-    """A call that is not finished; both functions get the current time in ns.
+    """A call that the simulator has not finished. `poll` and `due` get the current time in ns.
 
-    `poll` returns the result, or None while the call runs. `due` returns the time in ns of the next poll.
+    `poll` returns the result of the call, or None while the call runs. `due` returns the time in ns at which
+    the simulator should poll next.
     """
 
     poll: Callable[[int], CallResult | None]
@@ -89,7 +91,7 @@ DONE = CallResult()
 
 
 class RefusedError(BcapError):
-    """The controller refuses a call, and answers the call with `hresult`."""
+    """The simulated controller refuses a call, and answers with the result code `hresult`."""
 
     def __init__(self, hresult: int, reason: str = "") -> None:
         super().__init__(Message("simulator.refused", code=f"{hresult:08X}"))

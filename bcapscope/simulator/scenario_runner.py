@@ -61,9 +61,10 @@ class ScenarioRunner:
         seed: int | None = None,
         on_news: Callable[[Message], None] = lambda news: None,
     ) -> None:
-        """Begin to play; `simulator` has the scenario's profile and initial state.
+        """Begin to play a scenario. `simulator` must have the scenario's profile and initial state.
 
-        Without a `seed`, the scenario's seed is used. `on_news` gets the name of each event and fault.
+        Without a `seed`, the scenario's seed is used. `on_news` gets the name of each event and fault that
+        happens.
         """
         self.simulator = simulator
         self._scenario = scenario
@@ -105,7 +106,9 @@ class ScenarioRunner:
         return outputs
 
     def on_disconnect(self, peer: Peer, now: int) -> None:
-        """Remove a client that is gone, unless a fault hides this from the controller."""
+        """Remove a client that has disconnected, unless a fault hides the disconnection from the
+        controller.
+        """
         line = self._lines.get(peer)
         if line is None or self.shaper.passes_close(line.up.conversation):
             self.simulator.on_disconnect(peer, now)
@@ -188,7 +191,7 @@ class ScenarioRunner:
         return outputs
 
     def _carry_out(self, verdicts: Iterable[Verdict], now: int) -> list[SimulatorOutput]:
-        """Deliver the messages that the faults let through to the controller or the client."""
+        """Deliver the messages that pass the faults, to the controller or to the client."""
         outputs: list[SimulatorOutput] = []
         for verdict in verdicts:
             if isinstance(verdict, CloseConnection):

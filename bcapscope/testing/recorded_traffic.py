@@ -18,8 +18,8 @@ class RecordedTraffic(PipelineSubscriber):
     """What a recording contains so far.
 
     Attributes:
-        calls: Calls in the order in which they ended, each with the object of its handle. A call without a
-            reply is among them.
+        calls: Calls in the order in which they ended, each with the object of its handle. Calls without a
+            reply are included.
         findings: Findings of `bcapscope diagnose`, root cause first.
         totals: Figures that the findings refer to.
     """
@@ -27,7 +27,7 @@ class RecordedTraffic(PipelineSubscriber):
     needs_targets = True
 
     def __init__(self, path: Path, ports: Collection[int]) -> None:
-        """Read a recording; the controllers use one of these ports.
+        """Read a recording. `ports` are the ports that the controllers in it use.
 
         Raises:
             CaptureError: The file cannot be opened.

@@ -87,7 +87,7 @@ class ConnectionEnd:
         reset: True if RST ended the connection; False if FIN closed one direction, and the other end may
             still send.
         time: Time of the first RST or FIN, ns since 1970-01-01 UTC.
-        both_ended: Whether the other end has also closed the connection, or either end has reset it since.
+        both_ended: Whether the second end has also closed the connection, or one end has reset it later.
     """
 
     by: Direction
@@ -97,7 +97,9 @@ class ConnectionEnd:
 
     @property
     def ends_replies(self) -> bool:
-        """Whether no reply can follow. The controller may still reply if only the client has sent FIN."""
+        """Whether the controller can no longer reply. The controller may still reply if only the client has
+        sent FIN.
+        """
         return self.reset or self.both_ended or self.by is Direction.RESPONSE
 
 
@@ -115,9 +117,9 @@ class Conversation:
             for UDP.
         interface: Name of the interface on which the conversation was captured; "" if the capture names none.
         controller_leg: For the leg between client and proxy, the conversation of the leg between proxy and
-            controller; None for other conversations, or if the capture lacks the second leg.
-        capture_side: The capture that the conversation comes from, if two captures hold the same
-            conversation; otherwise None.
+            controller; None for any other conversation, or if the capture lacks the second leg.
+        capture_side: The place of the capture that the conversation comes from; None unless two captures hold
+            the same conversation.
     """
 
     def __init__(

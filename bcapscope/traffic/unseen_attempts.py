@@ -21,8 +21,9 @@ else, such as a restart of the client."""
 
 
 MAX_RECENT = 1024
-"""Maximum distance of a recent serial from the latest serial. The serials of at least as many settled calls
-are remembered (`serial_table`)."""
+"""A serial counts as recent if it differs from the latest serial by at most this number. `serial_table`
+remembers the serials of at least as many settled calls.
+"""
 
 
 def skipped_serials(before: int, after: int) -> tuple[int, ...]:
@@ -40,20 +41,22 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
 class UnseenRequests:
     """The stray replies of one client that answer requests which were not captured.
 
-    There are three cases. The client skipped the serial of the reply, or used this serial before the capture
-    began, or the serial follows the client's latest captured serial. In the third case, the request may be a
-    retry of the client's newest call. The next request shows whether the client has used the serial.
+    There are three cases. First, the client skipped the serial of the reply. Second, the client used this
+    serial before the capture began. Third, the serial follows the client's latest captured serial. In the
+    third case, the request may be a retry of the client's newest call. The next request shows whether the
+    client has used the serial.
 
     Attributes:
         waiting: Whether the serial of the next request can change `request_missed` of a stray reply.
     """
 
     def __init__(self) -> None:
-        self._ahead: list[tuple[StrayReply, Call]] = []  # with the newest call at that time
+        # stray replies, each with the newest call at the time of the reply
+        self._ahead: list[tuple[StrayReply, Call]] = []
         self.waiting = False
 
     def add_stray_reply(self, stray: StrayReply, newest: Call | None) -> None:
-        """Set `request_missed` of a reply that belongs to no known call."""
+        """Set `request_missed` of a stray reply, which belongs to no known call."""
         if newest is None or stray.call_number is not None:
             return
         serial, latest = stray.observation.item.serial, newest.last_attempt.item.serial
@@ -82,15 +85,15 @@ class UnseenRequests:
 def call_of_unseen_attempt(
     newest: Call | None, open_calls: Sequence[Call], frame: Frame, chains: bool
 ) -> Call | None:
-    """Return the client's newest call if a frame is its retry after an attempt that was not captured.
-
-    The frame names this attempt in its reserved field. The newest call becomes a guess if the attempt may
-    belong to another call with the same request.
+    """Return the client's newest call if a frame is a retry of this call after an attempt that was not
+    captured. The reserved field of the frame names the attempt that was not captured. `is_guess` of the
+    newest call becomes True if the attempt may belong to another call with the same request.
 
     Args:
         newest: The client's newest call; None if there is none.
         open_calls: The client's open calls, oldest first.
-        chains: Whether the client is known to name the previous attempt, and not the first one.
+        chains: Whether the client is known to name the previous attempt in the reserved field, not the first
+            attempt.
     """
     if newest is None or newest.request.item.raw[9:] != frame.raw[9:]:
         return None
