@@ -10,7 +10,7 @@ from bcapscope.capture.hex_line import HexDigits
 from bcapscope.traffic.observation import Direction
 
 LARGEST_REPEAT = 64 * 1024
-"""Maximum number of bytes that one asterisk line of a dump may stand for."""
+"""Maximum number of repeated bytes that one asterisk line of a dump may stand for."""
 
 LARGEST_BLOCK = 256 * 1024
 """Maximum number of bytes per block, enough for many frames of real sessions. A longer dump becomes several
@@ -20,11 +20,14 @@ MAX_ROWS = 16 * 1024
 """Maximum number of rows per block. With 16 bytes per row, these rows hold `LARGEST_BLOCK` bytes."""
 
 _LARGEST_HOLE = 4096
-"""Maximum number of bytes that may be missing before a row that still belongs to the same block."""
+"""Maximum number of bytes that may be missing between two rows of one block. After a longer gap, a new block
+begins.
+"""
 
 _BASES = {7: (16, 10, 8)}
-"""Possible number bases of an offset, by the offset's number of digits. The program od prints seven digits in
-any of these bases; offsets of other lengths are hexadecimal."""
+"""Possible number bases of an offset, for each number of digits. The program `od` prints seven digits in any
+of these bases. An offset with another number of digits is hexadecimal.
+"""
 
 
 class HexBlock:
@@ -33,17 +36,18 @@ class HexBlock:
     Attributes:
         caption: Words in the text above the block.
         direction: Direction that the caption states; None if the caption states no direction.
-        is_captioned: Whether the caption is directly above the block, with no other hex between.
+        is_captioned: Whether the caption is directly above the block, with no other hex between caption and
+            block.
         offset: Offset written before the first row; "" if the first row has no offset.
         indent: Column of the first row's offset; -1 if the first row has no offset.
         starts_at_zero: Whether the first row's offset is 0.
         is_hex_only: Whether the lines of the block hold nothing but hex, offsets and characters.
-        has_hex_notation: Whether a row has a notation that only hex has, such as 0x.
+        has_hex_notation: Whether a row has a notation that is used only for hex, such as 0x.
         blank_line_follows: Whether a blank line follows the block.
-        asterisk_bytes: Maximum number of bytes that an asterisk after the last row may stand for; 0 without
-            an asterisk.
+        asterisk_bytes: Maximum number of bytes that the asterisk after the last row may stand for; 0 if there
+            is no asterisk.
         size: Number of whole bytes in the block.
-        notes: Oddities of the text, one clause each.
+        notes: What is unusual in the text, one clause for each problem.
     """
 
     def __init__(
