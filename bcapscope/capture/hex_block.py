@@ -100,19 +100,18 @@ class HexBlock:
         self.blank_line_follows = False
 
     def split(self, offset: int) -> HexBlock:
-        """Cut the block at a byte offset and return the bytes after the cut as a new block for further rows.
+        """Cut the block at a byte offset, and return the bytes after the cut as a new block. Further rows
+        belong to the new block.
 
-        If `offset` is 0 or the new block would have too many rows, the new block holds only the last row,
-        with a note.
+        If `offset` is 0 or the new block would have too many rows, the new block holds only the last row, and
+        a note that says so.
         """
         first = bisect_right(self._rows, 2 * offset, key=itemgetter(0)) - 1
         note = ""
         if not offset or len(self._rows) - first > MAX_ROWS // 2:
             first = len(self._rows) - 1
             offset = self._rows[first][0] // 2
-            note = (
-                f"continues the bytes before line {self._rows[first][1]}, which are too many for one packet"
-            )
+            note = f"continues the bytes above line {self._rows[first][1]}, which are too many for one packet"
         rows = self._rows[first:]
         rest = copy(self)
         rest._rows = [(max(count - 2 * offset, 0), line) for count, line in rows]
@@ -129,11 +128,11 @@ class HexBlock:
         self.notes += other.notes
 
     def fit_to_offset(self, offset: str, line: int) -> bool:
-        """Make the block end at the offset of the next row, and return whether that is possible.
+        """Make the block end at the offset of the next row. Return False if that is not possible.
 
-        If the last row is too long, cut characters that were mistaken for hex from its right end. If rows are
-        missing, add those that an asterisk stands for, or note the gap. `offset` is hexadecimal, decimal or
-        octal text.
+        If the last row is too long, remove characters at its right end that were mistaken for hex. If rows
+        are missing, add the rows that an asterisk stands for, or note the gap. `offset` is hexadecimal,
+        decimal or octal text.
         """
         size = self.size
         places = [(base, self._position_of(offset, base)) for base in self._bases]
@@ -160,7 +159,9 @@ class HexBlock:
             return None
 
     def _fill_gap(self, count: int, line: int) -> bool:
-        """Fill a gap with copies of the last row, or note the gap; return False if the gap is too large."""
+        """Fill a gap of `count` bytes with copies of the last row if an asterisk stands for them; otherwise
+        only note the gap. Return False if the gap is too large.
+        """
         if count <= self.asterisk_bytes:
             row = self._digits[self._rows[-1][0] :]
             self._digits += (row * (2 * count // len(row) + 1))[: 2 * count]

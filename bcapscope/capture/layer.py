@@ -66,8 +66,8 @@ def _as_variant(value: Any) -> Variant:
 class ArgumentsField(StrField):  # type: ignore[misc] # scapy's classes have no types here
     """The arguments of a frame as a tuple of `Variant`.
 
-    You may set Python values. Python values get the types that DENSO's Python client sends: int I4, float R8,
-    str BSTR, bytes an array of UI1, bool BOOL, None EMPTY.
+    You may set Python values. They get the types that DENSO's Python client sends: an int becomes I4, a float
+    R8, a str BSTR, bytes an array of UI1, a bool BOOL, and None EMPTY.
     """
 
     islist = 1
@@ -93,10 +93,10 @@ class ArgumentsField(StrField):  # type: ignore[misc] # scapy's classes have no 
 class BCAP(Packet):  # type: ignore[misc] # as above
     """One b-CAP frame.
 
-    Requests have the field `function_id`, replies have `hresult`. If you set one of the two
-    fields, the frame becomes a request or a reply. `trailer` holds the bytes between the arguments and EOT.
-    These are the CRC of a serial line, the mode of a version 1 frame, or bytes that belong to no argument. An
-    unchanged frame keeps its original bytes.
+    A request has the field `function_id`; a reply has `hresult`. If you set `function_id`, the frame becomes
+    a request; if you set `hresult`, it becomes a reply. `trailer` holds the bytes between the arguments and
+    EOT. They are the CRC of a serial line, the mode of a version 1 frame, or bytes that belong to no
+    argument. An unchanged frame keeps its original bytes.
     """
 
     name = "b-CAP"
@@ -124,15 +124,15 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes | None = None, *_: Any, **__: Any) -> Any:
-        """Select this layer for bytes that begin like a frame, and scapy's raw layer for all others."""
+        """Select this layer for bytes that begin like a frame, and scapy's raw layer for all other bytes."""
         if _pkt is None or (_pkt[:1] == bytes((SOH,)) and len(_pkt) >= HEADER_SIZE):
             return cls
         return conf.raw_layer
 
     @classmethod
     def tcp_reassemble(cls, data: bytes, metadata: dict[str, Any], session: dict[str, Any]) -> Packet | None:
-        """Return the first frame of a stream, with the remaining bytes as padding; None until the frame is
-        whole.
+        """Return the first frame of a stream, with the remaining bytes as padding; None while the frame is
+        incomplete.
 
         scapy passes the padding to this method again. Bytes outside any frame become a raw layer.
         """
@@ -165,7 +165,9 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @property
     def command_name(self) -> str | None:
-        """The command of an ..._Execute request, such as `slvMove`; None for all other frames."""
+        """The command of a request such as `Robot_Execute`, for example `slvMove`; None for all other
+        frames.
+        """
         if self.is_response or self.function_id not in FUNCTIONS:
             return None
         params = FUNCTIONS[self.function_id].params
@@ -200,11 +202,13 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         return s[size:]
 
     def extract_padding(self, s: bytes) -> tuple[bytes, bytes]:
-        """Return all bytes as padding, since a frame has no payload and another frame follows."""
+        """Return all bytes after the frame as padding. A frame has no payload, but another frame may
+        follow.
+        """
         return b"", s
 
     def hashret(self) -> bytes:
-        """Return the serial as bytes, by which scapy finds the reply to a request."""
+        """Return the serial as bytes. scapy compares these bytes to find the reply to a request."""
         return struct.pack("<H", self.serial)
 
     def answers(self, other: Packet) -> bool:

@@ -32,7 +32,7 @@ class PastedText:
     """
 
     def __init__(self, lines: Iterable[str]) -> None:
-        """Store the iterable of lines; iteration over the `PastedText` reads the lines."""
+        """Take the lines of a text. They are read only when you iterate over the `PastedText`."""
         self.count = 0
         self.comments: dict[int, tuple[str, ...]] = {}
         self._lines = lines
@@ -62,7 +62,9 @@ def _decode_packet(packet: HexPacket) -> Frame | Malformed:
 
 
 def _lone_argument_problems(data: bytes) -> Iterator[Problem]:
-    """Yield a problem if the bytes are one argument of a frame, such as one copied from a table of fields."""
+    """Yield a problem if the bytes are only one argument of a frame, such as an argument copied from a table
+    of fields.
+    """
     size = (SMALLEST_FRAME + len(data)).to_bytes(4, "little")
     frame = Frame(bytes((SOH,)) + size + bytes(8) + b"\1\0" + data + bytes((EOT,)))
     if not frame.problems:
@@ -84,5 +86,5 @@ def _packet_comments(packet: HexPacket) -> tuple[str, ...]:
     if packet.direction is None:
         comments.append("direction unknown, decoded as a request")
     elif packet.is_direction_guessed:
-        comments.append(f"taken for a {packet.direction} by its bytes")
+        comments.append(f"direction unknown, but the bytes look like a {packet.direction}")
     return (*comments, *packet.notes)
