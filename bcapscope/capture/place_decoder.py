@@ -204,7 +204,9 @@ def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
 
 
 def _sides_of(group: Sequence[PlacePlan]) -> tuple[dict[ConversationEnds, CaptureSide], ...]:
-    """Return the shared conversations at each place, by their ends."""
+    """Return for each place the shared conversations. The keys are the ends of a conversation as captured
+    there.
+    """
     coverage = (
         Coverage(min(plan.files[0].begins for plan in group), max(plan.files[0].ends for plan in group)),
         Coverage(
