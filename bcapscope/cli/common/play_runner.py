@@ -77,7 +77,7 @@ class PlayOutput:
         self._is_closed = False
 
     def close(self) -> None:
-        """Stop all output after the terminal was closed."""
+        """Print nothing more, because the terminal was closed."""
         self._is_closed = True
 
     def show_source(self, trajectory: Trajectory) -> None:
@@ -158,7 +158,7 @@ class PlayRunner:
         if not self._is_fit:
             return ExitCode.UNFIT
         if ended.outcome is PlayOutcome.STOPPED and ended.index and not self._plan.rounds:
-            return ExitCode.OK  # --loop 0 ends only when the user stops it
+            return ExitCode.OK  # with --loop 0, the motion ends only when the user stops it
         return _EXIT_CODES[ended.outcome]
 
     def _wait_for_messages(self) -> list[PlayerMessage]:
@@ -196,7 +196,7 @@ class PlayRunner:
         self._is_fit = found.is_playable
 
     def _answer_prompt(self, call_kind: PlayerQuestion) -> str:
-        """Answer a question of the player, if necessary by asking the user."""
+        """Return the answer to a question of the player. Ask the user only if necessary."""
         if call_kind.topic is QuestionTopic.BEGIN:
             if self._is_fit:
                 hint = "play.keys" if self._can_prompt else "play.keys.signals"
@@ -210,7 +210,7 @@ class PlayRunner:
         try:
             return self._prompt_user(call_kind)
         except (KeyboardInterrupt, click.Abort, EOFError):
-            self._output.print_line("")  # end the line on which the user typed
+            self._output.print_line("")  # end the line on which the user was typing
             self._player.stop()
             return call_kind.choices[0]
         finally:
@@ -234,7 +234,7 @@ class PlayRunner:
             self._output.close()
         again, self._stop_requested = self._stop_requested, True
         if self._is_prompting:
-            self._is_prompting = False  # the next signal does not interrupt a prompt
+            self._is_prompting = False  # so that the next signal does not interrupt a prompt again
             raise KeyboardInterrupt
         if again:
             self._player.halt()
@@ -243,8 +243,8 @@ class PlayRunner:
 
 
 def _handled_signals() -> list[signal.Signals]:
-    # Ctrl-Z would suspend this process while the robot moves on, and keys would have no effect. Ctrl-\ would
-    # end it without a summary.
+    # If Ctrl-Z were not handled, it would suspend this process while the robot moves on, and keys would have
+    # no effect. Ctrl-\ would end this process without a summary.
     numbers = [signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGTSTP]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores SIGHUP
         numbers.append(signal.SIGHUP)

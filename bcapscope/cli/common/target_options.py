@@ -81,7 +81,7 @@ _OPTIONS = (
     click.option(
         "--name",
         default="",
-        help="Connect under this controller name; if empty, the controller chooses one.",
+        help="Connect under this controller name; if the name is empty, the controller chooses one.",
     ),
     click.option(
         "--provider",
@@ -117,11 +117,10 @@ target_options = _target_options(
 
 optional_target_options = _target_options(
     click.argument("host", required=False, default=""),
-    "Connect to this port of the controller; as server, listen on this port.",
+    "Connect to this port of the controller; with --as server, listen on this port.",
 )
-"""Decorator like `target_options` for commands that can run without a controller.
-
-Without HOST, `target.host` is empty.
+"""Decorator like `target_options`, for commands that can run without a controller. If HOST is missing,
+`target.host` is empty.
 """
 
 
