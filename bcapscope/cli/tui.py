@@ -20,7 +20,7 @@ from bcapscope.messages import MessageFormatter
 from bcapscope.render.escape import printable
 
 _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
-"""File suffixes: an argument that ends in one of them is a file, not a host name."""
+"""File suffixes. An argument that ends in one of these suffixes is a file, not a host name."""
 
 
 @click.command(short_help="Open the screen: test a controller, show live traffic or a capture.")
@@ -56,13 +56,13 @@ _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
     "--option",
     metavar="TEXT",
     default="",
-    help="Connect with these options, such as Timeout=300.",
+    help="Connect with this option string, such as Timeout=300.",
 )
 @click.option(
     "--profile",
     type=click.Choice(["rc7", "rc8", "rc9", "cserver"]),
-    help="Let the built-in simulator, or that of --sim, imitate this kind of controller. Default: as for "
-    "`bcapscope sim`.",
+    help="Let the built-in simulator, or the simulator of --sim, imitate this kind of controller. Default: "
+    "as for `bcapscope sim`.",
 )
 @click.option(
     "--requests",

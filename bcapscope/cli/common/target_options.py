@@ -150,14 +150,17 @@ def _host_and_port(text: str, port: int) -> tuple[str, int]:
 
 def _can_be_resolved(host: str) -> bool:
     try:
-        return bool(host.encode("idna"))  # the resolver of the system encodes the name in the same way
+        # the operating system's resolver encodes host names with the same codec
+        return bool(host.encode("idna"))
     except UnicodeError:
         return False
 
 
 @contextmanager
 def exit_on_failure(target: ControllerTarget, words: MessageFormatter) -> Iterator[None]:
-    """Print an error of the connection or of a call, and exit with the matching `ExitCode`."""
+    """If the block fails because of the connection or a call, print the error and exit with the matching
+    `ExitCode`.
+    """
     name = words.text(target.message)
     try:
         yield
