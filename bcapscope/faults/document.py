@@ -1,4 +1,4 @@
-"""Reads faults from YAML, in the vocabulary that rule files and scenarios share.
+"""Reads faults from YAML. Rule files and scenarios use the same notation.
 
 A document is checked against a `msgspec.Struct`. A struct for a document with faults has a field ``faults:
 tuple[AnyFault, ...]``. An error names the line and the field.
@@ -30,7 +30,7 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.filter.tokens import with_nearest
 
 LONGEST_DOCUMENT = 1 << 20
-"""Maximum number of characters of a document; documents that people write have at most ten thousand."""
+"""Maximum number of characters of a document. Documents that people write have at most ten thousand."""
 
 T = TypeVar("T")
 
@@ -83,12 +83,12 @@ class RuleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_document(text: str, kind: type[T]) -> T:
-    """Read a YAML document, without anchors and with each key once, into a struct of type `kind`.
+    """Read a YAML document into a struct of type `kind`. Anchors and repeated keys are not allowed.
 
     The fields of the struct may have the types in `bcapscope.faults.quantities`.
 
     Raises:
-        DocumentError: The text is no valid YAML, or does not match `kind`.
+        DocumentError: The text is not valid YAML, or does not match `kind`.
     """
     root, data = _parse(text)
     try:
@@ -99,7 +99,7 @@ def read_document(text: str, kind: type[T]) -> T:
 
 
 def convert_data(data: object, kind: Any) -> Any:
-    """Convert plain data from JSON or YAML into a struct and validate all of it.
+    """Convert plain data from JSON or YAML into a struct, and validate every field.
 
     Raises:
         DocumentError: The data does not match `kind`; `line` is 0.
@@ -123,7 +123,9 @@ def fault_from(data: object) -> AnyFault:
 
 
 def to_plain_data(value: object) -> Any:
-    """Convert a struct into plain data as in a document, without fields that have their default value."""
+    """Convert a struct into plain data, as a document would contain it. Fields with their default value are
+    left out.
+    """
     return msgspec.to_builtins(value, enc_hook=lambda quantity: quantity.text)
 
 

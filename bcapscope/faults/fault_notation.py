@@ -14,10 +14,12 @@ Write the action first, with its main value after ``=``:
     bandwidth=64kbit/s      limit the rate; also kB/s
     partition               let nothing through while the fault is active
     half-open               let nothing more through in this conversation
-    pass                    forward the message, and skip all later faults answer=E_FAIL           answer with
-    this HRESULT; do not forward the request serial=1                add this to the serial of a reply
-    executing=2s            send S_EXECUTING notices this long, then the reply close=reset             close
-    the TCP connection; also fin rewrite                 change serial, reserved or code, or arguments with
+    pass                    forward the message, and skip all later faults
+    answer=E_FAIL           answer with this HRESULT; do not forward the request
+    serial=1                add this to the serial of a reply
+    executing=2s            send S_EXECUTING notices this long, then the reply
+    close=reset             close the TCP connection; also fin
+    rewrite                 change serial, reserved or code, or arguments with
                             set, limit or step
 
 Then write, in any order, which messages the fault applies to, and other
