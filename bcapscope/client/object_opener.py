@@ -110,7 +110,7 @@ class ObjectOpener:
         return required_variant(await self.session.invoke("Variable_GetValue", variable), name)
 
     async def is_simulator(self) -> bool:
-        """Return whether the controller is bcapscope's simulator, by a variable that only the simulator has."""
+        """Return whether the controller is bcapscope's simulator, which alone has a certain variable."""
         value = await read_variable_once(await self.open_remote(Controller), SIMULATOR_VARIABLE)
         return value is not None and value.value == SIMULATOR_TEXT
 

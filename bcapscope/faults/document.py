@@ -136,7 +136,9 @@ def _read_quantity(kind: type, written: object) -> object:
 
 
 class _Loader(SafeLoader):
-    """YAML loader that rejects duplicate keys, non-scalar keys and overlong numbers."""
+    """YAML loader that rejects duplicate keys, keys that are not scalars, and numbers with too many
+    digits.
+    """
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         _check_number(node)
@@ -167,7 +169,7 @@ def _check_number(node: yaml.ScalarNode) -> None:
 
 
 def _check_events(text: str) -> None:
-    """Check the levels of nesting, and reject aliases, before any object is built."""
+    """Check a document before any object is built from it: reject deep nesting and aliases."""
     for event in yaml_events(text):
         if isinstance(event, yaml.AliasEvent):
             raise YamlError(Message("yaml.anchors"), event.start_mark)
@@ -187,7 +189,7 @@ def _parse(text: str) -> tuple[yaml.Node | None, object]:
         mark = error.problem_mark
         reason = foreign_text(error.problem or "no YAML")
         raise DocumentError((), mark.line + 1 if mark else 0, reason) from error
-    except ValueError as error:  # an overlong number or an invalid date
+    except ValueError as error:  # a number with too many digits, or an invalid date
         raise DocumentError((), 0, Message("yaml.invalid", reason=str(error))) from error
 
 
@@ -244,7 +246,9 @@ def _actions(structs: Iterable[_Struct]) -> list[str]:
 
 
 def _types_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[list[_Struct], list[type]]:
-    """Return the possible types of the innermost struct on a path, and of the last field on the path."""
+    """Return two lists: the possible types of the innermost struct on a path, and those of the last field on
+    the path.
+    """
     types = _parts(kind)
     structs = _matching_structs(types, data)
     for step in path:
@@ -263,7 +267,9 @@ def _parts(hint: Any) -> list[type]:
 
 
 def _matching_structs(types: Iterable[type], data: object) -> list[_Struct]:
-    """Return the struct that the data's ``action`` names; all structs if the data names none."""
+    """Return the struct that the field ``action`` of the data names; all structs if the data has no such
+    field.
+    """
     structs = [each for each in types if issubclass(each, msgspec.Struct)]
     action = data.get("action") if isinstance(data, dict) else None
     return [each for each in structs if each.__struct_config__.tag == action] or structs

@@ -85,7 +85,7 @@ _MAIN_FIELDS: dict[str, tuple[str, ...]] = {
     "burst": ("enter", "leave"),
     "bandwidth": ("rate",),
 }
-"""Fields that are set by the value after the action, by action."""
+"""For each action, the fields that the value after the action's name sets."""
 
 _SEPARATORS = {"delay": "±", "burst": "/"}
 _DIRECTIONS = {"request": "request", "response": "response", "reply": "response"}
@@ -113,7 +113,7 @@ def read_fault(text: str) -> AnyFault:
 
 
 def write_fault(fault: Fault) -> str:
-    """Return a fault as text, from which `read_fault` makes an equal fault."""
+    """Return a fault as text. `read_fault` reads an equal fault from this text."""
     fields = to_plain_data(fault)
     action = fields.pop("action")
     main = [fields.pop(name) for name in _MAIN_FIELDS.get(action, ()) if name in fields]
@@ -264,7 +264,7 @@ class _FaultParser:
         raise NotationError(self.text, start, reason)
 
     def locate_error(self, error: DocumentError) -> NotationError:
-        """Convert an error of a field into an error with a position in the text."""
+        """Return an error that shows where in the text the field is that `error` names."""
         cause = error.__cause__.__cause__ if error.__cause__ else None
         if isinstance(cause, FilterError):
             shift = self.text.index(cause.expression, self.starts["if"] + len("if"))

@@ -1,18 +1,18 @@
-"""Arming state: whether calls that may energise or move a robot may be sent, and for how long."""
+"""Arming state: whether bcapscope may send calls that may energise or move a robot, and for how long."""
 
 from __future__ import annotations
 
 DISARM_AFTER = 180_000_000_000
 """Time in ns from the last call that needed arming until arming expires.
 
-When arming expires, bcapscope assumes that nobody watches the robot any more.
+After this time, bcapscope assumes that nobody watches the robot any more.
 """
 
 
 class ArmingState:
-    """Whether the user has armed; the user or a timeout disarms.
+    """Stores whether the user has armed. Arming ends when the user disarms or after a timeout.
 
-    `is_required` is False for the built-in simulator.
+    `is_required` is False if the controller is the built-in simulator.
     """
 
     def __init__(self) -> None:

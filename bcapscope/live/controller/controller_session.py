@@ -1,8 +1,8 @@
 """The Tester's session: one connection at a time, in a separate thread that sends updates to the screen.
 
-The session and the screen have separate event loops. Drawing the screen therefore delays no call, and the
-measured round trips are those of the network. The coroutines of this module run in the session's loop; the
-screen starts them with `run_in_loop`.
+The session and the screen have separate event loops. Drawing the screen therefore delays no call, and
+measured round trips do not include it. The coroutines of this module run in the event loop of the session.
+The screen starts them with `run_in_loop`.
 """
 
 from __future__ import annotations
@@ -67,15 +67,15 @@ class NotConnectedError(BcapError):
 
 
 class NotArmedError(BcapError):
-    """The call may energise or move the robot, and the user has not armed. It was not sent."""
+    """The call may energise or move the robot, and the user has not armed. The call was not sent."""
 
 
 class ControllerSession:
     """The connection to a controller, and every call that the Tester makes on it.
 
     Attributes:
-        status: State that the screen shows. Any thread may read the status, because each change replaces the
-            whole object.
+        status: State that the screen shows. Any thread may read it, because each change replaces the whole
+            object.
         polling_paused: True while automatic reads are suspended, because they might end another client's
             slave mode.
     """
