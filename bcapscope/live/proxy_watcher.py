@@ -1,7 +1,8 @@
-"""The process that watches a proxy: it records, decodes, displays and diagnoses, and never delays the relay.
+"""The process that watches a proxy. It records, decodes, displays and diagnoses the traffic, and never delays
+the relay.
 
 Every few hundredths of a second, the watcher reads the new records in the ring. When the relay ends or is
-killed, the watcher reads the rest, closes the recording and prints a summary.
+killed, the watcher reads the remaining records, closes the recording and prints a summary.
 """
 
 from __future__ import annotations
@@ -54,26 +55,26 @@ POLL_INTERVAL = 0.025
 """Seconds between polls of the ring."""
 
 _DECODE_FOR = 0.024
-"""Maximum time in seconds for decoding between two polls of the ring.
-
-The watcher records nothing meanwhile.
+"""Maximum time in seconds for decoding between two polls of the ring. During this time, the watcher records
+nothing.
 """
 
 _MAY_WAIT_SHARE = 0.25
-"""Maximum fill ratio of the ring at which undecoded records may wait.
-
-Up to this ratio, the watcher rests most of the time, although more traffic arrives than it decodes in
-`_DECODE_FOR`. The watcher rests because a busy processor lengthens each round trip through the proxy.
+"""Fill ratio of the ring up to which undecoded records may wait. Up to this ratio, the watcher rests most of
+the time, even if more traffic arrives than it decodes in `_DECODE_FOR`. It rests because a busy processor
+lengthens each round trip through the proxy.
 """
 
 _SHOWN_WITHIN_NS = 2_000_000_000
-"""Age in ns of undecoded traffic from which the watcher no longer rests between polls."""
+"""Age in ns of undecoded traffic. If the traffic is older, the watcher no longer rests between polls."""
 
 _PUBLISHED_WITHIN_NS = 200_000_000
-"""Age in ns of undecoded traffic from which the watcher no longer rests, if a screen shows the traffic."""
+"""Age in ns of undecoded traffic while a screen shows the traffic. If the traffic is older, the watcher no
+longer rests.
+"""
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075
-"""Rest after a poll as a multiple of the poll's duration, and the maximum rest in seconds."""
+"""Length of the rest after a poll, as a multiple of the poll's duration, and its maximum in seconds."""
 
 _STATUS_EVERY_NS = 500_000_000
 _DECODING_DELAY_NS = round(3 * POLL_INTERVAL * 1e9)
@@ -87,13 +88,13 @@ _RECORDS_PER_YIELD = 32
 _FRAMES_PER_YIELD = 4
 """Number of frames that the watcher decodes before it yields the processor.
 
-A yield takes a quarter of the time of decoding a frame.
+Yielding takes a quarter of the time that decoding a frame takes.
 """
 
 _CATCHES_UP_WITHIN = 10.0
 """Maximum time in seconds for decoding the remaining records after the relay has ended.
 
-The remaining records are recorded in full.
+Recording has no such limit: all remaining records are recorded.
 """
 
 
@@ -144,7 +145,7 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
 
 
 def _give_relay_priority() -> None:
-    """Give the relay precedence: lower this process's priority, and ignore Ctrl-C, SIGHUP and SIGTERM."""
+    """Lower the priority of this process below that of the relay. Also ignore Ctrl-C, SIGHUP and SIGTERM."""
     for name in ("SIGINT", "SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -167,7 +168,7 @@ class RecorderTask:
     def record_available(self) -> None:
         """Record everything written so far.
 
-        The first call may record nothing, and only read how many bytes have been written.
+        The first call may record nothing. It may only find out how many bytes the relay has written.
         """
         until = self.reader.bytes_written
         while self.reader.position < until:
@@ -177,7 +178,7 @@ class RecorderTask:
 
 
 class ProxyWatcher:
-    """Reads the relay's records from the ring; decodes, displays and diagnoses the traffic according to the
+    """Reads the relay's records from the ring. Decodes, displays and diagnoses the traffic according to the
     options.
 
     Undecoded records wait in the ring, whose size is fixed. The memory of the watcher is bounded, because the
