@@ -243,7 +243,7 @@ class ProxyWatcher:
         self._finish()
 
     def poll(self) -> float:
-        """Record all new records, then decode for at most `_DECODE_FOR` seconds.
+        """Write all new records of the ring to the recording, then decode for at most `_DECODE_FOR` seconds.
 
         Return the seconds to rest before the next poll.
         """
@@ -260,8 +260,9 @@ class ProxyWatcher:
         )
 
     def _may_rest(self) -> bool:
-        """Return whether undecoded records may wait: traffic arrives, and fill ratio and delay are below
-        their limits."""
+        """Return whether undecoded records may wait. They may if traffic arrives, the ring is not too full,
+        and the oldest record is not too old.
+        """
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written
         if (
@@ -315,11 +316,12 @@ class ProxyWatcher:
         self._terminal.write_message(f"{head}: {printable(sentence)}")
 
     def _close_conversation(self, conversation: Conversation, why: Message) -> None:
-        """Complete the calls of a client that is gone, report the state that it left, and drop its data."""
+        """Complete the calls of a client that is gone, report what it left open, and drop its data."""
         self._pipeline.close_conversation(conversation)
         self._write_lines()
         left = self._session_closer.pop_left_open(conversation)
-        # After the closing requests were sent, the relay reports the closed UDP sessions itself.
+        # Once the closing requests were sent to the relay, the relay itself reports which UDP sessions it
+        # closed.
         is_reported = self._has_sent_closing and conversation.transport is Transport.UDP
         if left is not None and not is_reported:
             client = str(conversation.client)
@@ -330,7 +332,9 @@ class ProxyWatcher:
         self._view.lines = []
 
     def _do_periodic_work(self) -> None:
-        """Do the work that is due even without traffic: expire calls, print findings, update the status."""
+        """Do the work that is due even if there is no traffic: complete old calls, print findings, update the
+        status.
+        """
         now = time.time_ns()
         if not self._reader.bytes_waiting:
             self._pipeline.expire(now - _DECODING_DELAY_NS)
@@ -355,7 +359,9 @@ class ProxyWatcher:
             self._publish_status(now)
 
     def _publish_status(self, now: int) -> None:
-        """Store the delays in the ring, where the relay reads them, and show the status on the terminal."""
+        """Store the delay figures in the ring, where the relay reads them. Show the status on the
+        terminal.
+        """
         for place, figure in enumerate(self._delays.figures()):
             self._reader.figures[place] = figure
         self._next_status_at = now + _STATUS_EVERY_NS
@@ -385,7 +391,7 @@ class ProxyWatcher:
 
     def _closing_requests(self) -> bytes:
         """Return the requests that close the open sessions, as a JSON list of `ClosingRequests`."""
-        # Answered calls are completed now, although a late retry could still arrive.
+        # Complete answered calls now, although a late retry could still arrive.
         self._pipeline.expire(time.time_ns() + RETRY_WITHIN_NS)
         self._write_lines()
         self._has_sent_closing = True
@@ -403,7 +409,7 @@ class ProxyWatcher:
         )
 
     def _skip_undecoded(self) -> None:
-        """Skip records for which there is no time to decode, but print messages from the relay."""
+        """Skip records when there is no time left to decode them, but still print messages from the relay."""
         if self._reader.bytes_waiting:
             self._write_message(Message("watcher.skipped"))
         while self._reader.bytes_waiting:
