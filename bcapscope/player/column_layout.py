@@ -2,8 +2,8 @@
 
 Known titles are those of `bcapscope extract`, plain names of axes and joints, and the titles of a
 controller's log with their English forms: `[J1 - 指令値]`, `[FIG - 指令値]`
-(ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and DrawLineDemo). A column whose title has an unknown word is ignored, so that a force
-or a distance is never read as a position.
+(ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and DrawLineDemo). A column whose title has an
+unknown word is ignored, so that a force or a distance is never read as a position.
 """
 
 from __future__ import annotations
