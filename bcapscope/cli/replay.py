@@ -80,7 +80,7 @@ _MAX_LISTED = 8
 )
 @options.filter_option(RecordKind.CALL)
 @click.option("--arm", is_flag=True, help="As client: energise and move a robot without confirmation.")
-@options.limit_option("As client: check against this limit of the arm")
+@options.limit_option("As client: check the set points against this limit of the arm")
 @click.option(
     "--anywhere",
     is_flag=True,
