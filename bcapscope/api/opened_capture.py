@@ -185,8 +185,8 @@ def open(
 
     Args:
         paths: Path of a capture or folder, or several paths.
-        filter: Filter expression, in the notation of the option `-f`. It selects frames for `Capture.frames`,
-            and calls for `Capture.calls`.
+        filter: Filter expression, in the notation of the option `-f`. The expression selects frames for
+            `Capture.frames`, and calls for `Capture.calls`.
         ports: Ports of controllers, if they differ from the usual ports. On all other ports,
             the content of the traffic shows which end is the controller.
         side: Which capture to read of a conversation that was captured at the client's side and at the
@@ -197,7 +197,7 @@ def open(
 
     Raises:
         CaptureError: A capture cannot be opened, and there is no `on_error`.
-        InputError: An argument is invalid. If it is the filter, the error is a `FilterError`.
+        InputError: An argument is invalid. If the filter is invalid, the error is a `FilterError`.
     """
     given = [paths] if isinstance(paths, str | os.PathLike) else paths
     names = [os.fspath(path) for path in given]

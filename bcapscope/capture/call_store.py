@@ -43,7 +43,7 @@ client's side (0 if none), the same for the controller's side, `is_missed`, `is_
 
 
 class _Record(msgspec.Struct, array_like=True):
-    """Stored form of a call or a stray reply. It refers to frames by their observation numbers.
+    """Stored form of a call or a stray reply. A record refers to frames by their observation numbers.
 
     For a stray reply, `number` is 0 and `request` is the number of the reply's frame. `reply` is the number
     of the call for which the reply is late, or 0. `evicted` holds `may_answer_evicted`.

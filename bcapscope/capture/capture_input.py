@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 
 class CaptureInput:
-    """Several captures that are read as one input. They can be read only once.
+    """Several captures that are read as one input. A `CaptureInput` can be read only once.
 
     Attributes:
         on_first_time: Function that is called with the time of the first observation, before that observation
@@ -139,7 +139,7 @@ class CaptureInput:
         """Return a pipeline for the input. The pipeline joins conversations that were captured at several
         places.
 
-        `comments` holds comments by packet number. It is needed only if the packets are not those of the
+        `comments` holds comments by packet number. Pass `comments` only if the packets are not those of the
         input.
         """
         from bcapscope.traffic.joining.joiner import Joiner  # noqa: PLC0415 - `decode` needs no pipeline

@@ -104,7 +104,7 @@ class HexBlock:
         belong to the new block.
 
         If `offset` is 0 or the new block would have too many rows, the new block holds only the last row, and
-        a note that says so.
+        a note says that it continues the block above.
         """
         first = bisect_right(self._rows, 2 * offset, key=itemgetter(0)) - 1
         note = ""

@@ -77,8 +77,8 @@ class HexPacket(NamedTuple):
         direction: Direction of the frame; None if neither the text nor the bytes show the direction.
         is_direction_guessed: Whether `direction` was guessed from the bytes, because the text states no
             direction.
-        caption: Words above the hex, or before the hex on its line; "" if there are none. Do not trust these
-            words: they are pasted text.
+        caption: Words above the hex, or before the hex on its line; "" if there are none. The caption is
+            untrusted, because it is pasted text.
         line: Number of the line on which the packet begins, from 1.
         notes: What was unusual in the text and cannot be seen from the bytes, one clause for each problem.
     """
@@ -170,8 +170,8 @@ class _BlockReader:
             self._begin_block(number, piece)
 
     def _add_dump_row(self, number: int, piece: HexDigits) -> None:
-        """Add a row to the last block if the row's offset follows the block's end; if not, begin a new
-        block.
+        """Add a row to the last block, or begin a new block if the row's offset does not follow the block's
+        end.
         """
         last = self.last
         if (
@@ -191,8 +191,8 @@ class _BlockReader:
         return reached
 
     def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
-        """Handle a few bytes beside words. They may be the end of a frame, or belong to the bytes of the next
-        line.
+        """Handle a few bytes beside words. A few bytes may be the end of a frame, or belong to the bytes of
+        the next line.
         """
         block = self._open
         is_short = block is not None and block.size <= _LONGEST_COMPLETED

@@ -55,8 +55,8 @@ class _PartialPacket:
         return self._held_bytes + _PART_COST * (len(self._offsets) + 1)
 
     def add(self, offset: int, payload: bytes, more: bool) -> None:
-        """Add a fragment. If it contradicts another fragment, the packet becomes invalid (RFC 5722, RFC 8200
-        4.5).
+        """Add a fragment. If two fragments contradict each other, the packet becomes invalid (RFC 5722, RFC
+        8200 4.5).
         """
         stop = offset + len(payload)
         size = self._size if more else stop
@@ -147,8 +147,8 @@ class IpReassembly:
         self._cost -= self._incomplete.pop(key).cost
 
     def _drop_expired(self, time: int) -> None:
-        """Drop incomplete packets that are too old. Then drop the oldest packets until the others need little
-        enough memory.
+        """Drop incomplete packets that are too old. If the remaining packets still need too much memory, drop
+        the oldest packets.
         """
         while self._incomplete:
             key, oldest = next(iter(self._incomplete.items()))

@@ -66,8 +66,8 @@ def _as_variant(value: Any) -> Variant:
 class ArgumentsField(StrField):  # type: ignore[misc] # scapy's classes have no types here
     """The arguments of a frame as a tuple of `Variant`.
 
-    You may set Python values. They get the types that DENSO's Python client sends: an int becomes I4, a float
-    R8, a str BSTR, bytes an array of UI1, a bool BOOL, and None EMPTY.
+    You may set Python values. Python values get the types that DENSO's Python client sends: an int becomes
+    I4, a float R8, a str BSTR, bytes an array of UI1, a bool BOOL, and None EMPTY.
     """
 
     islist = 1
@@ -95,7 +95,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     A request has the field `function_id`; a reply has `hresult`. If you set `function_id`, the frame becomes
     a request; if you set `hresult`, it becomes a reply. `trailer` holds the bytes between the arguments and
-    EOT. They are the CRC of a serial line, the mode of a version 1 frame, or bytes that belong to no
+    EOT. The trailer is the CRC of a serial line, the mode of a version 1 frame, or bytes that belong to no
     argument. An unchanged frame keeps its original bytes.
     """
 

@@ -20,8 +20,8 @@ that are older than the standard.
 """
 
 _MAX_LENGTH_FIELD = 1500
-"""Largest value of Ethernet's type field that means a length. An LLC header follows such a field (IEEE
-802.3).
+"""Largest value of Ethernet's type field that means a length. An LLC header follows a type field that means a
+length (IEEE 802.3).
 """
 
 _SNAP = b"\xaa\xaa\x03\x00\x00\x00"
@@ -185,8 +185,7 @@ def _read_ipv4(data: bytes, offset: int) -> IPPacket | None:
     if size < 20 or start > len(data):
         return None
     total, identification, part, protocol, addresses = _IPV4_HEADER.unpack_from(data, offset)
-    # The length field is 0 if the capturing machine sent the packet and its network card fills in the field
-    # later.
+    # The length field is 0 in a sent packet if the sender's network card fills in the field later.
     total = total or len(data) - offset
     if total < size:
         return None
@@ -202,8 +201,7 @@ def _read_ipv6(data: bytes, offset: int) -> IPPacket | None:
     start = offset + 40
     if start > len(data):
         return None
-    # The length field is 0 in a jumbogram (RFC 2675), or if the network card fills in the field later, as for
-    # IPv4.
+    # The length field is 0 in a jumbogram (RFC 2675), or if the network card fills in the field later.
     length = int.from_bytes(data[offset + 4 : offset + 6]) or len(data) - start
     stop = start + length
     protocol, addresses = data[offset + 6], data[offset + 8 : start]

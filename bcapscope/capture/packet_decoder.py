@@ -27,8 +27,8 @@ CONVERSATIONS_LIMIT = 10_000
 addresses would fill the memory."""
 
 COMMENTS_LIMIT = 4096
-"""Maximum number of packets whose comments are kept. This is enough: code that uses an observation reads its
-comments soon.
+"""Maximum number of packets whose comments are kept. The limit is high enough, because code that uses an
+observation reads its comments soon.
 """
 
 COMMENTS_BYTES = 4 * 1024 * 1024
@@ -50,7 +50,7 @@ _SOH_AND_LENGTH = struct.Struct("<BI")
 
 
 def ignore_packet(frame: int, packet: int) -> None:
-    """Do nothing. This is the default for callers that need not know the packet of a frame."""
+    """Do nothing. This function is the default for callers that need not know the packet of a frame."""
 
 
 class PacketDecoder:
@@ -176,8 +176,8 @@ class PacketDecoder:
     def _decode_any(
         self, time: int, data: bytes, original: int, interface: Interface, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        """Parse all headers of a packet. This is the general path, for packets that the fast path does not
-        cover.
+        """Parse all headers of a packet. This method is the general path, for packets that the fast path does
+        not cover.
         """
         cut = original > len(data)
         self.counts.cut += cut

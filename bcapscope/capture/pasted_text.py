@@ -21,7 +21,8 @@ from bcapscope.traffic.observation import (
 
 
 class PastedText:
-    """Observations of the packets in a text, in the order of the text. Their times are unknown and set to 0.
+    """Observations of the packets in a text, in the order of the text. The times of the observations are
+    unknown and set to 0.
 
     A packet has an additional problem if its command is unknown but similar to a known command. Bytes that
     are only one argument of a frame are also a problem.
@@ -32,7 +33,7 @@ class PastedText:
     """
 
     def __init__(self, lines: Iterable[str]) -> None:
-        """Take the lines of a text. They are read only when you iterate over the `PastedText`."""
+        """Take the lines of a text. The lines are read only when you iterate over the `PastedText`."""
         self.count = 0
         self.comments: dict[int, tuple[str, ...]] = {}
         self._lines = lines

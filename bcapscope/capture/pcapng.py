@@ -27,8 +27,8 @@ LONGEST_NAME = 128
 """Maximum number of characters to keep of an interface's name."""
 
 COMMENTS_SIZE = 65_535
-"""Maximum number of bytes to read of all comments on a packet together. It is the largest size that one
-comment can have.
+"""Maximum number of bytes to read of all comments on a packet together. The limit is the largest size that
+one comment can have.
 """
 
 _SECTION, _INTERFACE, _OBSOLETE, _SIMPLE, _ENHANCED = 0x0A0D0D0A, 1, 2, 3, 6

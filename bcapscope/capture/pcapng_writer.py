@@ -42,8 +42,9 @@ class PacketTemplate(NamedTuple):
 
 
 PacketPairEncoder: TypeAlias = Callable[[int, int, bytes], bytes]
-"""Function that returns the blocks of two packets with the same varying data. Its arguments are the times of
-both packets, ns since 1970, and the varying data."""
+"""Function that returns the blocks of two packets with the same varying data. The arguments of the function
+are the times of both packets, ns since 1970, and the varying data.
+"""
 
 
 class PcapngWriter:
@@ -113,10 +114,10 @@ class PcapngWriter:
 
 
 def pair_encoder(first: PacketTemplate, second: PacketTemplate) -> PacketPairEncoder:
-    """Return a function that makes one block of each template in a single step. One step takes half the time
-    of two.
+    """Return a function that makes one block of each template in a single step. Making both blocks in one
+    step takes half the time of making them one after the other.
 
-    Both templates have the same `data_size`.
+    `first` and `second` must have the same `data_size`.
     """
     joint = first.after_data + second.before_time
     before, between, also, behind = first.before_time, first.after_time, second.after_time, second.after_data

@@ -29,10 +29,10 @@ OpenSequence = Callable[[Sequence[str]], CaptureSequence]
 class PlaceDecoder:
     """Turns the packets of several captures into observations, in chronological order.
 
-    A conversation that two captures hold gets a `capture_side` in each. A `Joiner` uses it to join the two.
-    The times of observations of such a conversation are converted to the clock of the capture at the client's
-    side. Packets are numbered over all files: first the files captured at the client's side, then those
-    captured at the controller's side, then all other files.
+    A conversation that two captures hold gets a `capture_side` in each. A `Joiner` joins the observations by
+    their `capture_side`. The times of observations of such a conversation are converted to the clock of the
+    capture at the client's side. Packets are numbered over all files: first the files captured at the
+    client's side, then those captured at the controller's side, then all other files.
 
     Attributes:
         note_packet: Function that receives frame and packet numbers, as in `PacketDecoder`.
@@ -124,7 +124,8 @@ class PlaceDecoder:
 
 
 class _Part(NamedTuple):
-    """Files that one decoder reads. Their times are converted from `clock` to the clock at the client's side.
+    """Files that one decoder reads. The times of the files are converted from `clock` to the clock at the
+    client's side.
 
     `packets` is the number of packets in the files; 0 for the last part, where the number is not needed.
     """
@@ -170,7 +171,9 @@ class _Source:
     def timed_observations(
         self, keep_comments: Callable[[int, tuple[str, ...]], object]
     ) -> Iterator[tuple[int, Observation]]:
-        """Yield the observations with their times. Their packet numbers count the packets of all sources."""
+        """Yield the observations with their times. The packet numbers of observations count the packets of
+        all sources.
+        """
         comments, base = self.decoder.comments, self.base
         packets = chain.from_iterable(part.timed_packets() for part in self.parts)
         for observation in self.decoder.decode(packets):

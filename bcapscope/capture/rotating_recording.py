@@ -37,8 +37,8 @@ class RotationLimits:
         files: Maximum number of files in the ring.
         size: Maximum size of a file in bytes. Once a file has this size, the next packet begins a new file; 0
             for no limit.
-        seconds: Maximum duration of a file in s, counted from its first packet. After this time, the next
-            packet begins a new file; 0 for no limit.
+        seconds: Maximum duration of a file in s, counted from its first packet. A packet that arrives later
+            begins a new file; 0 for no limit.
     """
 
     files: int
@@ -112,8 +112,7 @@ class RotatingRecording(io.RawIOBase):
         try:
             self._open_next_file()
         except OSError:
-            # Mark the object as closed. If it is not marked, Python calls `close` later, when there is no
-            # file to close.
+            # Without this call, Python would call `close` later, when there is no file to close.
             super().close()
             raise
         self.recording = SocketRecording(self)

@@ -24,8 +24,8 @@ RECORD_HEADER = struct.Struct("<BqI")
 of bytes that follow."""
 
 READ_TIMEOUT = 0.25
-"""Maximum time in s that a read waits for a packet. After this time, each of the two processes handles
-interrupts, and notices whether the other process has ended.
+"""Maximum time in s that a read waits for a packet. After each read, both processes handle interrupts, and
+notice whether the other process has ended.
 """
 
 

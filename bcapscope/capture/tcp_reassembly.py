@@ -22,8 +22,8 @@ REORDER_LIMIT = 1024 * 1024
 controllers and their clients stay below 64 KiB. Suricata gives up at 1 MiB too (stream.reassembly.depth)."""
 
 ACK_LIMIT = 1 << 30
-"""Maximum number of bytes that an acknowledgement can confirm beyond the captured data. It is the size of the
-largest TCP window (RFC 7323, 2.3).
+"""Maximum number of bytes that an acknowledgement can confirm beyond the captured data. The limit is the size
+of the largest TCP window (RFC 7323, 2.3).
 """
 
 MARKS_LIMIT = 128

@@ -77,10 +77,10 @@ def command(
 ) -> None:
     """Check that a controller answers, identify the controller, and measure round trips.
 
-    `ping` connects and makes calls that only read. `ping` sends each call once, without retries. Then `ping`
-    judges whether the network is fit for set points every 8 ms (Sync) and every 1 ms (Async). The network is
-    fit if nearly all replies arrive within 8 ms or 1 ms, and retries make up for losses. If nothing listens
-    on the port, `ping` says so at once.
+    `ping` connects and makes calls that only read. `ping` sends each call once, without retries. At the end,
+    `ping` judges whether the network is fit for set points every 8 ms (Sync) and every 1 ms (Async). The
+    network is fit if nearly all replies arrive within 8 ms or 1 ms, and retries make up for losses. If
+    nothing listens on the port, `ping` reports this at once.
 
     After Ctrl-C, `ping` prints the results so far and ends.
 

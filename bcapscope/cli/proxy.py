@@ -138,7 +138,7 @@ def command(
 ) -> None:
     """Forward traffic between b-CAP clients and controllers: watch, record and disturb it.
 
-    Without rules, the proxy forwards bytes at once and unchanged. Another process records and shows the
+    Without rules, the proxy forwards bytes at once and unchanged. A separate process records and shows the
     traffic.
 
     Ctrl-C ends the open sessions, closes the recording and prints a summary. A second Ctrl-C ends at once.

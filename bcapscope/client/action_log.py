@@ -121,8 +121,8 @@ reply.
 _MAX_TEXT, _MAX_VALUES, _MAX_BYTES = 512, 128, 1024
 
 ErrorCallback: TypeAlias = Callable[[Path, OSError], None]
-"""Function that receives the path of a file that cannot be written, and the reason. It may be called from any
-thread.
+"""Function that receives the path of a file that cannot be written, and the reason. Any thread may call the
+function.
 """
 
 
@@ -136,13 +136,15 @@ class LoggedConnection(NamedTuple):
 
     @classmethod
     def of_target(cls, target: ControllerTarget) -> LoggedConnection:
-        """Return the connection to a target. Its host is the text that the user typed."""
+        """Return the connection to a target. The host of the connection is the text that the user typed."""
         transport = Transport.TCP if target.tcp else Transport.UDP
         return cls(target.host, target.port, transport.value)
 
     @classmethod
     def of_conversation(cls, conversation: Conversation) -> LoggedConnection:
-        """Return the connection of a conversation. Its host is the address of the controller."""
+        """Return the connection of a conversation. The host of the connection is the address of the
+        controller.
+        """
         server = conversation.server
         return cls(server.host, server.port, conversation.transport.value, conversation.client.port)
 
@@ -155,10 +157,10 @@ class ActionLog:
     """Writes the action log. Any thread may call the methods of an `ActionLog`."""
 
     def __init__(self, folder: Path, program: str, on_error: ErrorCallback) -> None:
-        """Prepare the log. Its files are created with the first line.
+        """Prepare the log. The log files are created with the first line.
 
         `program` is the name of the sending program, such as "call". If writing fails, `on_error` is called
-        once. It is called again only if writing succeeded in between.
+        once. `on_error` is called again only if writing succeeded in between.
         """
         self.folder = folder
         self._program = program

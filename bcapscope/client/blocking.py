@@ -32,7 +32,9 @@ class Blocking:
         return self._runner.run(step)
 
     def enter(self, context: AbstractAsyncContextManager[R]) -> R:
-        """Enter an asynchronous context manager. It is exited when the block of this `Blocking` ends."""
+        """Enter an asynchronous context manager. The context manager is exited when the block of this
+        `Blocking` ends.
+        """
         return self._runner.run(self._stack.enter_async_context(context))
 
     def __enter__(self) -> Self:

@@ -45,7 +45,7 @@ class ControllerConnection:
         await self._stack.__aexit__(kind, error, trace)
 
     def __enter__(self) -> tuple[Blocking, Controller]:
-        """Connect as `async with` does. This must not be called while an event loop runs."""
+        """Connect as `async with` does. Do not use `with` while an event loop runs."""
         wait = Blocking()
         try:
             controller = wait.enter(self)

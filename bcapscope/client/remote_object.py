@@ -1,5 +1,5 @@
-"""Base class of the controller's objects. It calls a function of an object and converts the value in the
-reply.
+"""Base class of the controller's objects. The base class calls a function of an object and converts the value
+in the reply.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ class Controller(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
     owner = ObjectClass.CONTROLLER
 
     async def release(self) -> None:
-        """Call Controller_Disconnect. The end of the session's block does this automatically."""
+        """Call Controller_Disconnect. At the end of its block, the session disconnects automatically."""
         await self._invoke("Disconnect")
 
     async def get_extension(self, name: str, option: str = "") -> Extension:
@@ -332,7 +332,7 @@ class Service:
         await self.session.invoke("Service_Start", option)
 
     async def stop(self) -> None:
-        """Call Service_Stop. The end of the session's block does this automatically."""
+        """Call Service_Stop. At the end of its block, the session stops the service automatically."""
         await self.session.invoke("Service_Stop")
 
     async def connect(

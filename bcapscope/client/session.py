@@ -68,8 +68,9 @@ class BaseCaller(Protocol):
 class Session:
     """Makes calls and remembers the objects that these calls opened.
 
-    On TCP, a call has one attempt. Its timeout is as long as that of all attempts on UDP together. slvMove on
-    TCP has the timeout of other calls, because TCP needs longer than a cycle time to retransmit lost data.
+    On TCP, a call has one attempt. The timeout of this attempt is as long as that of all attempts on UDP
+    together. slvMove on TCP has the timeout of other calls, because TCP needs longer than a cycle time to
+    retransmit lost data.
 
     Attributes:
         retry_policies: Retry policies for all further calls.
@@ -93,8 +94,7 @@ class Session:
         mode = requested_slave_mode(function_id, arguments)
         robot = _first_handle(arguments)
         before = self._slave_modes.get(robot, 0)
-        # Record the effect before the call: if the call is cancelled here, the controller may still execute
-        # it.
+        # Record the effect before the call: the controller may execute even a call that is cancelled here.
         self._is_starting = function_id == _SERVICE_START
         if mode:
             self._slave_modes[robot] = mode
@@ -131,7 +131,7 @@ class Session:
         """Leave slave mode, release the open objects, newest first, and close the link.
 
         If the controller no longer replies, the session sends Service_Stop once and releases no further
-        objects. If the controller is busy with a motion, it reads Service_Stop when the motion ends. Then the
+        objects. If the controller is busy with a motion, it reads Service_Stop when the motion ends. The
         controller must release the remaining objects on its own.
         """
         try:

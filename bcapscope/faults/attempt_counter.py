@@ -11,8 +11,8 @@ from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, MAX_SERIALS
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_ATTEMPTS = 16
-"""Maximum attempt number that is inferred from serials. It is twice the number of attempts that clients make
-for one call.
+"""Maximum attempt number that is inferred from serials. The limit is twice the number of attempts that
+clients make for one call.
 """
 
 
@@ -125,8 +125,8 @@ class _AttemptsBySerial:
         origin = self.find(reserved)
         if origin and origin.call.content == content:
             return CallAttempt(origin.call, origin.call.attempts + 1)
-        # The first attempt was lost before it arrived here. The serials of later attempts count up from its
-        # serial.
+        # The first attempt was lost before it arrived here.
+        # The serials of later attempts count up from the serial of the first attempt.
         behind = (serial - reserved) & 0xFFFF
         found = CallAttempt(AttemptedCall(content, 1), behind + 1 if behind < MAX_ATTEMPTS else 2)
         self.latest[reserved] = CallAttempt(found.call, 1)

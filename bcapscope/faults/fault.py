@@ -1,5 +1,5 @@
-"""The fields that all faults have. They select the messages that a fault hits. The classes of the faults are
-in `fault_kinds`.
+"""The fields that all faults have. The fields select the messages that a fault hits. The classes of the
+faults are in `fault_kinds`.
 
 Faults that Linux tc-netem(8) or Shopify's toxiproxy also have are named as there. Each fault has its own
 stream of random numbers. A message is a datagram. On TCP, a message is a frame, or a run of bytes that are
@@ -56,11 +56,11 @@ class Fault(
     tag_field="action",
     rename={"when": "if", "lasts": "for", "attempt": "try"},
 ):
-    """The fields that all faults have. They select the messages that the fault hits.
+    """The fields that all faults have. The fields select the messages that the fault hits.
 
     Attributes:
-        name: Name in reports, and part of the seed of the random numbers. It consists of letters, digits and
-            ``_ . + -``. An empty name is replaced by a generated name.
+        name: Name in reports, and part of the seed of the random numbers. A name consists of letters, digits
+            and ``_ . + -``. An empty name is replaced by a generated name.
         when: Filter that a message must match. In documents, this field is named ``if``.
         direction: Direction of the messages to hit; None for both directions.
         probability: Share of the messages to hit, among the messages that fulfil all other conditions.

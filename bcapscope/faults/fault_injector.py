@@ -41,9 +41,9 @@ from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_WAITING = 16 << 20
-"""Maximum number of bytes that faults hold, with `_OUTPUT_COST` bytes added per message. It is one second of
-traffic on a full line of 100 Mbit/s. When it is reached, datagrams that would be held are dropped, as in a
-queue of tc-netem(8).
+"""Maximum number of bytes that faults hold, with `_OUTPUT_COST` bytes added per message. The limit is one
+second of traffic on a full line of 100 Mbit/s. When the limit is reached, datagrams that would be held are
+dropped, as in a queue of tc-netem(8).
 """
 
 _OUTPUT_COST = 300
@@ -257,8 +257,8 @@ class FaultInjector:
         )
 
     def passes_close(self, conversation: Conversation) -> bool:
-        """Return whether the end of a TCP connection is forwarded. It is not after a half-open fault, which
-        hides the end.
+        """Return whether the end of a TCP connection is forwarded. After a half-open fault, the end is
+        hidden.
         """
         return conversation not in self._half_open
 

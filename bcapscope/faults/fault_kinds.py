@@ -445,7 +445,9 @@ ACTIONS: Mapping[str, type[MessageFault]] = MappingProxyType(
 )
 
 ALIASES: Mapping[str, str] = MappingProxyType({"loss": "drop"})
-"""Alternative names of actions, as in tc-netem(8). After such a name, the fault's main value is required."""
+"""Alternative names of actions, as in tc-netem(8). After an alternative name, the fault's main value is
+required.
+"""
 
 
 def _delayed(duration: int) -> Message:

@@ -20,7 +20,7 @@ from bcapscope.traffic.filter.operands import UNITS
 from bcapscope.traffic.filter.tokens import with_nearest
 
 LONGEST_DURATION = 10**9 * 86_400 * 365
-"""Maximum duration in ns. It is one year, so that sums of durations stay exact."""
+"""Maximum duration in ns. The maximum is one year, so that sums of durations stay exact."""
 
 LARGEST_END = 1e19
 """Largest absolute value that an end of a range can have. No integer type of b-CAP holds a larger number."""

@@ -24,8 +24,8 @@ is dropped first. A session has a few dozen series.
 """
 
 MAX_BYTES = 1 << 20
-"""Maximum total size in bytes of the messages that are kept for a `step`, after decompression. Their decoded
-values take up to 100 times as much memory.
+"""Maximum total size in bytes of the messages that are kept for a `step`, after decompression. The decoded
+values of messages take up to 100 times as much memory as their bytes.
 """
 
 _Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None]]

@@ -21,8 +21,9 @@ from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.traffic.observation import Conversation, Flow, Observation, Transport
 
 
-# Several of these structs are created for each message. Creating a struct takes 0.1 µs (named tuple 0.4 µs,
-# frozen dataclass 0.9 µs). Unlike a named tuple, a struct never equals a struct of another class.
+# The classes below are msgspec structs, because several objects are created for each message.
+# Creating a struct takes 0.1 µs, creating a named tuple 0.4 µs, creating a frozen dataclass 0.9 µs.
+# Unlike a named tuple, a struct never equals a struct of another class.
 class SendBytes(msgspec.Struct, frozen=True):
     """Bytes to send now.
 
@@ -122,9 +123,7 @@ class WireMessage:
         return _only_frames([each.observation.item for each in self.annotated_frames])
 
     def annotate_with_attempts(self, requests: RecentRequests, counter: AttemptCounter) -> None:
-        """Find function, command and attempt of each frame. The caller must do this for every message, in
-        order.
-        """
+        """Find function, command and attempt of each frame. Callers must annotate every message, in order."""
         self.annotate(requests)
         self.attempt_numbers = tuple(
             counter.attempt_number(self.flow, each.observation.item)
@@ -134,7 +133,7 @@ class WireMessage:
         )
 
     def annotate(self, requests: RecentRequests) -> None:
-        """Find function and command of each frame. The caller must do this for every message, in order."""
+        """Find function and command of each frame. The caller must annotate every message, in order."""
         self._annotated = tuple(AnnotatedFrame(seen, requests.kind_of(seen)) for seen in self._observations())
 
     def _observations(self) -> Iterator[Observation]:
@@ -186,6 +185,6 @@ class FaultedMessage:
 
 
 def _only_frames(items: Sequence[Frame | Malformed]) -> tuple[Frame, ...]:
-    """Return all items if each of them is a frame; if not, return ()."""
+    """Return all items if each item is a frame; return () if an item is not a frame."""
     frames = tuple(item for item in items if isinstance(item, Frame))
     return frames if len(frames) == len(items) else ()

@@ -38,8 +38,8 @@ _MAKE_FOR_NS = 1_000_000
 """Maximum time in ns that is spent on encoding packets before the server checks for new requests."""
 
 _ENDS_WITHIN = 5.0
-"""Maximum time in s that `close` spends on encoding the waiting packets. It spends at most the same time on
-writing them.
+"""Maximum time in s that `close` spends on encoding the waiting packets. `close` spends at most the same time
+on writing these packets.
 """
 
 _WriteStep: TypeAlias = Callable[[SocketRecording], None]
@@ -190,8 +190,8 @@ class BackgroundRecorder:
         if not self._recorder.is_complete:
             return False
         waiting = self._queued_size + self._recorder.files.bytes_pending
-        # After packets were left out, recording resumes when half of the space is free: one long gap is
-        # better than many short gaps.
+        # After packets were left out, recording resumes only when half of the space is free.
+        # One long gap in a recording is better than many short gaps.
         if waiting + size + _STEP_OVERHEAD <= (
             self._most_waiting // 2 if self._skipped else self._most_waiting
         ):

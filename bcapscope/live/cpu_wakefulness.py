@@ -5,7 +5,7 @@ A virtual machine's processor needs tens of microseconds to wake from any sleep,
 round trip through the proxy contains two wake-ups, or four if client and controller run on the proxy's
 machine.
 
-Linux lets a program limit the time that a processor may need to wake (power/pm_qos_interface). This limit
+Linux lets a program limit the time that a processor may need to wake (power/pm_qos_interface). A limit
 applies to the whole machine and costs electricity, or processor time of the host. The proxy therefore sets
 the limit only while there is much traffic, and not if the host takes processor time away.
 """
@@ -65,10 +65,14 @@ time.
 """
 
 _FIRST_LINE_BYTES = 256
-"""Number of bytes to read from /proc/stat. It is more than the first line of this file has."""
+"""Number of bytes to read from /proc/stat. This number is larger than the number of bytes in the first line
+of /proc/stat.
+"""
 
 _STEAL_COLUMN = 8
-"""Column in the first line of /proc/stat. It holds the processor time that the host took (proc_stat(5))."""
+"""Column in the first line of /proc/stat. The column holds the processor time that the host took
+(proc_stat(5)).
+"""
 
 
 class CpuWakefulness:
@@ -136,7 +140,7 @@ class CpuLatencyLimit:
 
     The request needs root rights, unless a udev rule grants access.
 
-    In a KVM guest with the haltpoll driver, the processors then wait without sleeping. There, even the
+    In a KVM guest with the haltpoll driver, the processors then wait without sleeping. In a guest, even the
     lightest sleep would be handled by the host. Linux drops the request when the process closes the file or
     ends in any way.
     """

@@ -45,8 +45,8 @@ class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
     """Frames that close the session of a UDP client on its behalf. Each frame is sent after the reply to the
     previous frame.
 
-    `open_state` is an encoded message (see `encode_message`). It names what the client left open in addition
-    to handles, such as slave mode; b"" for nothing.
+    `open_state` is an encoded message (see `encode_message`). The message names what the client left open in
+    addition to handles, such as slave mode; b"" for nothing.
     """
 
     client: int

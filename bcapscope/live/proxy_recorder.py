@@ -59,8 +59,8 @@ number.
 _step_time: Callable[[_RecordStep], int] = itemgetter(0)
 
 _MAX_PAIR_ENCODERS = 1024
-"""Maximum number of cached packet encoders. There is one for each client, direction and size. When the cache
-is full, it is emptied.
+"""Maximum number of cached packet encoders. There is one encoder for each client, direction and size. When
+the cache is full, it is emptied.
 """
 
 

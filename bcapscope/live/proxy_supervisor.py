@@ -49,8 +49,8 @@ from bcapscope.traffic.observation import Endpoint
 from bcapscope.transport.descriptors import raise_descriptor_limit
 
 RING_SIZE = 32 << 20
-"""Size of the ring in bytes. It holds about 20 s of traffic of four robots that each get one set point per
-ms.
+"""Size of the ring in bytes. The ring holds about 20 s of traffic of four robots that each get one set point
+per ms.
 """
 
 _MAX_DESCRIPTORS = 1024
@@ -74,7 +74,9 @@ _TOTALS_WITHIN = 0.5
 _STDIN = 0
 
 _SILENT_FOR_NS = 30_000_000_000
-"""Time in ns after which a silent client counts as gone. It applies only after the terminal was closed."""
+"""Time in ns after which a silent client counts as gone. This limit applies only after the terminal was
+closed.
+"""
 
 
 class ProxySupervisor:
@@ -196,14 +198,14 @@ class ProxySupervisor:
         """
         self._raise_if_ended()
         self.relay.watch(self._end_signals.fileno(), self._on_signal)
-        # Without real-time priority, one round trip in ten waited 4 ms beside busy programs. With real-time
-        # priority, Linux wakes the relay on the processor where the relay ran last. That processor should
-        # not sleep.
+        # Without real-time priority, one round trip in ten waited 4 ms if other programs were busy.
+        # With real-time priority, Linux wakes the relay on the processor where the relay ran last.
+        # The processor where the relay ran last should not sleep.
         with realtime_priority() as grade:
             if not grade.realtime:
                 self._send_to_watcher(encode_message(grade.text))
-            # `idle_priority_switch` is called only now, because it starts a thread for a test. If that thread
-            # started earlier, its stack would also be locked in memory.
+            # `idle_priority_switch` is called only now, because it starts a thread for a test.
+            # If the thread started earlier, the thread's stack would also be locked in memory.
             if self._is_watched:
                 assert self._watcher is not None
                 assert self._watcher.pid is not None
@@ -224,8 +226,8 @@ class ProxySupervisor:
                 self._print_totals()
 
     def _print_totals(self) -> None:
-        """Print the totals that this process knows. It does so because the watcher has ended and cannot print
-        a summary.
+        """Print the totals that this process knows. Totals are printed here only if the watcher has ended and
+        cannot print a summary.
         """
         from bcapscope.live.relay_figures import losses, totals  # imports NumPy
 
@@ -337,8 +339,8 @@ class ProxySupervisor:
         """Read a message from the watcher, if one has arrived. The message is the requests that close
         sessions, or the end of the watcher.
 
-        Do not block: the periodic work may have read the message already. A blocking read would then never
-        return, because the watcher waits for the relay.
+        This method never blocks, because the periodic work may have read the message already. A blocking read
+        would then never return, because the watcher waits for the relay.
         """
         try:
             if not self._watcher_pipe.poll():

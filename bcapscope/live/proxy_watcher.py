@@ -1,5 +1,5 @@
-"""The process that watches a proxy. It records, decodes, displays and diagnoses the traffic, and never delays
-the relay.
+"""The process that watches a proxy. The watcher records, decodes, displays and diagnoses the traffic, and
+never delays the relay.
 
 Every few hundredths of a second, the watcher reads the new records in the ring. When the relay ends or is
 killed, the watcher reads the remaining records, closes the recording and prints a summary.
@@ -55,14 +55,14 @@ POLL_INTERVAL = 0.025
 """Seconds between polls of the ring."""
 
 _DECODE_FOR = 0.024
-"""Maximum time in seconds for decoding between two polls of the ring. During this time, the watcher records
+"""Maximum time in seconds for decoding between two polls of the ring. While the watcher decodes, it records
 nothing.
 """
 
 _MAY_WAIT_SHARE = 0.25
 """Fill ratio of the ring up to which undecoded records may wait. Up to this ratio, the watcher rests most of
-the time, even if more traffic arrives than it decodes in `_DECODE_FOR`. It rests because a busy processor
-lengthens each round trip through the proxy.
+the time, even if more traffic arrives than it decodes in `_DECODE_FOR`. The watcher rests because a busy
+processor lengthens each round trip through the proxy.
 """
 
 _SHOWN_WITHIN_NS = 2_000_000_000
@@ -168,7 +168,8 @@ class RecorderTask:
     def record_available(self) -> None:
         """Record everything written so far.
 
-        The first call may record nothing. It may only find out how many bytes the relay has written.
+        The first call may record nothing. The first call may only find out how many bytes the relay has
+        written.
         """
         until = self.reader.bytes_written
         while self.reader.position < until:
@@ -260,8 +261,8 @@ class ProxyWatcher:
         )
 
     def _may_rest(self) -> bool:
-        """Return whether undecoded records may wait. They may if traffic arrives, the ring is not too full,
-        and the oldest record is not too old.
+        """Return whether undecoded records may wait. Records may wait if traffic arrives, the ring is not too
+        full, and the oldest record is not too old.
         """
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written
@@ -320,8 +321,7 @@ class ProxyWatcher:
         self._pipeline.close_conversation(conversation)
         self._write_lines()
         left = self._session_closer.pop_left_open(conversation)
-        # Once the closing requests were sent to the relay, the relay itself reports which UDP sessions it
-        # closed.
+        # After it received the closing requests, the relay itself reports which UDP sessions it closed.
         is_reported = self._has_sent_closing and conversation.transport is Transport.UDP
         if left is not None and not is_reported:
             client = str(conversation.client)

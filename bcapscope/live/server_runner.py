@@ -74,9 +74,9 @@ class ServerRunner:
     ) -> None:
         """Serve clients until a signal arrives, with real-time priority if the operating system grants it.
 
-        The priority is needed because the simulated controller must keep its cycle of 8 ms. Without it, the
-        simulator received set points too late and ended three of five plays; six busy processes ran on the
-        two processors.
+        The priority is needed because the simulated controller must keep its cycle of 8 ms. Without real-time
+        priority, the simulator received set points too late and ended three of five plays; six busy processes
+        ran on the two processors.
 
         `serve` calls `on_readable` with each descriptor in `watched` that is readable. `on_readable` may
         change the list `watched`.

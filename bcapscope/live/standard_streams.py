@@ -39,7 +39,7 @@ def choose_palette(color: str) -> Palette:
 def discard_stdout() -> None:
     """Discard the output in Python's buffer that stdout did not accept.
 
-    If it were not discarded, Python would try to write it again at exit.
+    If the output were not discarded, Python would try to write it again at exit.
     """
     _redirect_to_null(sys.stdout)
 

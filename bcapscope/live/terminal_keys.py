@@ -13,7 +13,7 @@ _SEQUENCE = re.compile(r"\x1b(\[[0-9;]*[A-Za-z~]|O[A-Za-z])")  # matches arrow k
 
 
 class TerminalKeys:
-    """While it is switched on, the terminal delivers each key at once and without echo. Ctrl-C works as
+    """After `start`, the terminal delivers each key at once and without echo, until `stop`. Ctrl-C works as
     usual.
     """
 
@@ -57,8 +57,8 @@ class TerminalKeys:
 
 
 def _has_terminal() -> bool:
-    """Return whether keys can be read from a terminal. This is impossible in a background job and on
-    Windows.
+    """Return whether keys can be read from a terminal. A background job, and a program on Windows, cannot
+    read keys.
     """
     if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
         return False

@@ -18,8 +18,8 @@ from bcapscope.live.standard_streams import discard_stdout
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 
 MAX_WAITING = 20_000
-"""Maximum number of lines that may wait to be written. The same limit applies to messages. When it is
-reached, newer ones are dropped and counted.
+"""Maximum number of lines that may wait to be written. The same limit applies to messages. When the limit is
+reached, newer lines or messages are dropped and counted.
 """
 
 _LINES_WITHIN = 2.0
@@ -40,10 +40,10 @@ ERASE_LINE = "\r\x1b[K"
 class TerminalWriter:
     """Writes lines to stdout, messages to stderr, and a status line at the bottom of a terminal.
 
-    Lines and messages have separate threads. If lines cannot be shown, a message can therefore still say so.
-    If stdout is closed or its disk is full, a message says so, and the program continues. The writer bypasses
-    Python's buffers. If they were used, a thread that waits for the terminal would hold a buffer's lock and
-    delay the end of the program.
+    Lines and messages have separate threads. A message can therefore report that lines cannot be shown. If
+    stdout is closed or its disk is full, a message reports this, and the program continues. The writer
+    bypasses Python's buffers. With a buffer, a thread that waits for the terminal would hold the buffer's
+    lock and delay the end of the program.
     """
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:

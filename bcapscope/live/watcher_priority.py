@@ -2,17 +2,17 @@
 the relay.
 
 Measured on two processors that also ran a client and a server: the 99.9th percentile of round trips was 2.6
-ms if the watcher ran at nice 10. It was 0.5 ms if the watcher ran at idle priority. When another process
-wakes up, Linux interrupts a process of idle priority at once. Linux lets a process of any other priority
-finish its slice of about 3 ms first.
+ms if the watcher ran at nice 10. The percentile was 0.5 ms if the watcher ran at idle priority. When another
+process wakes up, Linux interrupts a process of idle priority at once. Linux lets a process of any other
+priority finish its slice of about 3 ms first.
 
 Linux does not guarantee that it interrupts the process at once. Linux updates the run time of a process, and
 decides which process runs, only at a tick every 1 to 10 ms (sched(7), EEVDF). The watcher therefore also
 yields the processor after each 0.1 or 0.2 ms of work. At a yield, Linux chooses the next process.
 
 If other programs are always busy, a process of idle priority gets almost no processor time, and each yield
-gives up a whole slice. The relay always gets the processor. It therefore checks how far the watcher has read,
-and raises the watcher's priority if necessary.
+gives up a whole slice. The relay always gets the processor. The relay therefore checks how far the watcher
+has read, and raises the watcher's priority if necessary.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from pathlib import Path
 from bcapscope.proxy.ring_buffer import RingReader, RingWriter
 
 LATE_AFTER = 0.2
-"""Time in seconds within which the watcher should read new records. If it is later, the relay raises its
-priority.
+"""Time in seconds within which the watcher should read new records. If the watcher is later, the relay raises
+the watcher's priority.
 """
 
 OVERDUE_AFTER = 0.4
@@ -38,8 +38,8 @@ recorded within a second.
 """
 
 MAX_RING_SHARE = 0.5
-"""Maximum share of the ring that unread records may fill. If they fill more, the watcher's urgency is
-raised.
+"""Maximum share of the ring that unread records may fill. If unread records fill more, the watcher's urgency
+is raised.
 """
 
 IDLE_AGAIN_AFTER = 30.0

@@ -98,7 +98,7 @@ class Message:
     def from_table(cls, id: str, english: str, /, **places: PlaceValue) -> Message:
         """Return a message whose English text is in a table, such as the meaning of a result code.
 
-        For such a message, the catalogue holds only translations.
+        For a message from a table, the catalogue holds only translations.
         """
         message = cls(id, **places)
         object.__setattr__(message, "english", english)
@@ -131,7 +131,9 @@ def _restore(id: str, places: dict[str, PlaceValue], english: str | None) -> Mes
 
 
 def foreign_text(text: str) -> Message:
-    """Return a message with a text that another program or library made. Such a text is not translated."""
+    """Return a message with a text that another program or library made. The text of another program is not
+    translated.
+    """
     return Message.from_table("text", text)
 
 
@@ -143,9 +145,9 @@ class MessageFormatter:
         start: Time when the traffic began, ns since 1970. Sentences show times relative to this time.
         only_client: Whether the traffic has a single client. If so, sentences do not name the client's
             address.
-        find_frame: Function that takes the number of a frame. It returns the name of the capture and the
-            number of the packet in this capture, or None if the frame is unknown. If `find_frame` itself is
-            None, sentences show only the numbers of frames.
+        find_frame: Function that takes the number of a frame. The function returns the name of the frame's
+            capture and the number of the packet in this capture, or None if the frame is unknown. If
+            `find_frame` itself is None, sentences show only the numbers of frames.
     """
 
     def __init__(
@@ -186,8 +188,8 @@ class MessageFormatter:
         return self._filled(template, message)
 
     def plural(self, id: str, number: int) -> str:
-        """Return the text that states a number of things, in singular or plural. Its template has the
-        placeholder ``{n}``.
+        """Return the text that states a number of things, in singular or plural. The template of the text has
+        the placeholder ``{n}``.
         """
         translations = _translations(self.language)
         template = translations.ngettext(id, f"{id}.plural", number)

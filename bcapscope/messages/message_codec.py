@@ -1,5 +1,5 @@
-"""Encode messages as JSON, to send them to another process. That process shows them in the reader's
-language.
+"""Encode messages as JSON, to send them to another process. The other process shows the messages in the
+reader's language.
 """
 
 from __future__ import annotations

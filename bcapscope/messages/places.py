@@ -126,7 +126,7 @@ class Count(Place):
 
     Attributes:
         number: Number of things.
-        unit: Kind of things. Its text has the id `count.<unit>` in the catalogue.
+        unit: Kind of things. In the catalogue, the text for this kind has the id `count.<unit>`.
     """
 
     type_name = "count"

@@ -53,8 +53,8 @@ class ArmLimits:
     Attributes:
         axes: Limits of each known axis, by the axis's name, in the unit of the axis and seconds. An unknown
             limit is infinite.
-        to_joints: Function that computes the joints of a pose of P or T type. It raises an exception if the
-            pose is out of reach. None if the arm's kinematics are unknown.
+        to_joints: Function that computes the joints of a pose of P or T type. The function raises an
+            exception if the pose is out of reach. None if the arm's kinematics are unknown.
     """
 
     arm_name: Message
@@ -153,15 +153,15 @@ class TrajectoryMotion:
 
     @property
     def accelerations(self) -> Array:
-        """Acceleration at each pair of steps in units per second squared. It is computed as controllers
-        compute it.
+        """Acceleration at each pair of steps in units per second squared. The accelerations are computed as
+        controllers compute them.
         """
         return np.diff(self.rows, n=2, axis=0) / (self.period * self.period)  # ** may raise an exception
 
 
 def motions_of(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> Iterator[TrajectoryMotion]:
-    """Yield the motion of the axes that the set points have. Then yield the motion of the joints, if it can
-    be computed.
+    """Yield the motion of the axes that the set points have. If the motion of the joints can be computed,
+    yield it too.
     """
     axes = AXES[kind][: points.shape[1]]
     counted = [place for place, axis in enumerate(axes) if axis.unit]

@@ -2,8 +2,8 @@
 
 No event loop is used, because it could delay a set point. One thread drives the requester and waits for data
 of the channel. `begin_call`, `send_due` and `wait_for_outcome` are the steps of a call, for code that has a
-deadline between two steps. `perform_call` makes a whole call, for a `Session`. Both use the same requester,
-and therefore one sequence of serials.
+deadline between two steps. `perform_call` makes a whole call, for a `Session`. All these methods use the same
+requester, and therefore one sequence of serials.
 """
 
 from __future__ import annotations
@@ -109,8 +109,8 @@ class Channel:
     def send(self, data: bytes) -> None:
         """Send bytes. On TCP, either all bytes are sent or the connection fails."""
         if self.datagrams:
-            # Ignore these errors: the datagram is lost, or an earlier datagram reached a closed port. Retries
-            # handle both cases.
+            # Ignore the errors of a lost datagram, and of a closed port that an earlier datagram reached.
+            # The requester's retries handle a lost datagram and a closed port.
             with suppress(BlockingIOError, ConnectionRefusedError):
                 self._socket.send(data)
         else:
@@ -152,8 +152,8 @@ class Channel:
 
 
 def _measure_epoch_offset() -> int:
-    """Return the time in ns since 1970 at which the clock `now` was 0. Both clocks are read five times, and
-    the largest difference is returned.
+    """Return the time in ns since 1970 at which the clock `now` was 0. The two clocks are read five times,
+    and the result with the largest difference is returned.
     """
     return max(time.time_ns() - time.monotonic_ns() for _ in range(5))
 
@@ -190,8 +190,8 @@ def _connect_datagrams(host: str, port: int, local_port: int) -> socket.socket:
 R = TypeVar("R")
 
 FrameCallback: TypeAlias = Callable[[bool, bytes, int], None]
-"""Function that is called for every frame. It receives whether the frame was sent, its bytes, and its time in
-ns of the channel's clock.
+"""Function that is called for every frame. The function receives whether the frame was sent, its bytes, and
+its time in ns of the channel's clock.
 """
 
 
@@ -225,8 +225,8 @@ class BlockingCaller:
 
     Attributes:
         late_replies: Late replies that were not yet evaluated. The code that evaluates them clears the list.
-        check_abort: Function that is called regularly while `perform_call` waits. If it raises an exception,
-            the call ends.
+        check_abort: Function that is called regularly while `perform_call` waits. If the function raises an
+            exception, the call ends.
         overslept: Time in ns by which waits of the current call lasted too long because of the operating
             system.
     """
@@ -268,7 +268,7 @@ class BlockingCaller:
     def begin_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy, at: int
     ) -> None:
-        """Prepare a call, which `send_due` then sends. Its time-outs count from the time `at`."""
+        """Prepare a call, which `send_due` then sends. The time-outs of the call count from the time `at`."""
         self._requester.start_call(function_id, arguments, retry_policy, at)
         self.overslept = 0
 

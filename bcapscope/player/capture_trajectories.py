@@ -47,7 +47,7 @@ def read_capture(
     """Read the set points of each slave-mode session.
 
     Raises TrajectoryError if there are no set points of the wanted type. Raises CaptureError if the capture
-    is damaged before the first one.
+    is damaged before the first set point.
     """
     sessions: dict[int, _SlaveSessionPoints] = {}
     extractor = TrajectoryExtractor()

@@ -43,7 +43,7 @@ _CORRECT = Message("preflight.advice.correct-file")
 
 @dataclass(frozen=True, slots=True)
 class PreflightProblem:
-    """A problem that the pre-flight check found. It is an error, a warning or a remark.
+    """A problem that the pre-flight check found. A problem is an error, a warning or a remark.
 
     Attributes:
         check: Name of the check, such as `speed`.

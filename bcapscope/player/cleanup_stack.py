@@ -15,16 +15,16 @@ from bcapscope.player.robot_adapter import RobotAdapter
 from bcapscope.protocol.tables.hresult import E_BUSY
 
 _BUSY_TIMEOUT = 5_000_000_000
-"""Time in ns that a controller may still need for a call that was given up. During this time, it accepts no
-other call.
+"""Time in ns that a controller may still need for a call that was given up. During this time, the controller
+accepts no other call.
 """
 
 _BUSY_PAUSE = 20_000_000
 
 
 class CleanupStack:
-    """Undoes steps, newest first. It reports which steps remain, so that another process can undo them if
-    this process is killed.
+    """Undoes steps, newest first. The stack reports which steps remain, so that another process can undo them
+    if this process is killed.
 
     If the controller no longer answers (`is_controller_gone`), the remaining cleanup tasks are skipped.
     """

@@ -18,7 +18,7 @@ _PROGRESS_EVERY = 0x1000
 def call_test(call_filter: Filter | None, reader: CaptureReader) -> Callable[[Call], bool] | None:
     """Return a function that tests whether a call matches the filter; None if there is no filter.
 
-    If no call matches, the summary that `reader` prints says so.
+    If no call matches the filter, the summary that `reader` prints reports this.
     """
     if call_filter is None:
         return None

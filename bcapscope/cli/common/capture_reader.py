@@ -55,8 +55,8 @@ class CaptureReader:
     """Reads the input of a command. Several captures, such as the files of a ring, are read as one.
 
     Attributes:
-        on_idle: Function that is called several times per second while a live capture delivers no frames. It
-            receives the time up to which all packets were read, ns since 1970.
+        on_idle: Function that is called several times per second while a live capture delivers no frames. The
+            function receives the time up to which all packets were read, ns since 1970.
         is_live: Whether the input may never end: an interface or a pipe.
         frame_origins: Finds the capture and the packet of a frame, if there are several captures or
             `remember_origins` was called.
@@ -152,8 +152,8 @@ class CaptureReader:
     def counting_test(
         self, wanted: Filter, test: Callable[[R], bool], number_of: Callable[[R], int]
     ) -> Callable[[R], bool]:
-        """Return a function that tests a record with the filter and counts the records. If no record matches,
-        `print_summary` says so.
+        """Return a function that tests a record with the filter and counts the records. If no record matches
+        the filter, `print_summary` reports this.
 
         `number_of` is a function that returns the number of a record, counted from 1.
         """
@@ -216,7 +216,7 @@ class CaptureReader:
     def print_summary(self) -> None:
         """Print a summary to stderr.
 
-        The summary says if no record matched the filter. It lists read errors, controllers that were
+        The summary says if no record matched the filter. The summary lists read errors, controllers that were
         recognised by the content of their traffic, and packet counts.
         """
         if self._no_match is not None and (sentence := self._no_match.sentence(self._words)):

@@ -72,8 +72,8 @@ def _make_arguments(
 
 
 def figure_command(json_help: str, has_csv: bool = False) -> options.Decorator:
-    """Return a decorator that adds the options of figure commands to a command. Their values are passed as
-    one `FigureArguments`.
+    """Return a decorator that adds the options of figure commands to a command. The command gets the values
+    of these options as one `FigureArguments`.
     """
     as_json = click.option("--json", "as_json", is_flag=True, help=json_help)
     selection = (options.filter_option(RecordKind.CALL), options.color, options.language)

@@ -31,8 +31,8 @@ ms.
 """
 
 _LARGEST_NUMBER = 1_000_000.0
-"""Default maximum of numeric options. It is a quarter of an hour for an option in ms, and eleven days for an
-option in s.
+"""Default maximum of numeric options. This maximum is a quarter of an hour for an option in ms, and eleven
+days for an option in s.
 """
 
 

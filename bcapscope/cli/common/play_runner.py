@@ -247,8 +247,8 @@ class PlayRunner:
 
 
 def _handled_signals() -> list[signal.Signals]:
-    # If Ctrl-Z were not handled, it would suspend this process while the robot moves on, and keys would have
-    # no effect. Ctrl-\ would end this process without a summary.
+    # An unhandled Ctrl-Z would suspend this process while the robot moves on, and keys would have no effect.
+    # An unhandled Ctrl-\ would end this process without a summary.
     numbers = [signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGTSTP]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores SIGHUP
         numbers.append(signal.SIGHUP)

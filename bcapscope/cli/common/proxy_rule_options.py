@@ -38,8 +38,8 @@ class RuleOptions:
     Attributes:
         faults: Faults from the command line, followed by the faults from files (`--rules`).
         control: Address of the control socket; None if there is no control socket.
-        command_line: The rule options as typed, without --control. Another process with the same rules can be
-            started with them.
+        command_line: The rule options as typed, without --control. These options can start another process
+            with the same rules.
     """
 
     seed: int
@@ -177,8 +177,8 @@ def _make_rule_options(
 
 
 def _parsing_callback(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a click callback that parses the values of an option with `read`. It also stores the values as
-    typed.
+    """Return a click callback that parses the values of an option with `read`. The callback also stores the
+    values as typed.
     """
     parse = options.parsed_by(read)
 

@@ -33,8 +33,8 @@ class ServeOptions:
 def serve_screen(options: ServeOptions) -> None:
     """Serve the screen of the running command to browsers until Ctrl-C, then exit.
 
-    Each browser page gets its own process, which runs the same command. In such a process, `serve_screen`
-    returns at once.
+    Each browser page gets its own process, which runs the same command. In the process of a browser page,
+    `serve_screen` returns at once.
     """
     if "TEXTUAL_DRIVER" in os.environ:
         return

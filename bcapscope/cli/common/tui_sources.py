@@ -171,8 +171,8 @@ def _read_figures(address: str) -> ProxyStats:
 
 @contextmanager
 def _running_command(*words: str) -> Iterator[ChildProcess]:
-    """Run a bcapscope command as a child process during the block. Then print what remains of the command's
-    output.
+    """Run a bcapscope command as a child process during the block. After the block, print the rest of the
+    command's output.
     """
     from bcapscope.live.child_process import ChildProcess, ChildStartError
     from bcapscope.tui.reader_language import current_language, full_error_text

@@ -5,7 +5,7 @@ from __future__ import annotations
 DISARM_AFTER = 180_000_000_000
 """Time in ns from the last call that needed arming until arming expires.
 
-After this time, bcapscope assumes that nobody watches the robot any more.
+When arming expires, bcapscope assumes that nobody watches the robot any more.
 """
 
 

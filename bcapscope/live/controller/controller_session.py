@@ -271,7 +271,7 @@ class ControllerSession:
 
     @property
     def last_record(self) -> HistoryRecord:
-        """The record of the latest call that has ended. It may be read only after a call."""
+        """The record of the latest call that has ended. Read `last_record` only after a call."""
         assert self._recorder.last_record is not None
         return self._recorder.last_record
 
@@ -405,8 +405,7 @@ class ControllerSession:
         session = self.client_session
         if session is not None and self.status.is_connected:
             if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
-                # Record the call here: `Session` records a reply only when the caller's task resumes, and
-                # never records raw bytes.
+                # `Session` records a reply only when the caller's task resumes, and never records raw bytes.
                 session.record_call(record.function_id, record.arguments, record.reply)
             before = self.status
             self.status = before.after_call(record, session.handles.open_handles())

@@ -1,5 +1,5 @@
-"""The HALT connection: a second connection to the controller that only halts a robot. It has its own thread,
-event loop and session, and is open before HALT is needed.
+"""The HALT connection: a second connection to the controller that only halts a robot. The HALT connection has
+its own thread, event loop and session, and is open before HALT is needed.
 
 A b-CAP call blocks its connection until the call ends. While a call blocks a connection, DENSO's C server
 refuses other calls on that connection as busy (orin_bcap C/src/bCAPServer/bcap_server.c). HALT therefore uses
@@ -125,7 +125,7 @@ class HaltConnection:
     def report_only_halts(self) -> None:
         """From now on, report only the results of HALT.
 
-        Another connection replaces this connection, and reports its own state.
+        A new HALT connection replaces this connection, and reports its own state.
         """
         report = self._report
         halt_results = (HaltState.HALTED, HaltState.FAILED)
@@ -161,8 +161,8 @@ class HaltConnection:
                 await self._handle_loss(error_reason(error))
 
     async def _handle_loss(self, reason: Reason) -> None:
-        """Wait before the connection is reopened: `_REOPEN_DELAY` if HALT is pending, and the time of one
-        heartbeat if not.
+        """Wait before the connection is reopened: only `_REOPEN_DELAY` if HALT is pending, else the time of
+        one heartbeat.
 
         A pending HALT fails after `RETRY_WITHIN` seconds, because a HALT that is sent minutes later could
         interrupt another motion.
@@ -177,7 +177,7 @@ class HaltConnection:
         await self._wait_for_press(self._heartbeat)
 
     async def _serve_session(self, session: Session) -> None:
-        """Open the robot. Then halt it whenever the user presses HALT, until the connection is closed."""
+        """Open the robot. Until the connection is closed, halt the robot whenever the user presses HALT."""
         self._report(HaltUpdate(HaltState.OPENING))
         opener = ObjectOpener(session, self._target, {ObjectClass.ROBOT: self._robot})
         handle = await opener.handle_for(ObjectClass.ROBOT)

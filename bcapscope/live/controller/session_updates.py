@@ -1,4 +1,4 @@
-"""Updates that the Tester's session sends to the screen. They are sent in the threads of the session.
+"""Updates that the Tester's session sends to the screen. The threads of the session send the updates.
 
 The screen passes the updates on to its own thread.
 """
@@ -69,8 +69,8 @@ class SessionStatus:
         robot: Robot to which the session sends robot commands; None if no robot is selected.
         slave_mode: Number of the robot's slave mode, derived from this client's own calls; 0 if slave mode is
             off.
-        holds_arm: Whether TakeArm succeeded and no GiveArm followed. Even so, the controller may have
-            released the arm because of an error.
+        holds_arm: Whether TakeArm succeeded and no GiveArm followed. After an error, the controller may have
+            released the arm nevertheless.
         round_trip: Round trip in ns of the last answered call.
     """
 
@@ -108,8 +108,8 @@ def _slave_mode_after(record: HistoryRecord) -> int | None:
     if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
         code = record.reply.code
         level = describe_hresult(code).level or 0
-        # Each error of level 3 or above ends slave mode. On RC7, any result except S_OK does (DENSO Wave
-        # 2009).
+        # Each error of level 3 or above ends slave mode.
+        # On RC7, any result except S_OK ends slave mode (DENSO Wave 2009).
         return 0 if code == E_NOT_IN_SLAVE_MODE or level >= _LEVEL_THAT_ENDS_SLAVE_MODE else None
     return None
 
