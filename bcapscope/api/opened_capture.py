@@ -76,7 +76,7 @@ class Capture:
         """The frames, and also bytes that are not a frame, in the order in which they were captured.
 
         Raises:
-            FilterError: The filter is not for frames.
+            FilterError: The filter is not valid for frames.
         """
         wanted = self._filter_for(RecordKind.FRAME)
         return TableRecords(lambda: self._read_frames(wanted), FRAME_COLUMNS)
@@ -87,7 +87,7 @@ class Capture:
         they started.
 
         Raises:
-            FilterError: The filter is not for calls.
+            FilterError: The filter is not valid for calls.
         """
         wanted = self._filter_for(RecordKind.CALL)
         return TableRecords(lambda: self._read_calls(wanted), CALL_COLUMNS)
@@ -97,7 +97,7 @@ class Capture:
         """The slave-mode sessions. The filter selects set points.
 
         Raises:
-            FilterError: The filter is not for calls.
+            FilterError: The filter is not valid for calls.
         """
         wanted = self._filter_for(RecordKind.CALL)
         return Records(lambda: self._read_sessions(wanted))
@@ -111,7 +111,7 @@ class Capture:
         yielded.
 
         Raises:
-            FilterError: The filter is not for calls.
+            FilterError: The filter is not valid for calls.
         """
         wanted = self._filter_for(RecordKind.CALL)
         return Records(lambda: self._read_findings(wanted))

@@ -179,7 +179,7 @@ class _SnifferProcess:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the pipe, which ends the separate process; kill a process that does not end."""
+        """Close the pipe, so that the separate process ends; kill this process if it does not end."""
         if self._process.stdout is not None:
             self._process.stdout.close()
         try:

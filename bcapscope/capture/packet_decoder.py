@@ -100,7 +100,7 @@ class PacketDecoder:
         observation numbers of the first call.
 
         Raises:
-            CaptureError: Reading `packets` raised it. All observations before the error were yielded.
+            CaptureError: Reading `packets` failed. All observations before the error were yielded.
         """
         counts, broken = self.counts, None
         number, packet, time, latest = counts.items, counts.packets, 0, self.end_time

@@ -149,7 +149,7 @@ def write_annotated(packets: Iterable[Packet], notes: Mapping[int, str], file: B
     `notes` holds the user's notes by packet number, from 1. An empty note only marks the packet.
 
     Raises:
-        CaptureError: Reading `packets` raised it.
+        CaptureError: Reading `packets` failed.
         OSError: The file cannot be written, such as on a full disk.
     """
     writer = PcapngWriter(file)

@@ -1,4 +1,4 @@
-"""Decode several captures, some of which hold the same conversation from different places."""
+"""Decode several captures, some of which hold the same conversation, captured at different places."""
 
 from __future__ import annotations
 

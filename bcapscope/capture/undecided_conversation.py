@@ -17,7 +17,7 @@ identifies the server, so real traffic needs one or two items.
 
 
 def endpoints_of(key: bytes) -> tuple[Endpoint, Endpoint]:
-    """Return both ends of a key, which consists of both addresses and then both ports, as in a packet."""
+    """Return the two ends that a key names: both addresses and then both ports, as in a packet."""
     size = (len(key) - 4) // 2
     family = socket.AF_INET if size == 4 else socket.AF_INET6
     hosts = (socket.inet_ntop(family, key[:size]), socket.inet_ntop(family, key[size : 2 * size]))
@@ -99,7 +99,7 @@ class UndecidedConversation:
             flow.conversation.record_end(flow.direction, reset, time)
 
     def add_item(self, sender: int, timed_item: TimedItem) -> bool:
-        """Hold an item until `release_items`; return False if the item proves that the conversation is not
+        """Hold an item until `release_items` is called; return False if the item proves that the conversation is not
         b-CAP.
         """
         if self.is_tentative:

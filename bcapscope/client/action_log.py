@@ -327,7 +327,7 @@ _FUNCTION_ID = 9
 
 
 class ArmedCallLogger:
-    """Logs the calls that need arming, from all frames of a connection.
+    """Receives all frames of a connection, and logs the calls that need arming.
 
     Of consecutive set points, only the first one is logged like any other call. Later, one line states the
     number of set points. A set point that is sent again before a reply arrives counts as a retry.

@@ -68,7 +68,7 @@ class BaseCaller(Protocol):
 class Session:
     """Makes calls and remembers the objects that these calls opened.
 
-    On TCP, a call has one attempt. The timeout of this attempt is as long as that of all attempts on UDP
+    On TCP, a call has one attempt. The timeout of this only attempt is as long as that of all attempts on UDP
     together. slvMove on TCP has the timeout of other calls, because TCP needs longer than a cycle time to
     retransmit lost data.
 

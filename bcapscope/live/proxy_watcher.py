@@ -66,11 +66,10 @@ processor lengthens each round trip through the proxy.
 """
 
 _SHOWN_WITHIN_NS = 2_000_000_000
-"""Age in ns of undecoded traffic. If the traffic is older, the watcher no longer rests between polls."""
+"""Age in ns. If undecoded traffic is older, the watcher no longer rests between polls."""
 
 _PUBLISHED_WITHIN_NS = 200_000_000
-"""Age in ns of undecoded traffic while a screen shows the traffic. If the traffic is older, the watcher no
-longer rests.
+"""Age in ns while a screen shows the traffic. If undecoded traffic is older, the watcher no longer rests.
 """
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075

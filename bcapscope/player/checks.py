@@ -1,5 +1,4 @@
-"""The results of the pre-flight check, and those of its checks that concern a trajectory's numbers, type and
-times.
+"""Results of the pre-flight check, and the checks of a trajectory's numbers, type and times.
 
 Each check reports one problem, or one problem per axis.
 """
