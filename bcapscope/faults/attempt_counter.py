@@ -72,7 +72,9 @@ class AttemptCounter:
         return None if found is None else found.number
 
     def add_frame(self, flow: Flow, frame: Frame) -> CallAttempt | None:
-        """Add the next frame of a UDP conversation. Return the attempt that the frame is, if it is a request, or that it answers.
+        """Add the next frame of a UDP conversation.
+
+        Return the attempt that the frame is, if it is a request, or that it answers.
 
         For a response to an unknown or old request, return None.
         """

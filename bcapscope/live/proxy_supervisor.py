@@ -74,8 +74,7 @@ _TOTALS_WITHIN = 0.5
 _STDIN = 0
 
 _SILENT_FOR_NS = 30_000_000_000
-"""Time in ns after which a silent client counts as gone. A silent client counts as gone only after the terminal was closed.
-"""
+"""Time in ns after which a silent client counts as gone once the terminal was closed."""
 
 
 class ProxySupervisor:

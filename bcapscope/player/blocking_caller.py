@@ -2,7 +2,8 @@
 
 No event loop is used, because it could delay a set point. One thread drives the requester and waits for data
 of the channel. `begin_call`, `send_due` and `wait_for_outcome` are the steps of a call, for code that has a
-deadline between two steps. `perform_call` makes a whole call, for a `Session`. All four methods use the same requester, and therefore one sequence of serials.
+deadline between two steps. `perform_call` makes a whole call, for a `Session`. All four
+methods use the same requester, and therefore one sequence of serials.
 """
 
 from __future__ import annotations
@@ -284,7 +285,8 @@ class BlockingCaller:
 
         Sleeping helps because the scheduler delays a program that used the processor shortly before a reply
         wakes it. Measured with set points every 1 ms beside busy programs, without real-time priority (Linux
-        6.18, sched-eevdf): three set points in a hundred were 2 ms late. If the caller slept, three in a thousand were late.
+        6.18, sched-eevdf): three set points in a hundred were 2 ms late. If the caller
+        slept, three in a thousand were late.
         """
         due, now = self._requester.deadline, self.link.now()
         end = max(now, min(until, until if due is None else due) - READ_RESERVE)

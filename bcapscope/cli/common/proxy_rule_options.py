@@ -38,7 +38,8 @@ class RuleOptions:
     Attributes:
         faults: Faults from the command line, followed by the faults from files (`--rules`).
         control: Address of the control socket; None if there is no control socket.
-        command_line: The rule options as typed, without --control. A process that is started with these options has the same rules.
+        command_line: The rule options as typed, without --control. A process that is started with
+            these options has the same rules.
     """
 
     seed: int
