@@ -15,9 +15,9 @@ _OFFSET = struct.Struct("<Q")
 
 
 class AppendLogWriter:
-    """Appends records to a file, and the offset of the end of each record to an index file.
+    """Appends each record to a file, and the offset of the record's end to an index file.
 
-    Readers see no record before `flush`.
+    Readers see new records only after `flush`.
 
     Attributes:
         count: Number of records added so far.

@@ -37,12 +37,13 @@ _CLASSES = tuple(ObjectClass)
 
 _ObjectRecord = tuple[int, int, bytes, bytes, int, bool]
 _JoinedRecord = tuple[int, int, int, bool, bool, bytes]
-"""A frame that was captured at two places: number of the frame; numbers of its sightings at the client's and
-the controller's side, 0 for none; `is_missed`, `is_relayed` and `note`."""
+"""A frame that was captured at two places. Fields: the frame's number, the number of its sighting at the
+client's side (0 if none), the same for the controller's side, `is_missed`, `is_relayed`, `note`.
+"""
 
 
 class _Record(msgspec.Struct, array_like=True):
-    """Stored form of a call or a stray reply, which refers to frames by their observation numbers.
+    """Stored form of a call or a stray reply. A record refers to frames by their observation numbers.
 
     For a stray reply, `number` is 0 and `request` is the number of the reply's frame. `reply` is the number
     of the call for which the reply is late, or 0. `evicted` holds `may_answer_evicted`.
@@ -86,7 +87,7 @@ class StoredCall(NamedTuple):
 
 
 class CallStoreWriter:
-    """Writes each complete call or stray reply as a row, and saves which row each frame belongs to."""
+    """Writes each complete call or stray reply as a row, and stores the row number of each frame."""
 
     def __init__(self, folder: Path) -> None:
         """Create the files in the folder of an observation store."""
@@ -101,7 +102,7 @@ class CallStoreWriter:
     def add(self, settled: PairingResult, subject: TrackedObject | None) -> None:
         """Add a call or stray reply as a row.
 
-        Before `flush`, the caller must write the row's frames to the observation store.
+        The caller must write the row's frames to the observation store before it calls `flush`.
         """
         if isinstance(settled, StrayReply):
             number = settled.observation.number
@@ -218,7 +219,7 @@ class CallStore:
         return StoredCall(call, None if record.subject is None else _object_from_record(record.subject))
 
     def _joined_frames(self, record: _Record, conversation: Conversation) -> dict[int, FrameObservation]:
-        """Read the frames of a call that were captured at two places, by number."""
+        """Return the frames of a call that were captured at two places; the keys are frame numbers."""
         frames: dict[int, FrameObservation] = {}
         for number, near, far, is_missed, is_relayed, note in record.joined:
             direction = self._observations.read_frame(number).observation.flow.direction

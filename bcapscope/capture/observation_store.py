@@ -1,7 +1,8 @@
-"""Observations on disk. Reading any one of millions is fast and takes constant memory.
+"""Stores observations on disk. A store can hold millions; reading one of them is fast and takes constant
+memory.
 
-One process writes while others read. The format is the same for observations from a file, an interface, a
-proxy or a client.
+One process writes the store while other processes read it. The format is the same whether the observations
+come from a file, an interface, a proxy or a client.
 """
 
 from __future__ import annotations
@@ -35,10 +36,11 @@ _FRAMES, _CONVERSATIONS = "frames", "conversations"
 
 
 class _FrameRecord(msgspec.Struct, array_like=True):
-    """Stored form of an observation. `conversation` is the number of its conversation.
+    """Stored form of an observation. `conversation` is the number of the observation's conversation.
 
     Text is stored as bytes (see `encode_text`). `function_id` is None if the kind of the call is unknown.
-    `missing` is None for a frame. `problems` are those that the bytes do not show: offset, code and reason.
+    `missing` is None for a frame. `problems` lists problems that cannot be found again from the bytes, each
+    with offset, code and reason.
     """
 
     time: int
@@ -70,10 +72,10 @@ def decode_text(data: bytes) -> str:
 
 
 class ObservationStoreWriter:
-    """Writes observations in the order of their numbers, which start at 1."""
+    """Writes observations in the order of their numbers. The first number is 1."""
 
     def __init__(self, folder: Path) -> None:
-        """Create the files in an existing folder that does not hold such files yet."""
+        """Create the files of the store in an existing folder that holds no store yet."""
         self._frames = AppendLogWriter(folder / _FRAMES)
         self._conversations = AppendLogWriter(folder / _CONVERSATIONS)
         self._numbers: dict[Conversation, int] = {}
@@ -83,7 +85,9 @@ class ObservationStoreWriter:
         return self._frames.count
 
     def add(self, observation: Observation, call_kind: CallKind | None, comments: Sequence[str] = ()) -> None:
-        """Add an observation, the kind of its call, and the comments that its packet has in the capture."""
+        """Add an observation, the kind of its call, and the comments on the observation's packet in the
+        capture.
+        """
         _, time, began, flow, item, packet = observation
         number = self._numbers.get(flow.conversation)
         if number is None:
@@ -141,7 +145,7 @@ def _encode_problems(problems: Sequence[Problem]) -> list[tuple[int, bytes, byte
 
 
 class ObservationStore:
-    """Reads the files of an `ObservationStoreWriter`, even while the writer adds observations."""
+    """Reads the files that an `ObservationStoreWriter` writes, even while the writer adds observations."""
 
     def __init__(self, folder: Path) -> None:
         """Open the files of an `ObservationStoreWriter` in a folder.

@@ -24,7 +24,8 @@ from bcapscope.traffic.observation import (
 
 
 class PastedText:
-    """Observations of the packets in a text, in the order of the text. Their times are unknown and set to 0.
+    """Observations of the packets in a text, in the order of the text. The times of the observations are
+    unknown and set to 0.
 
     A packet has an additional problem if its command is unknown but similar to a known command. Bytes that
     are only one argument of a frame are also a problem.
@@ -35,7 +36,7 @@ class PastedText:
     """
 
     def __init__(self, lines: Iterable[str], words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Store the iterable of lines; iteration over the `PastedText` reads the lines."""
+        """Take the lines of a text. The lines are read only when you iterate over the `PastedText`."""
         self.count = 0
         self.comments: dict[int, tuple[str, ...]] = {}
         self._lines = lines
@@ -66,7 +67,9 @@ def _decode_packet(packet: HexPacket) -> Frame | Malformed:
 
 
 def _lone_argument_problems(data: bytes) -> Iterator[Problem]:
-    """Yield a problem if the bytes are one argument of a frame, such as one copied from a table of fields."""
+    """Yield a problem if the bytes are only one argument of a frame, such as an argument copied from a table
+    of fields.
+    """
     size = (SMALLEST_FRAME + len(data)).to_bytes(4, "little")
     frame = Frame(bytes((SOH,)) + size + bytes(8) + b"\1\0" + data + bytes((EOT,)))
     if not frame.problems:

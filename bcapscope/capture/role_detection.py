@@ -22,22 +22,25 @@ SENT_TYPES: dict[str, tuple[int, ...]] = {
     "VT_R4": (VT.R4, VT.R8),
     "VT_BSTR": (VT.BSTR,),
 }
-"""VARIANT types that clients send for each argument type of the function table. An argument declared as
-VARIANT may have any type."""
+"""For each argument type in the function table, the VARIANT types that clients send. An argument declared as
+VARIANT may have any type.
+"""
 
 
 def server_index_by_port(ports: Collection[int], first: int, second: int) -> int | None:
-    """Return the index, 0 or 1, of the port that is in `ports`; None if both ports are, or neither."""
+    """Return the index, 0 or 1, of the port that is in `ports`; None if both ports are in `ports`, or neither
+    is.
+    """
     known = (first in ports, second in ports)
     return known.index(True) if sum(known) == 1 else None
 
 
 def direction_evidence(item: Frame | Malformed) -> tuple[Direction, ServerEvidence] | None:
-    """Return the direction that the content proves, and the evidence; None without proof.
+    """Return the direction that the content proves, and the evidence; None if the content proves nothing.
 
     A code of 0 or 0x900, and a code with the top bit set, can only be a result code. The code 1 with one
-    string is Service_Start, not S_FALSE. Any other function id proves a request only if the arguments fit the
-    function.
+    string as argument is Service_Start, not S_FALSE. Any other function id proves that a frame is a request
+    only if the arguments fit the function.
     """
     if isinstance(item, Malformed) or item.problems:
         return None

@@ -1,9 +1,9 @@
-"""Finding the columns of a trajectory in a table: by title, by number, or by the user's description.
+"""Find the columns of a trajectory in a table: by title, by number, or by the user's description.
 
-Known titles: those of `bcapscope extract`, and plain names of axes and joints. The titles of a controller's
-log and their English forms are also known: `[J1 - 指令値]`, `[FIG - 指令値]`
-(ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and DrawLineDemo). A title with an unknown word is
-ignored, so that a force or a distance is never read as a position.
+Known titles are those of `bcapscope extract`, plain names of axes and joints, and the titles of a
+controller's log with their English forms: `[J1 - 指令値]`, `[FIG - 指令値]`
+(ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and DrawLineDemo). A column whose title has an
+unknown word is ignored, so that a force or a distance is never read as a position.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ from bcapscope.protocol.slave_mode.poses import AXES, Axis
 
 
 class ColumnRole(StrEnum):
-    """Role of the numbers in a column, in order of preference."""
+    """Roles that the numbers in a column can have. If several columns fit, the role that is listed first is
+    preferred.
+    """
 
     COMMANDED = "commanded"
     UNMARKED = "not marked as commanded or measured"
@@ -32,7 +34,9 @@ class ColumnRole(StrEnum):
 
 
 class Unit(NamedTuple):
-    """A unit of an `angle`, a `length` or a `time`; the factor converts to degrees, mm or seconds."""
+    """A unit of an `angle`, a `length` or a `time`. Multiplied by `factor`, a number in this unit is in
+    degrees, mm or seconds.
+    """
 
     name: str
     kind: str
@@ -54,11 +58,13 @@ UNITS = {
 """Known units by their names."""
 
 TIME, COUNTER, NUMBER = "time", "counter", "number"
-"""Names of the columns that hold the time, the controller's counter, or the number of the record."""
+"""Names for the columns that hold the time, the controller's counter, or the number of the record."""
 
 
 class ColumnTitle(NamedTuple):
-    """Meaning of a title: axis, `TIME`, `COUNTER` or `NUMBER`; the column's role; its unit, if any."""
+    """What the title of a column means: an axis, `TIME`, `COUNTER` or `NUMBER`; the column's role; and its
+    unit, if the title names one.
+    """
 
     axis: str
     role: ColumnRole
@@ -101,7 +107,7 @@ _PREFERENCE = (PoseType.J, PoseType.P, PoseType.T)
 _HALF_TURN = 180.0
 _POSTURES = 31.0
 _MAX_NAMED = 12
-_EVEN = 1e-3  # steps count as even if they differ by at most this share of the first step
+_EVEN = 1e-3  # maximum difference between steps that count as equal, as a share of the step
 _USUAL_AXES = 6
 
 
@@ -110,10 +116,10 @@ class ReadOptions:
     """The user's description of a file with a trajectory.
 
     Attributes:
-        kind: Pose type to read; None to use a pose type that the file has, joints first.
-        columns: Column of each axis and of `time`, from 1; empty to use the titles.
-        angle: Unit of angles if the file does not say: `deg` or `rad`.
-        length: Unit of positions if the file does not say: `mm` or `m`.
+        kind: Pose type to read; None to use a pose type that the file has. Joints are preferred.
+        columns: Number of the column of each axis and of `time`, counted from 1; empty to use the titles.
+        angle: Unit of angles if the file names none: `deg` or `rad`.
+        length: Unit of positions if the file names none: `mm` or `m`.
     """
 
     kind: PoseType | None = None
@@ -124,7 +130,8 @@ class ReadOptions:
 
 @dataclass(frozen=True, slots=True)
 class ColumnLayout:
-    """The columns of the axes in their order, and those of the times and of a counter, if any.
+    """The columns of the axes, in the order of the axes, and the columns of time and counter, if there are
+    any.
 
     Each note is one clause about a choice or an assumption.
     """
@@ -137,7 +144,9 @@ class ColumnLayout:
 
 
 def parse_columns(text: str) -> dict[str, int]:
-    """Parse a description such as `time=1,J1..J6=2..7`: the column of each axis, from 1."""
+    """Parse a description such as `time=1,J1..J6=2..7`, which names the column of each axis, counted from
+    1.
+    """
     columns: dict[str, int] = {}
     for part in text.split(","):
         for name, place in _column_pairs(part):

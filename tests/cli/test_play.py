@@ -105,7 +105,7 @@ def test_limits_of_the_simulated_arm_hold_for_it(port: int, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        (("--mode", "0x999"), "is not a mode. Give sync, async, or a number"),
+        (("--mode", "0x999"), "is not a slave mode. Give sync, async, or a number"),
         (("--limit", "J1=fast"), "is not a range"),
     ],
 )

@@ -130,21 +130,22 @@ class SessionExit(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SetPointCounts:
-    """Numbers of set points in a slave-mode session. A set point with retries counts once.
+    """Counts of the set points in a slave-mode session. A set point with retries counts once.
 
     Attributes:
-        refused: Number of set points that were answered with a failure, by HRESULT.
+        refused: For each HRESULT of a failure, the number of set points that the controller answered with it.
         unanswered: Number of set points that the client gave up and for which no reply was captured.
         open: Number of set points that waited for a reply when the capture ended.
-        not_followed: Number of set points that were evicted from memory before a reply arrived.
+        not_followed: Number of set points that bcapscope evicted from memory before a reply arrived.
         not_captured: Number of set points whose reply the capture lacks (see `Outcome.NOT_CAPTURED`).
         buffer_full: Number of set points that were answered with S_BUF_FULL; `accepted` includes these set
             points.
         after_end: Number of set points that were refused or unanswered because the session had ended; no
             other field includes these set points.
         by_retries: Number of set points for each number of retries, including 0.
-        retries_forbidden: Number of retries over UDP in a mode where a new set point replaces the waiting
-            one. In such a mode, retries waste bandwidth (DENSO Wave 2009, How to use the Slave mode).
+        retries_forbidden: Number of retries over UDP in a mode where each new set point replaces the set
+            point in the buffer. In such a mode, retries waste bandwidth (DENSO Wave 2009, How to use the
+            Slave mode).
         late_replies: Number of replies that arrived after the client had sent another attempt.
         lost_replies: Number of replies that were captured, and that the client evidently did not receive.
     """
@@ -173,18 +174,16 @@ class SlaveSession:
         number: Number of the slave-mode session in the order of start times, counted from 1.
         entry_call: The slvChangeMode call that began the session; None if the session began before the
             capture.
-        entered_at: Time when the session began: time of the reply to `entry_call`, or else of the first set
-            point.
-        send_format: Send format that the controller accepted; None if no slvSendFormat was captured, which is
-            not the same as format 0.
+        entered_at: Time when the session began: the time of the reply to `entry_call`, or of the first set
+            point if there is no such reply.
+        send_format: Send format that the controller accepted; None if no slvSendFormat was captured.
         receive_format: Receive format that the controller accepted; None if no slvRecvFormat was captured.
         pace: Pace of the set points while the robot moves; None if the capture shows no motion.
         clock: Facts about the controller's time stamps; None if no reply has a time stamp.
         motion: Facts about the commanded motion; None if there are no set points.
         forbidden_retry_frames: Numbers of the first retry frames that the mode forbids.
-        other_calls: Latest calls other than set points that any client made to this controller, in
-            chronological order. Included are calls during the session, and shortly before or after the
-            session.
+        other_calls: Latest calls that any client made to this controller during the session and shortly
+            before or after, in chronological order. Set points are not included.
         slices: Figures of the session for each slice of time; () if no slices were requested.
     """
 

@@ -34,7 +34,9 @@ def log_armed_calls(program: str, connection: LoggedConnection) -> Iterator[Arme
 def _warn_log_unwritable(path: Path, error: OSError) -> None:
     reason = os_reason(error)
     print_stderr(
-        printable(f"bcapscope: cannot write the action log {path}: {reason}. Calls are sent without it.")
+        printable(
+            f"bcapscope: cannot write the action log {path}: {reason}. Calls are sent without a log entry."
+        )
     )
 
 

@@ -82,7 +82,7 @@ class PlayOutput:
         self._is_closed = False
 
     def close(self) -> None:
-        """Stop all output after the terminal was closed."""
+        """Print nothing more, because the terminal was closed."""
         self._is_closed = True
 
     def show_source(self, trajectory: Trajectory) -> None:
@@ -163,7 +163,7 @@ class PlayRunner:
         if not self._is_fit:
             return ExitCode.UNFIT
         if ended.outcome is PlayOutcome.STOPPED and ended.index and not self._plan.rounds:
-            return ExitCode.OK  # --loop 0 ends only when the user stops it
+            return ExitCode.OK  # with --loop 0, the motion ends only when the user stops it
         return _EXIT_CODES[ended.outcome]
 
     def _wait_for_messages(self) -> list[PlayerMessage]:
@@ -201,7 +201,7 @@ class PlayRunner:
         self._is_fit = found.is_playable
 
     def _answer_prompt(self, call_kind: PlayerQuestion) -> str:
-        """Answer a question of the player, if necessary by asking the user."""
+        """Return the answer to a question of the player. Ask the user only if necessary."""
         if call_kind.topic is QuestionTopic.BEGIN:
             if self._is_fit:
                 hint = "play.keys" if self._can_prompt else "play.keys.signals"
@@ -216,7 +216,7 @@ class PlayRunner:
             return self._prompt_user(call_kind)
         except (KeyboardInterrupt, click.Abort):
             self._is_prompting = False
-            self._output.print_line("")  # end the line on which the user typed
+            self._output.print_line("")  # end the line on which the user was typing
             if not self._stop_requested:
                 self._player.stop()
             return call_kind.choices[0]
@@ -247,8 +247,8 @@ class PlayRunner:
 
 
 def _handled_signals() -> list[signal.Signals]:
-    # Ctrl-Z would suspend this process while the robot moves on, and keys would have no effect. Ctrl-\ would
-    # end it without a summary.
+    # An unhandled Ctrl-Z would suspend this process while the robot moves on, and keys would have no effect.
+    # An unhandled Ctrl-\ would end this process without a summary.
     numbers = [signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGTSTP]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores SIGHUP
         numbers.append(signal.SIGHUP)
