@@ -62,7 +62,7 @@ class Capture:
         self._taken_at = taken_at
         self._on_error = on_error
         problems = _Problems(on_error)
-        self.paths = tuple(expand_folders(tuple(paths), problems.add))
+        self.paths: tuple[str, ...] = tuple(expand_folders(tuple(paths), problems.add))
         for path in self.paths:
             if os.path.isfile(path) or not os.path.exists(path):  # a pipe can be opened only once
                 try:
@@ -182,8 +182,8 @@ def open(
 
     Args:
         paths: Path of a capture or folder, or several paths.
-        filter: Filter expression, as `-f` of the commands takes. For frames it selects frames, for calls
-            calls.
+        filter: Filter expression, as the option `-f` of the commands takes. It selects frames in `frames`,
+            and calls in the other attributes.
         ports: Ports of controllers, if they are other than the usual ones. On other ports, the content shows
             which end is the controller.
         side: Side of the conversations that were captured at two places; None to join both sides.

@@ -50,7 +50,13 @@ def required_variant(reply: Frame, name: str) -> Variant:
 
 
 class RemoteObject:
-    """An object in the controller that a handle refers to; `async with` releases it at the end."""
+    """An object in the controller that a handle refers to; `async with` releases it at the end.
+
+    Attributes:
+        owner: Class of the object, which begins the name of each of its functions.
+        session: Session that makes the calls.
+        handle: Number that the controller gave for the object.
+    """
 
     owner: ClassVar[ObjectClass]
 

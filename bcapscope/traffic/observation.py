@@ -74,6 +74,8 @@ class Conversation:
     conversation.
 
     Attributes:
+        client: Address and port of the client.
+        server: Address and port of the controller.
         server_known_by: Why `server` is considered the server, as text for the user: "port 5007", or the
             evidence in the traffic.
         connection_end: End of the TCP connection, as far as captured; None while the connection is open, and
@@ -93,7 +95,7 @@ class Conversation:
         self.transport = transport
         self.server_known_by = server_known_by
         self.connection_end: ConnectionEnd | None = None
-        self.interface = ""
+        self.interface: str = ""
         self.controller_leg: Conversation | None = None
         self.capture_side: CaptureSide | None = None
 

@@ -88,22 +88,25 @@ class Frame:
     """A frame with a whole header; everything after the header may be damaged.
 
     No field of a frame shows whether the frame is a request or a reply. In a frame from the client, `code` is
-    a function id; in a frame from the controller, `code` is an HRESULT.
+    a function number; in a frame from the controller, `code` is a result code.
 
-    A frame holds only its bytes, never the decoded values, so a store of frames needs no more memory than
-    their bytes. Many frames share one `FrameTemplates` object, which decodes them and caches the templates of
-    frames.
+    A frame holds only its bytes, so many frames need little memory. `arguments` and `variants` decode them
+    each time. Frames of one capture share a `FrameTemplates` object, which makes this fast.
 
     Attributes:
         raw: The bytes of the frame as received.
         serial: Serial that the client chose; the controller copies it into the reply.
         reserved: Reserved field; over UDP, clients mark retries with it.
-        code: Function id or HRESULT, unsigned.
+        code: Function number of a request, or result code of a reply; unsigned.
         external_problem: A problem that the frame's own bytes do not show, such as a packet truncated by the
             capture; None for nearly all frames.
     """
 
     __slots__ = ("_templates", "code", "external_problem", "raw", "reserved", "serial")
+
+    serial: int
+    reserved: int
+    code: int
 
     def __init__(
         self, raw: bytes, external_problem: Problem | None = None, templates: FrameTemplates | None = None
@@ -143,6 +146,7 @@ class Frame:
 
     @property
     def argc(self) -> int:
+        """Number of arguments, as the header states it."""
         return int.from_bytes(self.body[13:15], "little")
 
     @property

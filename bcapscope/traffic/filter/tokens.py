@@ -25,6 +25,7 @@ class FilterError(InputError):
     """An invalid filter expression. Its message has the reason, the expression and a caret, on three lines.
 
     Attributes:
+        expression: The whole filter expression.
         position: Index of the character at fault; the length of the expression if its end is incomplete.
         reason: What is wrong, one clause.
     """
