@@ -37,6 +37,12 @@ def test_the_info_column_is_readable(script: Path) -> None:
     ]
 
 
+def test_the_info_column_gives_the_meaning_of_a_failure(script: Path) -> None:
+    infos = _infos(script, CAPTURES / "slave-mode-lost.pcapng")
+    assert infos[65] == "Reply 433 0x83500121 to Robot_Execute slvMove (slvMove while slave mode is off)"
+    assert infos[61] == "Reply 431 S_OK to Robot_Execute slvMove"
+
+
 def _headings(script: Path, capture: Path) -> list[str]:
     lines = tshark(script, capture, "-O", "bcap").splitlines()
     return [line.removeprefix("DENSO b-CAP, ") for line in lines if line.startswith("DENSO b-CAP, ")]

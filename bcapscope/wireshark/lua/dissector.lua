@@ -75,6 +75,8 @@ end
 
 local known_results, known_result_count = {}, 0
 
+local function is_failure(code) return code >= 0x80000000 or code >= 0x1000 and code <= 0xFFFF end
+
 -- Return the name of a result code, and its meaning.
 local function describe_result(code)
     local known = RESULTS[code] or known_results[code]
@@ -102,8 +104,7 @@ local function describe_result(code)
         end
         text = message("hresult.not-listed", { meaning = text })
     else
-        local is_failure = code >= 0x80000000 or code >= 0x1000 and code <= 0xFFFF
-        text = TEXTS[is_failure and "hresult.failure" or "hresult.success"]
+        text = TEXTS[is_failure(code) and "hresult.failure" or "hresult.success"]
     end
     known_results[code], known_result_count = { name, text }, known_result_count + 1
     return name, text
@@ -434,8 +435,10 @@ end
 local function frame_summary(frame, links)
     local label, text = links.kind and links.kind.label
     if not links.is_request then
-        text = "Reply " .. frame.serial .. " " .. describe_result(frame.code)
+        local name, meaning = describe_result(frame.code)
+        text = "Reply " .. frame.serial .. " " .. name
         if label then text = text .. " to " .. label end
+        if is_failure(frame.code) then text = text .. " (" .. meaning .. ")" end
     elseif links.first then
         text = "Retry " .. frame.serial .. " of " .. links.first.serial .. " " .. label
     else
