@@ -88,7 +88,7 @@ class CallFrame(NamedTuple):
 
 
 class Call:
-    """A call, as far as it was captured. The call is complete when a `Tracker` returns it.
+    """A call, as far as it was captured. A call of `Capture.calls` is complete.
 
     Attributes:
         conversation: Client, controller and transport.

@@ -43,6 +43,13 @@ def test_the_info_column_gives_the_meaning_of_a_failure(script: Path) -> None:
     assert infos[61] == "Reply 431 S_OK to Robot_Execute slvMove"
 
 
+def test_the_tree_shows_a_result_with_its_meaning(script: Path) -> None:
+    lines = tshark(script, CAPTURES / "slave-mode-lost.pcapng", "-O", "bcap").splitlines()
+    results = {line.strip() for line in lines if line.startswith("    Result: ")}
+    assert "Result: 0x00000000 S_OK: done" in results
+    assert "Result: 0x83500121: slvMove while slave mode is off" in results
+
+
 def _headings(script: Path, capture: Path) -> list[str]:
     lines = tshark(script, capture, "-O", "bcap").splitlines()
     return [line.removeprefix("DENSO b-CAP, ") for line in lines if line.startswith("DENSO b-CAP, ")]
@@ -121,7 +128,8 @@ def test_the_display_filters_of_the_page_find_packets(display_filter: str, scrip
 
 def test_the_page_shows_real_lines_and_fields(script: Path) -> None:
     (lines,) = re.findall(r"(?ms)^```text\n(.*?)^```$", PAGE)
-    shown = {*_infos(script, CAPTURES / "retry-story.pcapng"), *_infos(script, CAPTURES / "malformed.pcapng")}
+    names = ("retry-story.pcapng", "slave-mode-lost.pcapng", "malformed.pcapng")
+    shown = {info for name in names for info in _infos(script, CAPTURES / name)}
     assert set(lines.splitlines()) <= shown
     fields = {name for name in re.findall(r"`(bcap\.[a-z0-9_.]+)`", PAGE) if name != "bcap.ports"}
     assert len(fields) > 20

@@ -392,7 +392,8 @@ local function add_call(tree, tvb, offset, frame, links)
         tree:add(function_field, code_range, kind.name):set_generated()
     else
         local name, text = describe_result(frame.code)
-        tree:add_le(hresult_field, code_range):append_text((" %s: %s"):format(name, text))
+        local shown = sub(name, 1, 2) == "0x" and "" or " " .. name
+        tree:add_le(hresult_field, code_range):append_text(shown .. ": " .. text)
         tree:add(hresult_name_field, code_range, name):set_generated()
         tree:add(hresult_text_field, code_range, text):set_generated()
         if kind then
