@@ -26,7 +26,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
 _ROOT = Path(__file__).parent.parent
-_FILES = ("*.md", "docs/*.md", "docs/*.css", "docs/pictures/*", "captures/README.md")
+_FILES = ("*.md", "docs/*.md", "docs/*.css", "docs/pictures/*", "captures/README.md", "examples/*.ipynb")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
