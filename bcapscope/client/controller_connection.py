@@ -82,13 +82,13 @@ def connect_controller(
 
     Args:
         host: Name or address of the controller.
-        port: Port of the controller.
+        port: Port of the controller; 5007 by default.
         tcp: Whether to use TCP instead of UDP.
         provider: Provider of Controller_Connect; `CaoProv.DENSO.VRC9` for RC9 and COBOTTA PRO.
         name: Name of the connection; "" lets the controller choose one.
         option: Option of Service_Start, such as `,WDT=400`.
-        timeout: Time to wait for a reply before each retry, in ms.
-        retries: Maximum number of retries of a call.
+        timeout: Time to wait for a reply before each retry, in ms; 1000 by default. slvMove has its own.
+        retries: Maximum number of retries of a call, except slvMove; 4 by default.
     """
     return ControllerConnection(
         ControllerTarget(
