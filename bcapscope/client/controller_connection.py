@@ -87,8 +87,9 @@ def connect_controller(
         provider: Provider of Controller_Connect; `CaoProv.DENSO.VRC9` for RC9 and COBOTTA PRO.
         name: Name of the connection; "" lets the controller choose one.
         option: Option of Service_Start, such as `,WDT=400`.
-        timeout: Time to wait for a reply before each retry, in ms; 1000 by default. slvMove has its own.
-        retries: Maximum number of retries of a call, except slvMove; 4 by default.
+        timeout: Time to wait for a reply before each retry, in ms; 1000 by default. Over UDP, slvMove has a
+            shorter one.
+        retries: Maximum number of retries of such a call over UDP; 4 by default.
     """
     return ControllerConnection(
         ControllerTarget(

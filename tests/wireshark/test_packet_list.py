@@ -50,6 +50,22 @@ def test_the_tree_shows_a_result_with_its_meaning(script: Path) -> None:
     assert "Result: 0x83500121: slvMove while slave mode is off" in results
 
 
+def test_the_tree_shows_the_numbers_of_an_argument_in_one_line(script: Path) -> None:
+    lines = tshark(script, CAPTURES / "slave-session.pcapng", "-O", "bcap").splitlines()
+    arguments = {line.strip() for line in lines if re.match(r"    \w+: VT_", line)}
+    assert "vntParam: VT_R8|VT_ARRAY [8] 0, 0, 90, 0, 90, 0, 0, 0" in arguments
+    assert "vntParam: VT_R8|VT_ARRAY [8] 0.00055, 0.00034, 90.0005, -0.00041, 89.9995, 0.00083, 0, 0" in arguments
+    assert "hRobot: VT_I4 2" in arguments
+    assert "vntParam: VT_I4|VT_ARRAY [2] 18, 1" in arguments
+
+
+def test_the_tree_shows_the_first_of_many_numbers(script: Path, tmp_path: Path) -> None:
+    many = encode_frame(5, 0, 0, [Variant.array(VT.R4, (0.1,) * 13)])
+    capture = write_capture(tmp_path / "a.pcap", [udp_packet(False, many)])
+    label = f"pVal: VT_R4|VT_ARRAY [13] {'0.1, ' * 12}…"
+    assert label in {line.strip() for line in tshark(script, capture, "-O", "bcap").splitlines()}
+
+
 def _headings(script: Path, capture: Path) -> list[str]:
     lines = tshark(script, capture, "-O", "bcap").splitlines()
     return [line.removeprefix("DENSO b-CAP, ") for line in lines if line.startswith("DENSO b-CAP, ")]

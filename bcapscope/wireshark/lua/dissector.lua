@@ -335,12 +335,28 @@ local function argument_name(kind, is_request, index)
     return index > 1 and "arg" .. index or kind and kind.result or "pVal"
 end
 
+local MAX_LABEL_NUMBERS = 12
+local NUMBER_TEXTS = { -- by type: VT_I2, VT_I4, VT_R4, VT_R8
+    [2] = function(range) return ("%d"):format(range:le_int()) end,
+    [3] = function(range) return ("%d"):format(range:le_int()) end,
+    [4] = function(range) return ("%.7g"):format(range:le_float()) end,
+    [5] = function(range) return ("%.12g"):format(range:le_float()) end,
+}
+
+local function numbers_text(tvb, offset, node)
+    local text_of, width, texts = NUMBER_TEXTS[node.base], WIDTHS[node.base], {}
+    if not text_of or not node.numbers or node.numbers.count == 0 then return "" end
+    for index = 1, math.min(node.numbers.count, MAX_LABEL_NUMBERS) do
+        texts[index] = text_of(tvb(offset + node.numbers.at + (index - 1) * width, width))
+    end
+    if node.numbers.count > MAX_LABEL_NUMBERS then texts[#texts + 1] = "…" end
+    return " " .. table.concat(texts, ", ")
+end
+
 local function value_text(tvb, offset, raw, node)
     if node.text then return ' "' .. printable(string_text(raw, node.text)) .. '"' end
-    if not node.is_array and (node.base == 2 or node.base == 3) and node.numbers then
-        return " " .. tvb(offset + node.numbers.at, WIDTHS[node.base]):le_int()
-    end
-    return node.is_array and (" [%d]"):format(node.count) or ""
+    local count = node.is_array and (" [%d]"):format(node.count) or ""
+    return count .. numbers_text(tvb, offset, node)
 end
 
 local function add_argument(tree, tvb, offset, frame, node, name)
