@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,15 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     paths = [path.relative_to(_ROOT) for pattern in _FILES for path in sorted(_ROOT.glob(pattern))]
     ours = [File(path.as_posix(), str(_ROOT), config.site_dir, config.use_directory_urls) for path in paths]
     return Files([*of_theme, *ours])
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Show ``\\|`` in the code of a table as ``|``, as GitHub does: mkdocs needs no backslash there."""
+    return re.sub(
+        r"(?m)^\|.*$",
+        lambda row: re.sub(r"`[^`]+`", lambda code: code[0].replace(r"\|", "|"), row[0]),
+        markdown,
+    )
 
 
 class PublicNames(Extension):
