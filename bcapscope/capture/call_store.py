@@ -174,7 +174,8 @@ class CallStore:
     def __init__(self, folder: Path, observations: ObservationStore) -> None:
         """Open the files of a `CallStoreWriter` in a folder.
 
-        Raises: OSError: The folder holds no files of a `CallStoreWriter`.
+        Raises:
+            OSError: The folder holds no files of a `CallStoreWriter`.
         """
         self._observations = observations
         self._records = AppendLogReader(folder / _CALLS)
@@ -190,7 +191,8 @@ class CallStore:
     def read_call(self, index: int) -> StoredCall:
         """Read a row by its index from 0. The rows are in the order in which the calls became complete.
 
-        Raises: IndexError: No row has this index.
+        Raises:
+            IndexError: No row has this index.
         """
         record = _decoder.decode(self._records.read_record(index))
         annotated = self._observations.read_frame(record.request)

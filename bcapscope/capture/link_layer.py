@@ -76,7 +76,8 @@ class IPPacket(NamedTuple):
 def find_ip(linktype: int, data: bytes) -> int:
     """Return the offset of the IP header in a captured packet, or `NOT_IP`.
 
-    Raises: KeyError: The link type is not in `IP_OFFSET_FINDERS`.
+    Raises:
+        KeyError: The link type is not in `IP_OFFSET_FINDERS`.
     """
     offset = IP_OFFSET_FINDERS[linktype](data)
     return offset if offset < len(data) else NOT_IP

@@ -101,9 +101,8 @@ def command(
     130: Ctrl-C.
     """
     style = _choose_format(styles, columns is not None, dump, full)
-    is_text = columns is None and style in (None, FrameFormat.TREE)
-    comment_words = words if is_text else ENGLISH_WORDS
-    reading = CaptureReader(paths, ports, interface, text, words, side=side, comment_words=comment_words)
+    translated = words if columns is None and style in (None, FrameFormat.TREE) else ENGLISH_WORDS
+    reading = CaptureReader(paths, ports, interface, text, words, side=side, comment_words=translated)
     palette = choose_palette(color)
     if columns is not None:
         renderer = frame_columns(reading, columns, palette, wide)
@@ -120,12 +119,10 @@ def command(
         line = FrameLineRenderer(TimeFormat(clock), palette, brief=text is not None, words=words)
         reading.on_first_time = line.set_time_origin
         write_line = _citing(reading, line.line, partial(_line_with_origin, words))
-        if style is FrameFormat.TREE:
-            tree = FrameTreeRenderer(palette, full, dump, words)
-            lines = _with_details(_frames_with_context(reading, wanted), write_line, tree.lines)
-        elif dump:
-            dumped = partial(_hexdump_lines, palette)
-            lines = _with_details(_frames_with_context(reading, wanted), write_line, dumped)
+        if style is FrameFormat.TREE or dump:
+            tree = FrameTreeRenderer(palette, full, dump, words) if style else None
+            details = partial(_hexdump_lines, palette) if tree is None else tree.lines
+            lines = _with_details(_frames_with_context(reading, wanted), write_line, details)
         elif text is not None:
             lines = _with_remarks(_frames_with_context(reading, wanted), line)
         else:

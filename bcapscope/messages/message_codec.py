@@ -30,7 +30,8 @@ def message_to_data(message: Message) -> dict[str, Json]:
 def message_from_data(data: Mapping[str, Json]) -> Message:
     """Return the message of `message_to_data`.
 
-    Raises: KeyError, TypeError: The data is not an encoded message.
+    Raises:
+        KeyError, TypeError: The data is not an encoded message.
     """
     given = cast("Mapping[str, Json]", data.get("places", {}))
     values = {name: cast("PlaceValue", _from_data(value)) for name, value in given.items()}
