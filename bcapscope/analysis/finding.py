@@ -51,9 +51,15 @@ class Consequence:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A root cause or a consequence, as data; `render.finding_text` writes the sentences.
+    """A root cause or a consequence, as data. `ReportedFinding.text` writes the sentences.
 
     Attributes:
+        rule: Id of the rule, such as `set-point-gap`.
+        severity: How much the finding matters.
+        advice: Message that says what you can do.
+        source: Document, library or report that the rule comes from.
+        calls: Numbers of the calls that the finding concerns.
+        repetition: How often the problem occurred; None for once.
         fact: Message that says what happened; the message can contain raw text from the wire, which must be
             escaped for output.
         frames: Numbers, in ascending order, of the frames that prove the described problem; if the problem

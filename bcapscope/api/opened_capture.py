@@ -62,7 +62,7 @@ class Capture:
         self._taken_at = taken_at
         self._on_error = on_error
         problems = _Problems(on_error)
-        self.paths = tuple(expand_folders(tuple(paths), problems.add))
+        self.paths: tuple[str, ...] = tuple(expand_folders(tuple(paths), problems.add))
         for path in self.paths:
             if os.path.isfile(path) or not os.path.exists(path):  # a pipe can be opened only once
                 try:
@@ -186,7 +186,7 @@ def open(
     Args:
         paths: Path of a capture or folder, or several paths.
         filter: Filter expression, in the notation of the option `-f`. The expression selects frames for
-            `Capture.frames`, and calls for `Capture.calls`.
+            `Capture.frames`, and calls for the other attributes.
         ports: Ports of controllers, if they differ from the usual ports. On all other ports,
             the content of the traffic shows which end is the controller.
         side: Which capture to read of a conversation that was captured at the client's side and at the

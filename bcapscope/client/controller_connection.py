@@ -83,13 +83,14 @@ def connect_controller(
 
     Args:
         host: Name or address of the controller.
-        port: Port of the controller.
+        port: Port of the controller; 5007 by default.
         tcp: Whether to use TCP instead of UDP.
         provider: Provider name for Controller_Connect; RC9 and COBOTTA PRO need `CaoProv.DENSO.VRC9`.
         name: Name of the connection; if it is "", the controller chooses a name.
         option: Option of Service_Start, such as `,WDT=400`.
-        timeout: Time to wait for a reply before each retry, in ms.
-        retries: Maximum number of retries of a call.
+        timeout: Time to wait for a reply before each retry, in ms; 1000 by default. Over UDP, slvMove has a
+            shorter one.
+        retries: Maximum number of retries of such a call over UDP; 4 by default.
     """
     return ControllerConnection(
         ControllerTarget(

@@ -56,6 +56,11 @@ def required_variant(reply: Frame, name: str) -> Variant:
 class RemoteObject:
     """An object in the controller that a handle refers to. An `async with` block releases the object at its
     end.
+
+    Attributes:
+        owner: Class of the object; the names of the object's functions begin with this class.
+        session: Session that makes the calls.
+        handle: Number with which the controller identifies the object.
     """
 
     owner: ClassVar[ObjectClass]

@@ -30,9 +30,9 @@ class RecordingContext(ThreadedContext):
     """
 
     def __init__(self, record: str | Path | None) -> None:
-        self.host = LOOPBACK
-        self.port = 0
-        self.recording = Path() if record is None else Path(record)
+        self.host: str = LOOPBACK
+        self.port: int = 0
+        self.recording: Path = Path() if record is None else Path(record)
         self._is_temporary = record is None
         self._stack = ExitStack()
         self._is_running = False

@@ -89,9 +89,11 @@ class CallFrame(NamedTuple):
 
 
 class Call:
-    """A call, as far as it was captured. The call is complete when a `Tracker` returns it.
+    """A call, as far as it was captured. A call of `Capture.calls` is complete.
 
     Attributes:
+        conversation: Client, controller and transport.
+        kind: Function and command of the call.
         number: Number of the call in starting order, counted from 1 over all conversations.
         reply_missed: Whether the capture may lack the reply: bytes from the controller are missing, or the
             capture holds only requests.
@@ -119,6 +121,19 @@ class Call:
         memory_bytes: Size in bytes of the call's frames and their overhead, as counted by
             `ConversationPairing`.
     """
+
+    request: FrameObservation
+    last_attempt: FrameObservation
+    last_activity: int
+    abandoned_at: int
+    gave_up_inferred: bool
+    no_reply_expected: bool
+    reply_missed: bool
+    is_guess: bool
+    state: CallState
+    skipped_handles: int
+    memory_bytes: int
+    crossing_ns: int
 
     __slots__ = (
         "abandoned_at",
@@ -234,6 +249,7 @@ class Call:
 
     @property
     def notices(self) -> tuple[FrameObservation, ...]:
+        """Replies with S_EXECUTING: the controller was still working on the request."""
         return self._frames_with_role(FrameRole.NOTICE)
 
     @property
@@ -254,6 +270,7 @@ class Call:
 
     @property
     def duplicates(self) -> tuple[FrameObservation, ...]:
+        """Exact copies of earlier requests or replies, which the network or the capture made."""
         return self._frames_with_role(FrameRole.DUPLICATE)
 
     @property
@@ -301,10 +318,12 @@ class Call:
 
     @property
     def convention(self) -> ReservedConvention:
+        """How the client fills the reserved field of its requests."""
         return self.reserved_usage.convention
 
     @property
     def reply_reserved(self) -> ReplyReserved:
+        """How the controller fills the reserved field of its replies."""
         return self.reserved_usage.reply_reserved
 
     @property
@@ -326,10 +345,12 @@ class Call:
 
     @property
     def outcome(self) -> Outcome:
+        """How the call ended for the client."""
         return outcome_of(self)
 
     @property
     def verdict(self) -> CallVerdict:
+        """What happened to the call, as far as the capture shows."""
         return verdict_of(self)
 
     def _frames_with_role(self, role: FrameRole) -> tuple[FrameObservation, ...]:

@@ -112,6 +112,8 @@ class Conversation:
     conversation.
 
     Attributes:
+        client: Address and port of the client.
+        server: Address and port of the controller.
         server_evidence: What shows that `server` is the server.
         connection_end: End of the TCP connection, as far as captured; None while the connection is open, and
             for UDP.
@@ -130,7 +132,7 @@ class Conversation:
         self.transport = transport
         self.server_evidence = server_evidence
         self.connection_end: ConnectionEnd | None = None
-        self.interface = ""
+        self.interface: str = ""
         self.controller_leg: Conversation | None = None
         self.capture_side: CaptureSide | None = None
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 
 import pytest
 
@@ -77,6 +79,14 @@ def test_type_checkers_see_the_same_names() -> None:
 def test_each_name_is_there_listed_and_documented(name: str) -> None:
     assert name in dir(bcapscope)
     assert getattr(bcapscope, name).__doc__
+
+
+def test_the_reference_describes_each_name_and_nothing_that_does_not_exist() -> None:
+    page = (ROOT / "docs" / "reference.md").read_text("utf-8")
+    described = re.findall(r"(?m)^::: (\S+)$", page)
+    assert {f"bcapscope.{name}" for name in PUBLIC_NAMES} <= set(described)
+    for path in described:
+        assert resolve_name(path).__doc__, path
 
 
 def test_another_name_is_an_attribute_error() -> None:

@@ -32,7 +32,14 @@ class FrameTime(NamedTuple):
 
 
 class CallFact(NamedTuple):
-    """A call that is relevant to a slave-mode session. `time` is the time of the call's first request."""
+    """A call that is relevant to a slave-mode session.
+
+    Attributes:
+        call: Number of the call.
+        time: Capture time of the first request, ns since 1970.
+        reply_time: Capture time of the accepted reply, ns since 1970; None if there is no such reply.
+        hresult: Result code of the accepted reply, unsigned; None if there is no such reply.
+    """
 
     call: int
     client: Endpoint
@@ -172,6 +179,15 @@ class SlaveSession:
 
     Attributes:
         number: Number of the slave-mode session in the order of start times, counted from 1.
+        robot: Handle of the robot; None if no captured frame shows it.
+        mode: Slave mode, and how it is known.
+        exit: When and how the session ended.
+        counts: Numbers of set points, by what happened to them.
+        timing: Cycle times, jitter and latencies of the set points.
+        buffer: Estimated level of the controller's buffer.
+        refused_set_points: First set points that the controller refused.
+        slices_left_off: Number of slices that are missing from `slices`, because there were too many.
+        samples: Set points for charts; each can stand for several neighbouring set points.
         entry_call: The slvChangeMode call that began the session; None if the session began before the
             capture.
         entered_at: Time when the session began: the time of the reply to `entry_call`, or of the first set
@@ -213,6 +229,7 @@ class SlaveSession:
 
     @property
     def began_before_capture(self) -> bool:
+        """Whether the capture lacks the call that began the session."""
         return self.entry_call is None
 
     @property

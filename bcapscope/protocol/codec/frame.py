@@ -89,21 +89,26 @@ class Frame:
     """A frame whose header is complete; everything after the header may be damaged.
 
     No field of a frame shows whether the frame is a request or a reply. In a frame from the client, `code` is
-    a function id; in a frame from the controller, `code` is an HRESULT.
+    a function number; in a frame from the controller, `code` is a result code.
 
-    A frame holds only its bytes, so that many stored frames need little memory. Many frames share one
-    `FrameTemplates` object, which decodes them and caches templates.
+    A frame holds only its bytes, so that many stored frames need little memory. `arguments` and `variants`
+    decode the bytes each time. The frames of a capture share one `FrameTemplates` object, which makes the
+    decoding fast.
 
     Attributes:
         raw: The bytes of the frame as received.
         serial: Serial that the client chose; the controller copies it into the reply.
         reserved: Reserved field; over UDP, clients mark retries with it.
-        code: Function id or HRESULT, unsigned.
+        code: Function id of a request, or HRESULT of a reply; unsigned.
         external_problem: A problem that the bytes of the frame do not show, such as a packet that the capture
             truncated; None for nearly all frames.
     """
 
     __slots__ = ("_templates", "code", "external_problem", "raw", "reserved", "serial")
+
+    serial: int
+    reserved: int
+    code: int
 
     def __init__(
         self, raw: bytes, external_problem: Problem | None = None, templates: FrameTemplates | None = None
@@ -143,6 +148,7 @@ class Frame:
 
     @property
     def argc(self) -> int:
+        """Number of arguments, as the header states it."""
         return int.from_bytes(self.body[13:15], "little")
 
     @property

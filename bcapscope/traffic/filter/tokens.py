@@ -25,6 +25,7 @@ class FilterError(InputError):
     """An invalid filter expression. The message has three lines: the reason, the expression and a caret.
 
     Attributes:
+        expression: The whole filter expression.
         position: Index of the invalid character; the length of the expression if the expression ends too
             early.
         reason: What is wrong, as one clause.
