@@ -32,23 +32,17 @@ MAX_HANDLES = 1024
 """
 
 MAX_CLOSED_CLIENTS = 32
-"""Maximum number of clients that are remembered after they closed the connection. Such a client may have left
-slave mode on.
-"""
+"""Maximum number of closed clients that are remembered. Such a client may have left slave mode on."""
 
 SLOW_CALL_NS = 50_000_000
-"""Latency in ns above which a call counts as slow. The controller may still be executing a slow call when the
-next call arrives.
-"""
+"""Latency in ns above which a call is slow: the controller may still execute it at the next call."""
 
 # A set point is remembered only if its frames have at most this total size in bytes; real ones have hundreds.
 _LARGEST_POINT = 8192
 # Maximum total size in bytes of the frames of a call in `latest_calls` or `failed_openings`.
 _LARGEST_ATTEMPT = 65_536
 RECENT_SET_POINTS = 64
-"""Maximum number of set points that are remembered to explain a refused set point. At a cycle time of 8 ms,
-they cover half a second.
-"""
+"""Maximum number of set points that are remembered, to explain a refused set point."""
 
 EXECUTES = frozenset(
     (ID["Controller_Execute"], ID["Robot_Execute"], ID["Task_Execute"], ID["Extension_Execute"])
@@ -160,9 +154,7 @@ class ClientState:
 
     @property
     def controller_closing(self) -> ConnectionEnd | None:
-        """How the controller closed the connection; None if the connection is open, or if the client closed
-        it first.
-        """
+        """How the controller closed the connection; None if it is open, or if the client closed it first."""
         leg = self.conversation.controller_leg or self.conversation
         closing = leg.connection_end
         return closing if closing is not None and closing.by is Direction.RESPONSE else None
@@ -194,17 +186,13 @@ class ClientState:
         return [each for each in self._registry if each is not self and each.conversation.server.host == host]
 
     def cleared_by_other(self, error: Call, before: int) -> bool:
-        """Return whether another client cleared the controller's errors between the call `error` and the time
-        `before`.
-        """
+        """Return whether another client cleared the errors after the call `error` and before the time `before`."""
         clears = (other.clear_call for other in self.other_clients())
         times = (clear.request.time for clear in clears if clear is not None)
         return any(error.request.time <= time <= before for time in times)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Update the state with alike set points (see `AlikeSetPoints`). All of them have small frames and
-        the result S_OK.
-        """
+        """Update the state with alike set points (see `AlikeSetPoints`), each small and answered with S_OK."""
         for call in calls:
             if call.last_activity - call.request.time > SLOW_CALL_NS:
                 self.slow_call = call
@@ -218,9 +206,7 @@ class ClientState:
             self.recent_set_points.append(call)
 
     def on_call(self, call: Call) -> None:
-        """Update the state with a completed call. Before, the caller must set `target_object` to the object
-        that this call uses.
-        """
+        """Update the state with a completed call. The caller has set `target_object` to the object of this call."""
         self.call_count += 1
         self.longest_pause_ns = max(self.longest_pause_ns, call.request.time - self.last_call.last_activity)
         self.last_call = call
@@ -247,9 +233,7 @@ class ClientState:
             self._on_success(call)
 
     def _follow_attempt(self, call: Call) -> None:
-        """Record that the client made this call, successful or not, so that no rule says that the call is
-        missing.
-        """
+        """Record that the client made this call, so that no rule says that the call is missing."""
         function_id = call.kind.function_id
         topic = self.topic_of(call)
         is_small = call.memory_bytes <= _LARGEST_ATTEMPT
@@ -265,9 +249,7 @@ class ClientState:
             self.failed_openings[creates] = call
 
     def topic_of(self, call: Call) -> str:
-        """Return the command of a call, or the name of the object that the call reads, writes or starts.
-        Return "" for calls that `_follow_attempt` does not need.
-        """
+        """Return the command of a call, or the name of its object; "" for calls that are not followed."""
         function_id, command = call.kind
         if command is not None:
             return call.kind.folded_command if function_id in EXECUTES else ""
@@ -450,11 +432,7 @@ class ClientRegistry:
         return client
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Record that the conversation of a client was closed.
-
-        The latest `MAX_CLOSED_CLIENTS` closed clients stay in memory, because they can explain failures of
-        other clients.
-        """
+        """Record that a client's conversation was closed. Closed clients can explain failures of other clients."""
         client = self._by_conversation.get(conversation)
         if client is None:
             return

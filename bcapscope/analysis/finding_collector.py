@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from bcapscope.analysis.finding import Consequence, Finding, Repetition, Severity
-from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence, RobotImpact
+from bcapscope.analysis.finding_group import MAX_KEPT, FindingGroup
+from bcapscope.analysis.finding_order import FindingOrder, selected_groups
+from bcapscope.analysis.rules.rule_checker import Occurrence
 from bcapscope.messages import Message
-
-MAX_KEPT = 32
-"""Number of occurrences of a problem that are kept for one finding: at most this many of the first, and as
-many of the last.
-"""
 
 MAX_FINDINGS = 16
 """Maximum number of findings of one rule. When a rule has this many, further problems with a new group key
@@ -31,69 +27,6 @@ INJECTED = "injected-fault"
 
 _MAX_NAMED_STEPS = 3
 """Maximum number of consequences that the sentence of a root cause names one by one."""
-
-_RANK = {Severity.ERROR: 0, Severity.WARNING: 1, Severity.NOTE: 2}
-
-
-class FindingGroup:
-    """The occurrences of a problem that are reported together as one finding.
-
-    Attributes:
-        selected: True if the finding is about selected calls; False if the finding is reported only as the
-            cause of another finding.
-        shown: Occurrence that the text of the finding describes. Only the copies of groups that `findings`
-            makes have this attribute.
-    """
-
-    def __init__(self, rule: DiagnosisRule, selected: bool) -> None:
-        self.rule = rule
-        self.selected = selected
-        self.count = 0
-        self._earliest: list[Occurrence] = []
-        self._latest: deque[Occurrence] = deque(maxlen=MAX_KEPT)
-        self._causes: list[Occurrence] = []
-        self.shown: Occurrence
-
-    def add(self, occurrence: Occurrence) -> None:
-        self.count += occurrence.count
-        (self._earliest if len(self._earliest) < MAX_KEPT else self._latest).append(occurrence)
-
-    def keep_cause(self, occurrence: Occurrence) -> None:
-        """Keep an occurrence of the problem that has consequences, even if `add` did not keep it."""
-        if len(self._causes) < MAX_KEPT and occurrence not in self._causes:
-            self._causes.append(occurrence)
-
-    def replace(self, update: Occurrence) -> Occurrence | None:
-        """Replace the kept occurrence that has the same call as `update`, and return the replaced occurrence.
-        Return None if no occurrence with this call was kept.
-        """
-        replaced = next((each for each in self if each.call == update.call), None)
-        if replaced is not None:
-            for kept in (self._earliest, self._latest, self._causes):
-                if replaced in kept:
-                    kept[kept.index(replaced)] = update
-        return replaced
-
-    def copy(self) -> FindingGroup:
-        twin = FindingGroup(self.rule, self.selected)
-        twin.count = self.count
-        twin._earliest, twin._latest = self._earliest.copy(), self._latest.copy()
-        twin._causes = self._causes.copy()
-        return twin
-
-    def __iter__(self) -> Iterator[Occurrence]:
-        """Yield each kept occurrence once."""
-        return iter(dict.fromkeys((*self._earliest, *self._causes, *self._latest)))
-
-    @property
-    def first(self) -> Occurrence:
-        """The occurrence that began first, of those that were kept."""
-        return min(self, key=lambda each: each.began)
-
-    @property
-    def last(self) -> Occurrence:
-        """The occurrence that was completed last, of those that were kept."""
-        return max(self, key=lambda each: each.completed)
 
 
 class FindingCollector:
@@ -268,14 +201,14 @@ class FindingCollector:
         return snapshot._make_findings()
 
     def _copy(self) -> FindingCollector:
-        twin = FindingCollector()
+        copied = FindingCollector()
         groups = {group: group.copy() for group in self._groups.values()}
-        twin._groups = {key: groups[group] for key, group in self._groups.items()}
-        twin._by_rule = {rule: [groups[group] for group in alike] for rule, alike in self._by_rule.items()}
-        twin._by_call = {number: list(occurrences) for number, occurrences in self._by_call.items()}
-        twin._explained = {number: list(causes) for number, causes in self._explained.items()}
-        twin._causes = self._causes.copy()
-        return twin
+        copied._groups = {key: groups[group] for key, group in self._groups.items()}
+        copied._by_rule = {rule: [groups[group] for group in alike] for rule, alike in self._by_rule.items()}
+        copied._by_call = {number: list(occurrences) for number, occurrences in self._by_call.items()}
+        copied._explained = {number: list(causes) for number, causes in self._explained.items()}
+        copied._causes = self._causes.copy()
+        return copied
 
     def _make_findings(self) -> tuple[Finding, ...]:
         groups = list(self._groups.values())
@@ -283,7 +216,7 @@ class FindingCollector:
             for occurrence in group:
                 self._link_cause(occurrence)
         self._choose_shown(groups)
-        order = _FindingOrder(_selected_groups(groups, self._causes), self._causes)
+        order = FindingOrder(selected_groups(groups, self._causes), self._causes)
         return tuple(_ordered_finding(group, order) for group in order.groups)
 
     def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
@@ -310,98 +243,6 @@ def _cause_rank(rule_id: str, likely: tuple[str, ...]) -> int:
     return likely.index(rule_id) if rule_id in likely else len(likely)
 
 
-def _parent_groups(
-    groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
-) -> dict[FindingGroup, FindingGroup]:
-    """Map each group to the group that caused the occurrence that its finding describes. Links that would
-    form a cycle are left out.
-    """
-    group_of = {occurrence: group for group in groups for occurrence in group}
-    parents: dict[FindingGroup, FindingGroup] = {}
-    for group in sorted(groups, key=lambda each: each.shown.began):
-        cause = causes.get(group.shown)
-        parent = group_of.get(cause) if cause is not None else None
-        above = parent
-        while above is not None and above is not group:
-            above = parents.get(above)
-        if parent is not None and above is None:
-            parents[group] = parent
-    return parents
-
-
-def _selected_groups(
-    groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
-) -> list[FindingGroup]:
-    """Return the selected groups, and the groups that caused them directly or indirectly."""
-    parents = _parent_groups(groups, causes)
-    kept: set[FindingGroup] = set()
-    for group in groups:
-        each: FindingGroup | None = group if group.selected else None
-        while each is not None and each not in kept:
-            kept.add(each)
-            each = parents.get(each)
-    return [group for group in groups if group in kept]
-
-
-class _FindingOrder:
-    """The order of the findings in the report, and the links from each finding to its cause."""
-
-    def __init__(self, groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]) -> None:
-        self._parents = _parent_groups(groups, causes)
-        self._children: dict[FindingGroup | None, list[FindingGroup]] = {}
-        for group in sorted(groups, key=lambda each: (each.shown.began, _RANK[each.rule.severity])):
-            self._children.setdefault(self._parents.get(group), []).append(group)
-        roots = self._ordered_roots(self._children.get(None, []))
-        self.groups = [group for root in roots for group in self.with_consequences(root)]
-        self._numbers = {group: number for number, group in enumerate(self.groups, 1)}
-
-    def number(self, group: FindingGroup) -> int:
-        return self._numbers[group]
-
-    def parent(self, group: FindingGroup) -> int | None:
-        """Return the number of the finding that caused this group; None if the group is a root cause."""
-        parent = self._parents.get(group)
-        return None if parent is None else self.number(parent)
-
-    def with_consequences(self, group: FindingGroup) -> Iterator[FindingGroup]:
-        """Yield a group and all its direct and indirect consequences."""
-        yield group
-        for child in self._children.get(group, ()):
-            yield from self.with_consequences(child)
-
-    def first_consequences(self, group: FindingGroup) -> Iterator[FindingGroup]:
-        """Yield the first consequence of a group, then the first consequence of this consequence, and so
-        on.
-        """
-        while self._children.get(group):
-            group = self._children[group][0]
-            yield group
-
-    def _ordered_roots(self, roots: list[FindingGroup]) -> list[FindingGroup]:
-        """Sort root causes by client, effect on the robot and severity. `roots` must be in order of time."""
-        ranked = sorted(roots, key=lambda root: (self._impact(root), self._worst_severity(root)))
-        clients = dict.fromkeys(root.shown.conversation for root in ranked)
-        rank = {client: number for number, client in enumerate(clients)}
-        return sorted(ranked, key=lambda root: rank[root.shown.conversation])
-
-    def _impact(self, group: FindingGroup) -> RobotImpact:
-        family = self.with_consequences(group)
-        return min(occurrence.impact for each in family for occurrence in each)
-
-    def _worst_severity(self, group: FindingGroup) -> int:
-        return min(_RANK[each.rule.severity] for each in self.with_consequences(group))
-
-    def explains_the_rest(self, group: FindingGroup) -> bool:
-        """Return whether this group caused all errors and warnings that began after it."""
-        family = set(self.with_consequences(group))
-        return all(
-            each in family
-            or each.rule.severity is Severity.NOTE
-            or max(occurrence.began for occurrence in each) <= group.shown.completed
-            for each in self.groups
-        )
-
-
 def _finding(group: FindingGroup, shown: Occurrence, frames: tuple[int, ...]) -> Finding:
     rule, fact, advice = group.rule, shown.fact, shown.advice
     assert isinstance(fact, Message)
@@ -420,7 +261,7 @@ def _finding(group: FindingGroup, shown: Occurrence, frames: tuple[int, ...]) ->
     )
 
 
-def _ordered_finding(group: FindingGroup, order: _FindingOrder) -> Finding:
+def _ordered_finding(group: FindingGroup, order: FindingOrder) -> Finding:
     cause = order.parent(group)
     finding = replace(
         _finding(group, group.shown, _frames(group)), consequence_of=cause, repetition=_repetition(group)
@@ -435,7 +276,7 @@ def _repetition(group: FindingGroup) -> Repetition | None:
     return Repetition(group.count, group.first.began, group.last.completed if all_listed else None)
 
 
-def _with_consequences(finding: Finding, root: FindingGroup, order: _FindingOrder) -> Finding:
+def _with_consequences(finding: Finding, root: FindingGroup, order: FindingOrder) -> Finding:
     """Return the finding with its consequences added: the first few one by one, the others as a range of
     finding numbers.
     """

@@ -193,11 +193,7 @@ class CorruptFault(MessageFault, frozen=True, kw_only=True, tag="corrupt"):
 
 
 class TruncateFault(MessageFault, frozen=True, kw_only=True, tag="truncate"):
-    """Cut off the end of the message.
-
-    Attributes:
-        keep: Number of bytes to keep; None to keep a random number of bytes.
-    """
+    """Cut the message after `keep` bytes, or after a random number of bytes if `keep` is None."""
 
     keep: Annotated[int, Meta(ge=0, le=LARGEST_FRAME)] | None = None
 
@@ -269,11 +265,7 @@ class RewriteFault(MessageFault, frozen=True, kw_only=True, tag="rewrite"):
 
 
 class SerialFault(MessageFault, frozen=True, kw_only=True, tag="serial"):
-    """Add a number to the serial of the frame. By default, hit only responses.
-
-    Attributes:
-        by: Number that is added to the serial.
-    """
+    """Add the number `by` to the serial of the frame. By default, hit only responses."""
 
     direction: Direction | None = Direction.RESPONSE
     by: Annotated[int, Meta(ge=-65535, le=65535)] = 1

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from bcapscope.analysis.finding import Finding, Severity
-from bcapscope.analysis.finding_collector import MAX_FINDINGS, MAX_KEPT, FindingCollector
+from bcapscope.analysis.finding_collector import MAX_FINDINGS, FindingCollector
+from bcapscope.analysis.finding_group import MAX_KEPT
 from bcapscope.analysis.rules.rule_checker import SECOND, DiagnosisRule, Occurrence
 from bcapscope.messages import Message
 from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, Transport

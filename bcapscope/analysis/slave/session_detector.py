@@ -432,9 +432,7 @@ def _silent_exit(builder: SlaveSessionBuilder) -> SessionExit:
 
 
 def _exit_by_call(reason: ExitReason, call: Call, frames: tuple[int, ...] = ()) -> SessionExit:
-    """Return an end that was caused by `call`. The frames that prove it are the frames of the call, then
-    `frames`.
-    """
+    """Return an end that `call` caused, proved by the frames of the call and `frames`."""
     return SessionExit(reason, _call_end(call), (*_call_frames(call), *frames), call.hresult, call_fact(call))
 
 
