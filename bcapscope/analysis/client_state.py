@@ -186,13 +186,13 @@ class ClientState:
         return [each for each in self._registry if each is not self and each.conversation.server.host == host]
 
     def cleared_by_other(self, error: Call, before: int) -> bool:
-        """Return whether another client cleared the errors after the call `error` and before the time `before`."""
+        """Return whether another client cleared the errors between the call `error` and the time `before`."""
         clears = (other.clear_call for other in self.other_clients())
         times = (clear.request.time for clear in clears if clear is not None)
         return any(error.request.time <= time <= before for time in times)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Update the state with alike set points (see `AlikeSetPoints`), each small and answered with S_OK."""
+        """Update the state with small set points that succeeded (see `AlikeSetPoints`)."""
         for call in calls:
             if call.last_activity - call.request.time > SLOW_CALL_NS:
                 self.slow_call = call
@@ -206,7 +206,7 @@ class ClientState:
             self.recent_set_points.append(call)
 
     def on_call(self, call: Call) -> None:
-        """Update the state with a completed call. The caller has set `target_object` to the object of this call."""
+        """Update the state with a completed call. `target_object` is already the object of this call."""
         self.call_count += 1
         self.longest_pause_ns = max(self.longest_pause_ns, call.request.time - self.last_call.last_activity)
         self.last_call = call
@@ -432,7 +432,7 @@ class ClientRegistry:
         return client
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Record that a client's conversation was closed. Closed clients can explain failures of other clients."""
+        """Record that a client's conversation was closed. A closed client can explain failures of others."""
         client = self._by_conversation.get(conversation)
         if client is None:
             return

@@ -135,10 +135,9 @@ def command(
     """Play one side of a recording: make the client's calls to HOST, or give clients the controller's
     replies.
 
-    As client, `replay` first opens objects that the recording uses but does not open. `replay` makes each
-    call at its recorded time, with the handles that HOST gives, and compares each result with the recorded
-    result. Recorded retries are not repeated. At the end, `replay` leaves slave mode and releases all open
-    objects.
+    As client, `replay` opens objects that the recording uses but does not open. It makes each call at its
+    recorded time, with the handles that HOST gives, and compares each result with the recorded result.
+    Recorded retries are not repeated. At the end, `replay` leaves slave mode and releases open objects.
 
     Before `replay` sends anything, it checks the set points as the pre-flight check of `play` does. A
     recording that may energise or move a robot needs --arm or your confirmation, except with bcapscope's own
