@@ -1,4 +1,4 @@
-"""TCP sessions of the proxy. They forward data, half-close, reset and back-pressure in both directions."""
+"""TCP sessions of the proxy, which forward data, half-close, reset and back-pressure in both directions."""
 
 from __future__ import annotations
 
@@ -29,12 +29,13 @@ A call may take 180 s, the default of InvokeTimeout (orin_bcap C/src/bCAPServer/
 
 STUCK_AFTER_NS = 10_000_000_000
 """Idle time in ns after which a session ends if only the controller has ended its direction. After the same
-idle time, a new client may evict a session that is half closed, or whose client or controller does not read.
+idle time, a new client may evict a session that is half closed, or in which one end does not read.
 """
 
 ANSWERED_IDLE_NS = 1_000_000_000
-"""Idle time in ns after which a session may be evicted if its client ended its direction and has received
-bytes since."""
+"""Idle time in ns after which a session may be evicted if the client has ended its direction and received
+bytes since then.
+"""
 
 MAX_PENDING = 1 << 18
 """With rules, the session stops reading if more than this number of bytes wait for a slow receiver.
