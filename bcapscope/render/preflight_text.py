@@ -185,8 +185,9 @@ def _place(column: Column) -> Message:
 
 
 def _bounded_number(value: float, digits: int) -> str:
-    """Return a number as text with `digits` decimals. A very large number gets an exponent instead, to stay
-    short."""
+    """Return a number as text with `digits` decimals. A very large number is written with an exponent, to
+    stay short.
+    """
     return f"{value:.{digits}f}" if abs(value) < _LARGEST_SHOWN else f"{value:.3g}"
 
 
