@@ -385,7 +385,9 @@ def _whole_frame_size(data: bytes) -> int:
 
 
 def _with_payloads(layers: list[Packet], padding: bytes) -> Packet:
-    """Return the first layer. Each following layer is the payload of the one before; padding is the last."""
+    """Return the first layer. Each following layer is the payload of the layer before, and the padding comes
+    last.
+    """
     if padding:
         layers.append(conf.padding_layer(padding))
     for outer, inner in reversed(list(pairwise(layers))):
