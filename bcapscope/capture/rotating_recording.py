@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import errno
 import io
+import os
 import re
 import shutil
+import stat
+import sys
 import time
 from collections import deque
 from contextlib import suppress
@@ -89,9 +92,9 @@ class RotatingRecording(io.RawIOBase):
     """
 
     def __init__(self, path: Path, limits: RotationLimits | None = None) -> None:
-        """Create the first file at a path that must not exist.
+        """Create the first file at a path that must not exist, or that is a named pipe.
 
-        Without `limits`, the first file is the only file.
+        Without `limits`, the first file is the only file. A named pipe is opened once a program reads it.
 
         The names of a ring's files contain the number of the file, and the date and time at which the file
         began.
@@ -253,6 +256,8 @@ class RotatingRecording(io.RawIOBase):
         self._size_limit = max(_SMALLEST, _free_bytes(path) // 2)
 
     def _create_file(self, path: Path) -> io.FileIO:
+        if self._limits is None and is_named_pipe(path):
+            return io.FileIO(os.open(path, os.O_WRONLY | getattr(os, "O_BINARY", 0)), "wb")
         while True:
             try:
                 return path.open("xb", buffering=0)
@@ -264,6 +269,19 @@ class RotatingRecording(io.RawIOBase):
         """Write the file header at once, so that other programs can read the file from the start."""
         self.flush()
         self._header_size = self._size
+
+
+def is_named_pipe(path: Path) -> bool:
+    """Return whether `path` is a named pipe that exists.
+
+    On Windows, the name decides: to ask the system opens the pipe, and Wireshark's pipe opens only once.
+    """
+    if sys.platform == "win32":
+        return str(path).startswith("\\\\.\\pipe\\")
+    try:
+        return stat.S_ISFIFO(path.stat().st_mode)
+    except OSError:
+        return False
 
 
 def _free_bytes(path: Path) -> int:
