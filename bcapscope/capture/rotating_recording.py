@@ -17,6 +17,7 @@ from pathlib import Path
 
 from bcapscope.capture.pcapng_writer import is_packet_block
 from bcapscope.capture.socket_recording import SocketRecording
+from bcapscope.messages import Message
 
 _UNITS = {"k": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _TIMES = {"s": 1, "min": 60, "h": 3600, "d": 86400}
@@ -92,9 +93,9 @@ class RotatingRecording(io.RawIOBase):
     """
 
     def __init__(self, path: Path, limits: RotationLimits | None = None) -> None:
-        """Create the first file at a path that must not exist, or that is a named pipe.
+        """Create the first file at a path that must not exist, or that is a named pipe with a reader.
 
-        Without `limits`, the first file is the only file. A named pipe is opened once a program reads it.
+        Without `limits`, the first file is the only file.
 
         The names of a ring's files contain the number of the file, and the date and time at which the file
         began.
@@ -257,7 +258,7 @@ class RotatingRecording(io.RawIOBase):
 
     def _create_file(self, path: Path) -> io.FileIO:
         if self._limits is None and is_named_pipe(path):
-            return io.FileIO(os.open(path, os.O_WRONLY | getattr(os, "O_BINARY", 0)), "wb")
+            return _open_named_pipe(path)
         while True:
             try:
                 return path.open("xb", buffering=0)
@@ -282,6 +283,22 @@ def is_named_pipe(path: Path) -> bool:
         return stat.S_ISFIFO(path.stat().st_mode)
     except OSError:
         return False
+
+
+def _open_named_pipe(path: Path) -> io.FileIO:
+    """Open a named pipe for writing.
+
+    Raises:
+        OSError: No program reads the pipe, or the pipe cannot be opened.
+    """
+    if sys.platform == "win32":
+        return io.FileIO(os.open(path, os.O_WRONLY | os.O_BINARY), "wb")
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_NONBLOCK)
+    except OSError as error:
+        raise OSError(Message("recording.no-reader")) if error.errno == errno.ENXIO else error from None
+    os.set_blocking(descriptor, True)
+    return io.FileIO(descriptor, "wb")
 
 
 def _free_bytes(path: Path) -> int:

@@ -29,6 +29,7 @@ _READ_WITHIN = 30.0
 """Maximum time in seconds until Wireshark's capture program has opened the pipe."""
 
 _CHECK_INTERVAL = 0.02
+_PARENT_INTERVAL_MS = 500
 
 _SYNCHRONIZE, _INFINITE = 0x100000, 0xFFFFFFFF
 """Access right and waiting time of the Windows functions `OpenProcess` and `WaitForSingleObject`."""
@@ -94,20 +95,23 @@ def _open_pipe(pipe: str, ends: CaptureEnds) -> int | None:
             if error.errno != errno.ENXIO:
                 raise FileWriteError(Path(pipe), os_reason(error)) from None
             if time.monotonic() > until:
-                raise FileWriteError(Path(pipe), Message("extcap.no-reader")) from None
+                raise FileWriteError(Path(pipe), Message("recording.no-reader")) from None
         time.sleep(_CHECK_INTERVAL)
     return None
 
 
 def _wait_for_end(descriptor: int | None, ends: CaptureEnds) -> None:
-    """Wait until Wireshark no longer reads the pipe, or on Windows until it has ended the launcher."""
+    """Wait until Wireshark no longer reads the pipe or is killed, or on Windows until it ends the launcher."""
     if sys.platform == "win32":
         import ctypes
 
         kernel = ctypes.WinDLL("kernel32")
         kernel.WaitForSingleObject(kernel.OpenProcess(_SYNCHRONIZE, False, os.getppid()), _INFINITE)
     elif descriptor is not None:
-        poll = select.poll()
+        parent, poll = os.getppid(), select.poll()
         poll.register(descriptor, 0)
-        poll.poll()  # reports the error of a pipe without a reader, although no event is registered
+        # poll reports the error of a pipe without a reader, although no event is registered. If Wireshark is
+        # killed, its capture program still reads the pipe until the next packet.
+        while not poll.poll(_PARENT_INTERVAL_MS) and os.getppid() == parent:
+            pass
     ends.put("")
