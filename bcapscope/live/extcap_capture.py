@@ -101,7 +101,7 @@ def _open_pipe(pipe: str, ends: CaptureEnds) -> int | None:
 
 
 def _wait_for_end(descriptor: int | None, ends: CaptureEnds) -> None:
-    """Wait until Wireshark no longer reads the pipe or is killed, or on Windows until it ends the launcher."""
+    """Wait until Wireshark closes the pipe or is killed, or on Windows until it ends the launcher."""
     if sys.platform == "win32":
         import ctypes
 

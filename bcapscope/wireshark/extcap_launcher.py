@@ -14,7 +14,8 @@ _SHELL = """\
 #!/bin/sh
 # The capture interfaces of bcapscope, written by `bcapscope wireshark --install`.
 # PYTHONSAFEPATH keeps Python from importing files of the folder in which Wireshark runs.
-PYTHONSAFEPATH=1 exec {python} -m bcapscope extcap "$@"
+export PYTHONSAFEPATH=1
+exec {python} -m bcapscope extcap "$@"
 """
 
 _BATCH = """\

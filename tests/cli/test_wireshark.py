@@ -61,7 +61,7 @@ def test_the_launcher_starts_bcapscope_in_any_folder(tmp_path: Path) -> None:
     run_here("wireshark", "--install", "--folder", tmp_path)
     hostile = tmp_path / "bcapscope.py"
     hostile.write_text("raise SystemExit('wrong program')")
-    argv = [tmp_path / "extcap" / LAUNCHER_NAME, "--extcap-interfaces"]
+    argv = [str(tmp_path / "extcap" / LAUNCHER_NAME), "--extcap-interfaces"]
     done = subprocess.run(argv, cwd=tmp_path, capture_output=True, check=True, text=True)
     assert "bcapscope-sim" in done.stdout
 
