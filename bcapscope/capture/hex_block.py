@@ -7,6 +7,8 @@ from copy import copy
 from operator import itemgetter
 
 from bcapscope.capture.hex_line import HexDigits
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count
 from bcapscope.traffic.observation import Direction
 
 LARGEST_REPEAT = 64 * 1024
@@ -59,7 +61,7 @@ class HexBlock:
         self.has_hex_notation = False
         self.blank_line_follows = False
         self.asterisk_bytes = 0
-        self.notes: list[str] = []
+        self.notes: list[Message] = []
         self._digits = bytearray()
         self._skipped = 0
         self._rows: list[tuple[int, int]] = []
@@ -102,13 +104,11 @@ class HexBlock:
         with a note.
         """
         first = bisect_right(self._rows, 2 * offset, key=itemgetter(0)) - 1
-        note = ""
+        note = None
         if not offset or len(self._rows) - first > MAX_ROWS // 2:
             first = len(self._rows) - 1
             offset = self._rows[first][0] // 2
-            note = (
-                f"continues the bytes before line {self._rows[first][1]}, which are too many for one packet"
-            )
+            note = Message("pasted.continues", line=self._rows[first][1])
         rows = self._rows[first:]
         rest = copy(self)
         rest._rows = [(max(count - 2 * offset, 0), line) for count, line in rows]
@@ -165,5 +165,5 @@ class HexBlock:
         if count > _LARGEST_HOLE:
             return False
         self._skipped += count
-        self.notes.append(f"{count} bytes are missing in the text before line {line}")
+        self.notes.append(Message("pasted.missing", missing=Count(count, "byte"), line=line))
         return True

@@ -15,6 +15,8 @@ from bcapscope.capture.hex_block import LARGEST_REPEAT, HexBlock
 from bcapscope.capture.hex_line import MIN_HEX_BYTES, EndOffset, HexDigits, LinePiece, ProseText, parse_line
 from bcapscope.capture.link_layer import ETHERNET, NOT_IP, find_ip, read_ip
 from bcapscope.capture.role_detection import BCAP_PORTS, direction_evidence
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.frame import Malformed, parse_single_frame
 from bcapscope.protocol.codec.frame_content import EOT, HEADER_SIZE, SMALLEST_FRAME, SOH
 from bcapscope.protocol.tables.function_table import FUNCTIONS
@@ -83,7 +85,7 @@ class HexPacket(NamedTuple):
     is_direction_guessed: bool
     caption: str
     line: int
-    notes: tuple[str, ...]
+    notes: tuple[Message, ...]
 
 
 def read_hex_text(lines: Iterable[str]) -> Iterator[HexPacket]:
@@ -298,12 +300,12 @@ def _is_bcap_hex(block: HexBlock) -> bool:
 def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
     data, by_port, notes = block.data, None, list(block.notes)
     if len(block.digits) % 2:
-        notes.append("the text ends in the middle of a byte")
+        notes.append(Message("pasted.half-byte"))
     lines = block.line_numbers()
     if not _begins_as_frame(data):
         data, by_port, skipped = _without_headers(data)
         if skipped:
-            notes.append(f"removed {skipped} bytes of network headers")
+            notes.append(Message("pasted.headers", removed=Count(skipped, "byte")))
             lines = [(max(place - skipped, 0), line) for place, line in lines]
     cuts = _frame_starts(data, [place for place, _ in lines])
     for start, stop in zip(cuts, [*cuts[1:], len(data)], strict=True):
@@ -338,7 +340,7 @@ def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
 
 def _direction_of(
     part: bytes, block: HexBlock, by_port: Direction | None
-) -> tuple[Direction | None, bool, list[str]]:
+) -> tuple[Direction | None, bool, list[Message]]:
     """Return the direction of a packet, whether the direction is a guess, and contradicting evidence."""
     content = _direction_by_content(part)
     if by_port is not None:
@@ -348,7 +350,7 @@ def _direction_of(
     shown = direction_evidence(parse_single_frame(part))
     if shown is None or shown[0] is block.direction:
         return block.direction, False, []
-    return block.direction, False, [f"captioned as a {block.direction}, but the bytes hold {shown[1]}"]
+    return block.direction, False, [Message(f"pasted.contradicts.{shown[0].value}")]
 
 
 def _direction_by_content(part: bytes) -> Direction | None:
@@ -399,7 +401,7 @@ def _note_serial_mismatches(packets: Iterable[HexPacket]) -> Iterator[HexPacket]
                 request_serials.add(serial)
                 last = serial
             elif packet.direction is Direction.RESPONSE and request_serials and serial not in request_serials:
-                note = f"serial {serial} does not match the request above, which has serial {last}"
+                note = Message("pasted.serial", serial=serial, request=last)
                 noted = packet._replace(notes=(*packet.notes, note))
         yield noted
 

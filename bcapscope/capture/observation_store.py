@@ -17,7 +17,16 @@ from bcapscope.protocol.codec.frame import Frame, Malformed, Problem
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.filter.getters import AnnotatedFrame
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    ServerEvidence,
+    ServerEvidenceKind,
+    Transport,
+)
 
 MAX_FLOWS = 4096
 """Maximum number of conversations that the writer and each reader keep in memory."""
@@ -47,7 +56,7 @@ class _FrameRecord(msgspec.Struct, array_like=True):
 
 _encode = msgspec.msgpack.encode
 _frame_decoder = msgspec.msgpack.Decoder(_FrameRecord)
-_Ends = tuple[bytes, int, bytes, int, str, bytes]
+_Ends = tuple[bytes, int, bytes, int, str, str, int]
 _ends_decoder = msgspec.msgpack.Decoder(_Ends)
 
 
@@ -105,7 +114,7 @@ class ObservationStoreWriter:
             encode_text(server.host),
             server.port,
             conversation.transport.value,
-            encode_text(conversation.server_known_by),
+            *conversation.server_evidence,
         )
         if len(self._numbers) >= MAX_FLOWS:
             self._numbers.clear()
@@ -188,7 +197,9 @@ class ObservationStore:
         if pair is None:
             ends = _ends_decoder.decode(self._conversations.read_record(number))
             client, server = Endpoint(decode_text(ends[0]), ends[1]), Endpoint(decode_text(ends[2]), ends[3])
-            conversation = Conversation(client, server, Transport(ends[4]), decode_text(ends[5]))
+            conversation = Conversation(
+                client, server, Transport(ends[4]), ServerEvidence(ServerEvidenceKind(ends[5]), ends[6])
+            )
             pair = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)
             if len(self._flows) >= MAX_FLOWS:
                 self._flows.clear()

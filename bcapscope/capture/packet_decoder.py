@@ -83,7 +83,7 @@ class PacketDecoder:
     def conversations(self) -> tuple[Conversation, ...]:
         """The first `CONVERSATIONS_LIMIT` conversations, in the order of their first observation.
 
-        The attribute `server_known_by` of a conversation states how its server was identified.
+        The attribute `server_evidence` of a conversation states how its server was identified.
         """
         return tuple(self._conversations)
 

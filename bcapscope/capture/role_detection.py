@@ -10,9 +10,9 @@ from collections.abc import Collection
 from bcapscope.protocol.codec.frame import EOT, LARGEST_FRAME, SMALLEST_FRAME, SOH, Frame, Malformed
 from bcapscope.protocol.codec.stream_splitter import MAX_RESYNC_ARGUMENTS
 from bcapscope.protocol.codec.variant import VT
-from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
+from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.protocol.tables.hresult import S_EXECUTING, S_FALSE, S_OK
-from bcapscope.traffic.observation import Direction
+from bcapscope.traffic.observation import Direction, ServerEvidence, ServerEvidenceKind
 
 BCAP_PORTS = frozenset({5007})
 """Ports on which controllers listen, UDP and TCP (orin_bcap C/include/bcap_common.h)."""
@@ -32,8 +32,8 @@ def server_index_by_port(ports: Collection[int], first: int, second: int) -> int
     return known.index(True) if sum(known) == 1 else None
 
 
-def direction_evidence(item: Frame | Malformed) -> tuple[Direction, str] | None:
-    """Return the direction that the content proves, and the evidence as text; None without proof.
+def direction_evidence(item: Frame | Malformed) -> tuple[Direction, ServerEvidence] | None:
+    """Return the direction that the content proves, and the evidence; None without proof.
 
     A code of 0 or 0x900, and a code with the top bit set, can only be a result code. The code 1 with one
     string is Service_Start, not S_FALSE. Any other function id proves a request only if the arguments fit the
@@ -42,9 +42,9 @@ def direction_evidence(item: Frame | Malformed) -> tuple[Direction, str] | None:
     if isinstance(item, Malformed) or item.problems:
         return None
     if item.code in (S_OK, S_EXECUTING) or item.code & 0x80000000:
-        return Direction.RESPONSE, f"a result, 0x{item.code:08X}, that no request can carry"
+        return Direction.RESPONSE, ServerEvidence(ServerEvidenceKind.RESULT, item.code)
     if item.code in FUNCTIONS and _arguments_fit(item):
-        return Direction.REQUEST, f"a call of {function_name(item.code)} with its arguments"
+        return Direction.REQUEST, ServerEvidence(ServerEvidenceKind.CALL, item.code)
     return None
 
 

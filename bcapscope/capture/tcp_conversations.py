@@ -18,11 +18,14 @@ from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import SMALLEST_FRAME
 from bcapscope.protocol.codec.frame_content import FrameContent
 from bcapscope.protocol.codec.frame_template import FrameTemplates
-from bcapscope.traffic.observation import Flow, Transport
+from bcapscope.traffic.observation import SERVER_PORT, Flow, ServerEvidence, ServerEvidenceKind, Transport
 
 CONNECTIONS_LIMIT = 1024
 """Maximum number of TCP connections to follow at a time. Beyond this number, bcapscope stops following the
 connection that was idle longest."""
+
+
+_HANDSHAKE = ServerEvidence(ServerEvidenceKind.HANDSHAKE)
 
 
 class _TrackedConnection:
@@ -121,7 +124,7 @@ class TcpConversations:
         server = server_index_by_port(self._ports, source.port, destination.port)
         if server is not None:
             tracked.conversation = UndecidedConversation(tracked.ends, Transport.TCP)
-            tracked.conversation.set_server(server, f"port {tracked.ends[server].port}")
+            tracked.conversation.set_server(server, SERVER_PORT)
         elif source.port in self._ports:
             tracked.conversation = UndecidedConversation(tracked.ends, Transport.TCP)
         for sender, each in enumerate(tracked.keys):
@@ -145,9 +148,7 @@ class TcpConversations:
         if segment.flags & (FIN | RST):
             tracked.conversation.record_close(sender, bool(segment.flags & RST), time)
         if tracked.conversation.flows is None and tracked.connection.server is not None:
-            tracked.conversation.set_server(
-                tracked.connection.server, "the TCP handshake: this end accepted the connection"
-            )
+            tracked.conversation.set_server(tracked.connection.server, _HANDSHAKE)
         if not all(tracked.conversation.add_item(each, item) for each, item in items):
             self._reset_as_not_bcap(tracked)
             return []

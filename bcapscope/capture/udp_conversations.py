@@ -14,7 +14,7 @@ from bcapscope.capture.undecided_conversation import (
 )
 from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, parse_captured_datagram, parse_datagram
 from bcapscope.protocol.codec.frame_template import FrameTemplates
-from bcapscope.traffic.observation import Flow, Transport
+from bcapscope.traffic.observation import SERVER_PORT, Flow, Transport
 
 FLOWS_LIMIT = 65536
 """Maximum number of flows to remember. A controller has at most twenty clients (orin_bcap
@@ -91,7 +91,7 @@ class UdpConversations:
         server = server_index_by_port(self._ports, source.port, destination.port)
         talk = UndecidedConversation((source, destination), Transport.UDP)
         if server is not None:
-            talk.set_server(server, f"port {(source, destination)[server].port}")
+            talk.set_server(server, SERVER_PORT)
         elif source.port not in self._ports and not is_whole_frames(payload):
             return None
         return talk

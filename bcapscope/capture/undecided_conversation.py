@@ -7,7 +7,15 @@ from typing import NamedTuple
 
 from bcapscope.capture.role_detection import direction_evidence
 from bcapscope.protocol.codec.frame import Frame, Malformed
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
+from bcapscope.traffic.observation import (
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    ServerEvidence,
+    ServerEvidenceKind,
+    Transport,
+)
 
 HELD_ITEMS_LIMIT = 64
 """Maximum number of items of a conversation to hold back while its server is unknown. If this many
@@ -74,9 +82,9 @@ class UndecidedConversation:
         self._closed: dict[tuple[int, bool], int] = {}  # time by (sender, was it a RST)
         self.flows: tuple[Flow, Flow] | None = None
 
-    def set_server(self, server: int, why: str) -> None:
-        """Set the index, 0 or 1, of the server, and the evidence as text for the user."""
-        conversation = Conversation(self._ends[1 - server], self._ends[server], self._transport, why)
+    def set_server(self, server: int, evidence: ServerEvidence) -> None:
+        """Set the index, 0 or 1, of the server, and what shows it."""
+        conversation = Conversation(self._ends[1 - server], self._ends[server], self._transport, evidence)
         request, response = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)
         self.flows = (response, request) if server == 0 else (request, response)
         for (sender, reset), time in self._closed.items():
@@ -86,7 +94,7 @@ class UndecidedConversation:
         """Guess the server if it is still unknown; usually, the end that sends first is the client."""
         if self.flows is None:
             client = self._held_items[0][0] if self._held_items else 0
-            self.set_server(1 - client, "a guess: the other end sent first, and no frame shows the roles")
+            self.set_server(1 - client, ServerEvidence(ServerEvidenceKind.GUESS))
 
     def record_close(self, sender: int, reset: bool, time: int) -> None:
         if self.flows is None:
@@ -109,9 +117,8 @@ class UndecidedConversation:
     def _check_evidence(self, sender: int, item: Frame | Malformed) -> None:
         found = direction_evidence(item)
         if found is not None:
-            direction, what = found
-            end = self._ends[sender]
-            self.set_server(sender if direction is Direction.RESPONSE else 1 - sender, f"{end} sent {what}")
+            direction, evidence = found
+            self.set_server(sender if direction is Direction.RESPONSE else 1 - sender, evidence)
             return
         self._held_bytes += len(item.raw)
         if len(self._held_items) >= HELD_ITEMS_LIMIT or self._held_bytes >= HELD_BYTES_LIMIT:

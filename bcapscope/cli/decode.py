@@ -16,7 +16,7 @@ from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.column_options import columns_option, frame_columns, wide_option
 from bcapscope.cli.common.data_output import folded_lines
 from bcapscope.live.standard_streams import choose_palette
-from bcapscope.messages import MessageFormatter
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.csv_table import CsvTableRenderer, csv_cell, csv_row
 from bcapscope.render.escape import printable
@@ -101,7 +101,9 @@ def command(
     130: Ctrl-C.
     """
     style = _choose_format(styles, columns is not None, dump, full)
-    reading = CaptureReader(paths, ports, interface, text, words, side=side)
+    is_text = columns is None and style in (None, FrameFormat.TREE)
+    comment_words = words if is_text else ENGLISH_WORDS
+    reading = CaptureReader(paths, ports, interface, text, words, side=side, comment_words=comment_words)
     palette = choose_palette(color)
     if columns is not None:
         renderer = frame_columns(reading, columns, palette, wide)

@@ -13,7 +13,15 @@ from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.retry.requester import Requester, RequesterEvent, RequesterOutcome, RetryPolicy
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PARTICIPANT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    Transport,
+)
 from bcapscope.transport.loop_clock import LoopClock
 from bcapscope.transport.peer_link import Link
 
@@ -59,7 +67,7 @@ class Caller:
         self._requester = Requester(convention)
         transport = Transport.UDP if link.datagrams else Transport.TCP
         conversation = Conversation(
-            Endpoint(*link.local), Endpoint(*link.peer), transport, "bcapscope is the client"
+            Endpoint(*link.local), Endpoint(*link.peer), transport, SERVER_PARTICIPANT
         )
         self._request_flow = Flow(conversation, Direction.REQUEST)
         self._reply_flow = Flow(conversation, Direction.RESPONSE)

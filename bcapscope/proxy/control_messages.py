@@ -32,7 +32,14 @@ from bcapscope.messages import Message
 from bcapscope.messages.message import foreign_text
 from bcapscope.messages.message_codec import message_from_data
 from bcapscope.traffic.call_kind import CallKind
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PARTICIPANT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Transport,
+)
 
 T = TypeVar("T")
 
@@ -214,7 +221,7 @@ class HeldStatus(msgspec.Struct, frozen=True):
     @property
     def flow(self) -> Flow:
         ends = _endpoint(self.client), _endpoint(self.server)
-        return Flow(Conversation(*ends, self.transport, "the proxy"), self.direction)
+        return Flow(Conversation(*ends, self.transport, SERVER_PARTICIPANT), self.direction)
 
     @property
     def call_kind(self) -> CallKind | None:

@@ -19,7 +19,14 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import StreamPiece, StreamSplitter
 from bcapscope.proxy.relay_session import ClientEndpoints, read_endpoints
 from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind, hole_sizes
-from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PARTICIPANT,
+    Conversation,
+    Direction,
+    Flow,
+    Observation,
+    Transport,
+)
 
 NotedObservation: TypeAlias = tuple[Observation, Message | None]
 """An observation, and a note of what a rule did to the message (None for nothing)."""
@@ -49,7 +56,9 @@ class _Client:
         self, endpoints: ClientEndpoints, received_at: int, budget: ByteBudget, templates: FrameTemplates
     ) -> None:
         self.last_heard = received_at
-        conversation = Conversation(endpoints.client, endpoints.controller, endpoints.transport, "the proxy")
+        conversation = Conversation(
+            endpoints.client, endpoints.controller, endpoints.transport, SERVER_PARTICIPANT
+        )
         self.conversation = conversation
         self.is_stream = endpoints.transport is Transport.TCP
         self.streams = tuple(

@@ -16,7 +16,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.admission import ClientSlot
 from bcapscope.proxy.listener_spec import ListenerSpec
 from bcapscope.proxy.sockets import SocketAddress, endpoint_of, listen_on, resolve
-from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+from bcapscope.traffic.observation import SERVER_PARTICIPANT, Conversation, Endpoint, Transport
 from bcapscope.transport.descriptors import is_out_of_descriptors
 from bcapscope.transport.first_frame_queue import source_network
 
@@ -40,7 +40,7 @@ class RelaySession(ABC):
 
     def __init__(self, relay: Relay, transport: Transport, client: SocketAddress, to: Endpoint) -> None:
         self.number = relay.next_number()
-        self.conversation = Conversation(endpoint_of(client), to, transport, "the proxy")
+        self.conversation = Conversation(endpoint_of(client), to, transport, SERVER_PARTICIPANT)
         self.source = source_network(client[0])
         self.last_heard = relay.now
         self._relay = relay

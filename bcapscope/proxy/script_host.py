@@ -35,7 +35,14 @@ from bcapscope.proxy.script_protocol import (
     wire_sentence,
 )
 from bcapscope.traffic.call_kind import RecentRequests
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PARTICIPANT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Transport,
+)
 
 _PR_SET_PDEATHSIG = 1
 _READ = 1 << 16
@@ -79,7 +86,7 @@ class ScriptHost:
         end, controller = (Endpoint(*each) for each in order.ends)
         transport = Transport(order.transport)
         client = AddonClient(order.client, end, controller, transport)
-        self._clients[order.client] = client, Conversation(end, controller, transport, "the proxy")
+        self._clients[order.client] = client, Conversation(end, controller, transport, SERVER_PARTICIPANT)
         self._addons.client_connected(client)
 
     def _show_message(self, order: MessageShown) -> ScriptAnswer:

@@ -25,7 +25,14 @@ from bcapscope.simulator.scenario import FaultsAndEvents, Scenario
 from bcapscope.simulator.scenario_event import AnyEvent, ScenarioEvent
 from bcapscope.simulator.simulator import LARGEST_REQUEST, Peer, ResetMarker, Simulator, SimulatorOutput
 from bcapscope.traffic.call_kind import RecentRequests
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PARTICIPANT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Transport,
+)
 
 MAX_LINES = 1024
 """Maximum number of clients; beyond it, the runner forgets the UDP client that has been silent longest."""
@@ -233,7 +240,7 @@ class ScenarioRunner:
         if len(self._lines) >= MAX_LINES:
             datagram_lines = (each.peer for each in self._lines.values() if each.splitter is None)
             self._remove_client(next(datagram_lines, None))
-        conversation = Conversation(_endpoint(peer), _HERE, transport, "we are the server")
+        conversation = Conversation(_endpoint(peer), _HERE, transport, SERVER_PARTICIPANT)
         self._peers[conversation] = peer
         splitter = StreamSplitter(limit=LARGEST_REQUEST) if transport is Transport.TCP else None
         up, down = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)

@@ -29,6 +29,42 @@ class Direction(StrEnum):
     RESPONSE = "response"
 
 
+class ServerEvidenceKind(StrEnum):
+    """How bcapscope knows which end of a conversation is the server."""
+
+    PORT = "port"
+    """Only the server has a port on which controllers listen."""
+    PARTICIPANT = "participant"
+    """bcapscope is the proxy, the client or the simulator of the conversation, and sees each stream from its
+    beginning."""
+    TEXT = "text"
+    """The frames are from pasted text, which has no addresses."""
+    HANDSHAKE = "handshake"
+    """The server accepted the TCP connection."""
+    RESULT = "result"
+    """The server sent a result code that no request can carry."""
+    CALL = "call"
+    """The client sent a function with the arguments of this function."""
+    GUESS = "guess"
+    """The other end sent first. No frame shows which end is the server."""
+
+
+class ServerEvidence(NamedTuple):
+    """What shows which end of a conversation is the server.
+
+    Attributes:
+        kind: Kind of the evidence.
+        code: The result code for `RESULT`, the function id for `CALL`, otherwise 0.
+    """
+
+    kind: ServerEvidenceKind
+    code: int = 0
+
+
+SERVER_PORT = ServerEvidence(ServerEvidenceKind.PORT)
+SERVER_PARTICIPANT = ServerEvidence(ServerEvidenceKind.PARTICIPANT)
+
+
 class Endpoint(NamedTuple):
     """IP address as text, and port number; port 0 if the port is unknown."""
 
@@ -74,8 +110,7 @@ class Conversation:
     conversation.
 
     Attributes:
-        server_known_by: Why `server` is considered the server, as text for the user: "port 5007", or the
-            evidence in the traffic.
+        server_evidence: What shows that `server` is the server.
         connection_end: End of the TCP connection, as far as captured; None while the connection is open, and
             for UDP.
         interface: Name of the interface on which the conversation was captured; "" if the capture names none.
@@ -86,12 +121,12 @@ class Conversation:
     """
 
     def __init__(
-        self, client: Endpoint, server: Endpoint, transport: Transport, server_known_by: str
+        self, client: Endpoint, server: Endpoint, transport: Transport, server_evidence: ServerEvidence
     ) -> None:
         self.client = client
         self.server = server
         self.transport = transport
-        self.server_known_by = server_known_by
+        self.server_evidence = server_evidence
         self.connection_end: ConnectionEnd | None = None
         self.interface = ""
         self.controller_leg: Conversation | None = None

@@ -13,7 +13,15 @@ from typing import NamedTuple
 
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PORT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    Transport,
+)
 
 US, MS = 1_000, 1_000_000
 START = 1_700_000_000_000_000_000
@@ -129,7 +137,7 @@ class CapturedSession:
 
     def _observe(self) -> list[Observation]:
         conversation = Conversation(
-            Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007), Transport.UDP, "port 5007"
+            Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007), Transport.UDP, SERVER_PORT
         )
         flows = {direction: Flow(conversation, direction) for direction in Direction}
         found = []

@@ -23,7 +23,14 @@ from bcapscope.protocol.codec.frame import LARGEST_UDP_FRAME, SOH, Frame, Malfor
 from bcapscope.protocol.codec.stream_splitter import STREAM_ENDED
 from bcapscope.protocol.tables.hresult import S_EXECUTING
 from bcapscope.traffic.call import Call, FrameObservation, StrayReply
-from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    Conversation,
+    Direction,
+    Flow,
+    Observation,
+    ServerEvidenceKind,
+    Transport,
+)
 
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 
@@ -97,10 +104,13 @@ class WireChecker(RuleChecker):
         if len(self._directions) >= _MAX_FLOWS:
             self._directions.clear()
         self._directions.setdefault(conversation, set()).add(flow.direction)
-        begun_unseen = conversation.transport is Transport.TCP and conversation.server_known_by != "the proxy"
+        evidence = conversation.server_evidence.kind
+        begun_unseen = (
+            conversation.transport is Transport.TCP and evidence is not ServerEvidenceKind.PARTICIPANT
+        )
         if begun_unseen and isinstance(observation.item, Malformed):
             self._expect_resync(flow, observation.time)  # the capture began in the middle of a TCP frame
-        if conversation.server_known_by.startswith("a guess") and flow.direction is Direction.REQUEST:
+        if evidence is ServerEvidenceKind.GUESS and flow.direction is Direction.REQUEST:
             self._report_frame(SERVER_GUESSED, observation, server=flow.dst_text)
 
     def on_suspect_frame(self, observation: Observation | FrameObservation) -> None:

@@ -17,7 +17,7 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.call_verdict import Outcome
 from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
-from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, Transport
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_KINDS = 4096
@@ -37,7 +37,7 @@ frames open for 180 s (`pairing_windows.EXECUTION_NS`).
 OTHER_KINDS = CallKind(0, None)
 """Represents all kinds of call beyond `MAX_KINDS`. No function has the id 0."""
 
-OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, "")
+OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
 """Represents all clients that appear when twice `MAX_KINDS` pairs already have figures of their own."""
 
 _FLUSH_AT = 512

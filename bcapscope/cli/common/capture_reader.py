@@ -35,10 +35,11 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Count, joined_clauses
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
+from bcapscope.render.server_evidence_text import server_evidence_message
 from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.joining.joined_observation import CapturePlace
-from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.observation import Observation, ServerEvidenceKind
 
 if TYPE_CHECKING:
     from bcapscope.traffic.handle_tracker import HandleTracker
@@ -72,11 +73,13 @@ class CaptureReader:
         *,
         side: CapturePlace | None = None,
         taken_at: CapturePoint | None = None,
+        comment_words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
         """Choose the input: captures, a live interface, or pasted hex text. The path ``-`` is standard input.
 
         `side` selects one side of the conversations that were captured at two places; None for both.
         `taken_at` is the capture point; None to infer the capture point from the traffic.
+        `comment_words` chooses the language of the comments on pasted frames.
 
         Raises:
             click.UsageError: there is no input, or more than one kind, or standard input is closed.
@@ -92,7 +95,7 @@ class CaptureReader:
         self._interface = interface
         self._text = text
         self._words = words
-        self._pasted = None if text is None else PastedText(self._text_lines(text))
+        self._pasted = None if text is None else PastedText(self._text_lines(text), comment_words)
         self._progress = ReadProgressBar()
         self._no_match: _NoMatch | None = None
         self._lost_packets = 0
@@ -222,10 +225,12 @@ class CaptureReader:
         for trouble in self._problems:
             print_stderr(trouble)
         self._print_plans()
-        recognised = [c for c in self._input.conversations if not c.server_known_by.startswith("port ")]
+        recognised = [
+            c for c in self._input.conversations if c.server_evidence.kind is not ServerEvidenceKind.PORT
+        ]
         for conversation in recognised[:_MAX_SERVERS_LISTED]:
             server, transport = str(conversation.server), str(conversation.transport)
-            reason = conversation.server_known_by
+            reason = server_evidence_message(conversation)
             print_stderr(words("reading.recognised", server=server, transport=transport, reason=reason))
         if len(recognised) > _MAX_SERVERS_LISTED:
             print_stderr(words("reading.recognised.more", n=len(recognised) - _MAX_SERVERS_LISTED))

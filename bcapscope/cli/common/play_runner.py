@@ -9,7 +9,12 @@ from types import FrameType
 
 import click
 
-from bcapscope.cli.common.arming_prompt import can_prompt, confirm_robot_may_move, log_armed_calls
+from bcapscope.cli.common.arming_prompt import (
+    can_prompt,
+    confirm_robot_may_move,
+    log_armed_calls,
+    prompt_line,
+)
 from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.client.action_log import LoggedConnection
@@ -209,9 +214,11 @@ class PlayRunner:
         self._is_prompting = True
         try:
             return self._prompt_user(call_kind)
-        except (KeyboardInterrupt, click.Abort, EOFError):
+        except (KeyboardInterrupt, click.Abort):
+            self._is_prompting = False
             self._output.print_line("")  # end the line on which the user typed
-            self._player.stop()
+            if not self._stop_requested:
+                self._player.stop()
             return call_kind.choices[0]
         finally:
             self._is_prompting = False
@@ -220,12 +227,10 @@ class PlayRunner:
         if call_kind.topic is QuestionTopic.ARM:
             may_move = confirm_robot_may_move(self._plan.target.host, self._output.words)
             return "yes" if may_move else "no"
-        choice: str = click.prompt(
-            self._output.words("play.answer"),
-            type=click.Choice(call_kind.choices),
-            default=call_kind.choices[0],
-            err=True,
-        )
+        choices = call_kind.choices
+        question = f"{self._output.words('play.answer')} ({', '.join(choices)}) [{choices[0]}]"
+        while (choice := prompt_line(question) or choices[0]) not in choices:
+            pass
         return choice
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
@@ -233,13 +238,12 @@ class PlayRunner:
         if number == _TERMINAL_CLOSED:
             self._output.close()
         again, self._stop_requested = self._stop_requested, True
-        if self._is_prompting:
-            self._is_prompting = False  # the next signal does not interrupt a prompt
-            raise KeyboardInterrupt
         if again:
             self._player.halt()
         else:
             self._player.stop()
+        if self._is_prompting:
+            raise KeyboardInterrupt  # ends the prompt
 
 
 def _handled_signals() -> list[signal.Signals]:
