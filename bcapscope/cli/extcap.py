@@ -77,15 +77,14 @@ def _capture(
     source: CaptureSource, pipe: str | None, given: tuple[str, ...], words: MessageFormatter
 ) -> None:
     """Capture until Wireshark ends the capture. Wireshark shows the reason that a failure prints."""
-    from bcapscope.live.extcap_capture import run_capture, wireshark_connected
+    from bcapscope.live.extcap_capture import CaptureFailedError, run_capture, wireshark_connected
 
     if not pipe:
         exit_with(words("extcap.no-value", option="--fifo"), ExitCode.USAGE)
     with wireshark_connected(pipe) as ends:
         try:
-            command_words = source.command_words(given)
+            run_capture(source.command_words(given), pipe, ends)
         except CaptureOptionError as error:
             exit_with(words.text(error.message), ExitCode.USAGE)
-        reason, code = run_capture(command_words, pipe, ends)
-    if code:
-        exit_with(reason, code)
+        except CaptureFailedError as error:
+            exit_with(words.text(error.message), error.code)

@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     multiple=True,
     help="Accept only clients at this address or in this network; may be repeated. Default: all.",
 )
-@options.record_option("Record the traffic of both sides to a new capture.")
+@options.record_option("Record the traffic of both sides to a new capture, or to a named pipe that is read.")
 @click.option(
     "--ring",
     metavar="RING",

@@ -158,7 +158,9 @@ class ChildProcess:
         self._is_wanted = False
         before = self._line_count
         self._on_output = None
-        for number in (signal.SIGINT, signal.SIGINT, None):
+        # Windows has no signal that a program can send to another program with its own console.
+        graceful = () if sys.platform == "win32" else (signal.SIGINT, signal.SIGINT)
+        for number in (*graceful, None):
             with suppress(OSError):
                 self._process.kill() if number is None else self._process.send_signal(number)
             with suppress(subprocess.TimeoutExpired):

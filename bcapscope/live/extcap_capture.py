@@ -15,13 +15,14 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TypeAlias
 
-from bcapscope.errors import FileWriteError
+from bcapscope.errors import BcapError, FileWriteError
 from bcapscope.live.child_process import ChildProcess, ChildStartError
 from bcapscope.messages import Message
+from bcapscope.messages.message import foreign_text
 from bcapscope.messages.os_errors import os_reason
 
-CaptureEnds: TypeAlias = "SimpleQueue[str]"
-"""Reasons to end a capture: the text of a failure, or "" if Wireshark ended the capture."""
+CaptureEnds: TypeAlias = "SimpleQueue[Message | None]"
+"""Reasons to end a capture: a failure, or None if Wireshark ended the capture."""
 
 _END_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
@@ -37,6 +38,14 @@ _SYNCHRONIZE, _INFINITE = 0x100000, 0xFFFFFFFF
 _ERROR = "Error: "
 
 
+class CaptureFailedError(BcapError):
+    """A capture ended although Wireshark did not end it; `code` is the exit code."""
+
+    def __init__(self, message: Message, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+
+
 @contextmanager
 def wireshark_connected(pipe: str) -> Iterator[CaptureEnds]:
     """Connect to Wireshark, and watch for the end of the capture in this block.
@@ -49,44 +58,50 @@ def wireshark_connected(pipe: str) -> Iterator[CaptureEnds]:
     """
     ends: CaptureEnds = SimpleQueue()
     for number in _END_SIGNALS:
-        signal.signal(number, lambda *_: ends.put(""))
+        signal.signal(number, lambda *_: ends.put(None))
     descriptor = None if sys.platform == "win32" else _open_pipe(pipe, ends)
     threading.Thread(target=_wait_for_end, args=(descriptor, ends), name="wireshark", daemon=True).start()
     yield ends
 
 
-def run_capture(words: Sequence[str], pipe: str, ends: CaptureEnds) -> tuple[str, int]:
+def run_capture(words: Sequence[str], pipe: str, ends: CaptureEnds) -> None:
     """Run a command that records to `pipe`, until `ends` has a reason to end.
 
     The command runs in a child process, because Wireshark shows all text on standard error as an error, and
     the command also prints messages there. The first signal ends the command gracefully. Further signals have
     no effect: Wireshark sends one after its pipe is closed, and a terminal sends Ctrl-C before that.
 
-    Returns:
-        The reason of a failure and the exit code; ("", 0) if Wireshark ended the capture.
+    Raises:
+        CaptureFailedError: The command did not start, or ended before Wireshark ended the capture.
     """
     if not ends.empty():
-        return "", 0
+        return
     try:
         child = ChildProcess(*words, "--quiet", "--record", pipe)
     except ChildStartError as error:
-        return ("", 0) if not ends.empty() else (_start_failure(error), error.code)
-    child.subscribe_end(ends.put)
+        if ends.empty():
+            raise CaptureFailedError(_start_failure(error), error.code) from None
+        return
+    child.subscribe_end(
+        lambda line: ends.put(foreign_text(line) if line else Message("extcap.command-killed"))
+    )
     reason = ends.get()
     child.terminate()
-    return (reason, 1) if reason else ("", 0)
+    if reason is not None:
+        raise CaptureFailedError(reason, 1)
 
 
-def _start_failure(error: ChildStartError) -> str:
+def _start_failure(error: ChildStartError) -> Message:
     """Return the error text of the command, which can have several lines, without its lines on usage."""
     starts = [number for number, line in enumerate(error.lines) if line.startswith(_ERROR)]
     if not starts:
-        return str(error)
-    return "\n".join(error.lines[starts[-1] :]).removeprefix(_ERROR)
+        return error.message
+    return foreign_text("\n".join(error.lines[starts[-1] :]).removeprefix(_ERROR))
 
 
 def _open_pipe(pipe: str, ends: CaptureEnds) -> int | None:
     """Open the pipe once a program reads it, and return its descriptor; None if a signal ends the capture."""
+    assert sys.platform != "win32"
     until = time.monotonic() + _READ_WITHIN
     while ends.empty():
         try:
@@ -114,4 +129,4 @@ def _wait_for_end(descriptor: int | None, ends: CaptureEnds) -> None:
         # killed, its capture program still reads the pipe until the next packet.
         while not poll.poll(_PARENT_INTERVAL_MS) and os.getppid() == parent:
             pass
-    ends.put("")
+    ends.put(None)

@@ -163,6 +163,16 @@ def test_a_failure_is_told_and_ends_the_pipe(
     assert processes_with(str(tmp_path)) == []
 
 
+def test_a_simulator_that_is_killed_is_an_error(tmp_path: Path) -> None:
+    port = free_port()
+    with capturing(tmp_path, "bcapscope-sim", "--port", str(port)) as capture:
+        wait_for_reply(port)
+        (child,) = set(processes_with(str(tmp_path))) - {capture.popen.pid}
+        os.kill(child, signal.SIGKILL)
+        assert capture.end() == (1, b"", b"the proxy or simulator was killed\n")
+    assert is_free(port)
+
+
 def test_a_missing_pipe_is_an_error(tmp_path: Path) -> None:
     done = run(
         "extcap", "--capture", "--extcap-interface", "bcapscope-sim", "--fifo", tmp_path / "no", "--port=0"
