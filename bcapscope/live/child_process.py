@@ -37,8 +37,8 @@ _MAX_LINES = 500
 class ChildStartError(BcapError):
     """The command did not start.
 
-    The error text is the last line that the command printed. `code` is the command's exit code. `lines` are all
-    lines that the command printed on standard error.
+    The error text is the last line that the command printed. `code` is the command's exit code. `lines` are
+    all lines that the command printed on standard error.
     """
 
     def __init__(self, message: Message, code: int, lines: Sequence[str] = ()) -> None:
