@@ -262,8 +262,10 @@ class ConversationPairing:
             pass
         elif newest.state is _ANSWERED:
             reaction = observation.time - newest.last_activity
-            if reaction < self._crossing.considered_below_ns and not newest.other_frames:
-                self._crossing.add_reaction(reaction)
+            # After an unseen or further attempt, the client may have given up just when the reply came.
+            if reaction < self._crossing.considered_below_ns and newest.is_plain:
+                if not skipped_serials(newest.request.item.serial, frame.serial):
+                    self._crossing.add_reaction(reaction)
         elif newest.state in AWAITING_REPLY:
             since = max((newest.last_attempt.time, *(notice.time for notice in newest.notices)))
             if observation.time - since >= SHORTEST_TIMEOUT_NS:

@@ -115,6 +115,40 @@ def test_an_attempt_that_was_not_captured_may_have_crossed_the_reply() -> None:
     assert verdict(0.2, 30.0, retry=12) is UNSURE
 
 
+@pytest.mark.parametrize(("retry", "expected"), [(11, LOST), (12, UNSURE)])
+def test_a_reaction_counts_only_if_no_attempt_may_lie_before_it(retry: int, expected: CallVerdict) -> None:
+    """Where a serial is skipped, the client may have sent a retry in vain and gone on when the reply came."""
+    script = Script()
+    client = script.client()
+    for number in range(4):
+        at, serial = 100.0 * number, 20 * number + 10
+        client.ask(at, serial, 0, OTHER)
+        client.reply(at + 0.5, serial)
+        client.ask(at + 0.7, serial + retry - 10, 0, OTHER)
+        client.reply(at + 20, serial + retry - 10)
+    client.ask(1000, 100, 0, MOVE)
+    client.reply(1001, 100, 0, 0, POSE)
+    client.ask(1008, 101, 100, MOVE)
+    client.reply(1009, 101, 0, 0, POSE)
+    assert played(script)[-1].verdict is expected
+
+
+def test_a_reply_to_a_retry_shows_no_reaction() -> None:
+    """The capture lacks the first attempts, and the retries may have been the last ones."""
+    script = Script()
+    client = script.client()
+    for number in range(4):
+        at, serial = 100.0 * number, 3 * number + 10
+        client.ask(at, serial + 1, serial, OTHER)
+        client.reply(at + 0.5, serial + 1)
+        client.ask(at + 0.7, serial + 2, 0, OTHER)
+    client.ask(1000, 100, 0, MOVE)
+    client.reply(1001, 100, 0, 0, POSE)
+    client.ask(1008, 101, 100, MOVE)
+    client.reply(1009, 101, 0, 0, POSE)
+    assert played(script)[-1].verdict is UNSURE
+
+
 def test_a_client_that_does_not_wait_for_replies_shows_nothing() -> None:
     script = Script()
     client = script.client()
