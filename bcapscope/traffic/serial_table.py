@@ -32,6 +32,12 @@ class SerialTable:
         remembered."""
         return self._settled.get(serial) or self._older_settled.get(serial)
 
+    def add_unseen(self, serials: tuple[int, ...], call: Call) -> None:
+        """Add the serials of attempts of a call that were not captured."""
+        call.unseen_serials += serials
+        for serial in serials:
+            self.open_calls[serial] = call
+
     def release_all(self, call: Call) -> None:
         """Release every serial of a call, including the serial in the reserved field of its retries."""
         reserved = call.request.item.reserved

@@ -86,6 +86,7 @@ class KnownCall:
         accepted: serial of the attempt whose reply the client accepted.
         gave_up_at: when the client gave up waiting for a reply to its last attempt.
         replies: by frame number in the capture, those that were captured.
+        answered: each reply that the controller sent.
     """
 
     number: int
@@ -94,6 +95,7 @@ class KnownCall:
     accepted: int | None = None
     gave_up_at: int | None = None
     replies: list[tuple[int, Reply]] = field(default_factory=list)
+    answered: list[Reply] = field(default_factory=list)
 
     def given_up_at(self, serial: int) -> int | None:
         """Return when the client stopped waiting for the reply to an attempt; None if it never did."""
@@ -269,4 +271,5 @@ class CapturedSession:
             for notice in range(begins + every, begins + work, every) if every else ():
                 self._at(notice, "answer", call, serial, None)
         done = max(self._done_at[call.number], self._now) + 20 * US
-        self._at(done, "answer", call, serial, Reply(serial))
+        call.answered.append(Reply(serial))
+        self._at(done, "answer", call, serial, call.answered[-1])

@@ -93,22 +93,23 @@ def test_a_few_reactions_show_nothing() -> None:
     assert verdict(0.2, 10.0, before=3) is LOST
 
 
-@pytest.mark.parametrize(
-    ("taken_at", "gap", "expected"),
-    [
-        (CapturePoint.CLIENT, 0.4, UNSURE),
-        (CapturePoint.CLIENT, 0.6, LOST),
-        (CapturePoint.BETWEEN, 99, UNSURE),
-        (CapturePoint.BETWEEN, 101, LOST),
-        (CapturePoint.CONTROLLER, 99, UNSURE),
-        (CapturePoint.CONTROLLER, 101, LOST),
-    ],
-)
-def test_the_place_that_the_user_names_counts(
-    taken_at: CapturePoint, gap: float, expected: CallVerdict
+@pytest.mark.parametrize("reaction", [0.1, 7.5])
+@pytest.mark.parametrize(("gap", "expected"), [(0.4, UNSURE), (0.6, LOST)])
+def test_a_capture_at_the_client_needs_no_reactions(
+    reaction: float, gap: float, expected: CallVerdict
 ) -> None:
-    assert verdict(0.1, gap, taken_at) is expected
-    assert verdict(7.5, gap, taken_at) is expected
+    assert verdict(reaction, gap, CapturePoint.CLIENT) is expected
+
+
+@pytest.mark.parametrize("taken_at", [CapturePoint.BETWEEN, CapturePoint.CONTROLLER])
+@pytest.mark.parametrize(
+    ("reaction", "gap", "expected"),
+    [(0.2, 0.8, UNSURE), (0.2, 1.0, LOST), (7.5, 15.4, UNSURE), (7.5, 15.6, LOST), (60, 99, UNSURE)],
+)
+def test_elsewhere_the_traffic_shows_how_far_the_client_is(
+    taken_at: CapturePoint, reaction: float, gap: float, expected: CallVerdict
+) -> None:
+    assert verdict(reaction, gap, taken_at) is expected
 
 
 def test_an_attempt_that_was_not_captured_may_have_crossed_the_reply() -> None:
