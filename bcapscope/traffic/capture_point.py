@@ -87,6 +87,11 @@ class CrossingWindow:
         self.considered_below_ns = 0
         self._shortest.clear()
 
+    def settle(self, call: Call) -> None:
+        """Record in a complete call what is known about the capture point."""
+        call.crossing_ns = self.nanoseconds
+        call.is_at_controller = self._taken_at is CapturePoint.CONTROLLER
+
     @property
     def nanoseconds(self) -> int:
         """The maximum time between a reply and a retry that may have crossed."""

@@ -29,13 +29,7 @@ from bcapscope.traffic.pairing_windows import (
 from bcapscope.traffic.requests_only import RequestsOnlyEvidence
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedFieldUsage
 from bcapscope.traffic.serial_table import SerialTable
-from bcapscope.traffic.unseen_attempts import (
-    UnseenRequests,
-    call_of_unseen_attempt,
-    call_with_unseen_retry,
-    settle_continuation,
-    skipped_serials,
-)
+from bcapscope.traffic.unseen_attempts import UnseenRequests, find_retried_call, settle_continuation
 
 SERVICE_START = 1
 
@@ -86,7 +80,6 @@ class ConversationPairing:
         self._handles = HandleSequence()
         self._timeouts = ShownTimeouts()
         self._crossing = CrossingWindow(taken_at)
-        self._is_at_controller = taken_at is CapturePoint.CONTROLLER
         self._requests_only = RequestsOnlyEvidence()
         self._unseen_requests = UnseenRequests()
         self._response_seen = False  # besides answered calls: a notice, a stray or damaged reply
@@ -235,9 +228,8 @@ class ConversationPairing:
             self._keep_frame(call, role, observation)
         call.last_activity = observation.time
         if self._extra_frames > MAX_EXTRA_FRAMES:
-            self._latest_overfull = self._latest_evicted = max(
-                self._latest_overfull, self._latest_evicted, call.number
-            )
+            self._latest_overfull = max(self._latest_overfull, self._latest_evicted, call.number)
+            self._latest_evicted = self._latest_overfull
             self._serials.release_all(call)
 
     # requests
@@ -247,7 +239,9 @@ class ConversationPairing:
     ) -> bool:
         """Add a request, and the stray replies before it that answer attempts of its call."""
         is_new = self.add_request(observation, frame, number)
-        self._unseen_requests.assign(strays, self._by_serial[frame.serial])
+        call = self._by_serial.get(frame.serial)
+        if call is not None:  # not evicted
+            self._unseen_requests.assign(strays, call, frame.reserved)
         return is_new
 
     def _start_call(self, observation: FrameObservation, frame: Frame, number: int) -> None:
@@ -282,15 +276,14 @@ class ConversationPairing:
         origin, newest = self._by_serial.get(reserved), None
         if origin is None:
             convention = self._reserved_usage.convention
-            newest = call_with_unseen_retry(self._newest_call, frame, convention)
-            origin = newest and call_of_unseen_attempt(newest, self.open_calls, frame, convention)
+            origin, newest = find_retried_call(self._newest_call, self.open_calls, frame, convention)
         if origin is not None and origin.request.item.raw[9:] == frame.raw[9:]:
             self._add_retry(origin, observation, frame)
             return False
         self._start_call(observation, frame, number)
         # further retries can name the first attempt, which was not captured
         call = self._by_serial[reserved] = self._by_serial[serial]
-        self._serials.add_unseen(skipped_serials(reserved, serial), call)
+        self._serials.add_skipped(reserved, serial, call)
         if newest is not None:
             newest.may_continue_in = call
         return True
@@ -329,7 +322,7 @@ class ConversationPairing:
             event = CallEvent.LATER_RETRY
             if call is self._newest_call:
                 event = CallEvent.RETRY
-                self._serials.add_unseen(skipped_serials(last.serial, frame.serial), call)
+                self._serials.add_skipped(last.serial, frame.serial, call)
             self._learn_from_retry(call, frame)
             call.last_attempt = observation
         self._apply(call, event, observation)
@@ -432,8 +425,7 @@ class ConversationPairing:
         frame = call.request.item
         serial = frame.serial
         if call.other_frames or (frame.reserved and frame.reserved != serial):
-            call.crossing_ns = self._crossing.nanoseconds
-            call.is_at_controller = self._is_at_controller
+            self._crossing.settle(call)
             self._extra_frames -= len(call.other_frames)
             self._serials.release_all(call)
         else:
@@ -452,8 +444,6 @@ class ConversationPairing:
         else:
             call.state = _SETTLED if call.state is _ANSWERED else TRANSITIONS[call.state, event].state
         if call.may_continue_in is not None:
-            settle_continuation(
-                call, call.may_continue_in, self._reserved_usage.convention, self._latest_answered
-            )
+            settle_continuation(call, self._reserved_usage.convention, self._latest_answered)
         if not self._latest_answered and not self._response_seen:
             call.reply_missed = self._requests_only.is_proven

@@ -54,6 +54,7 @@ class UnseenRequests:
     def __init__(self) -> None:
         self._recent: list[StrayReply] = []
         self._noticed: set[int] = set()
+        self._latest = 0  # serial of the latest attempt of the newest call, before the next request
         self._newest: Call | None = None  # the newest call, which the stray replies followed
         self.waiting = False
 
@@ -67,15 +68,16 @@ class UnseenRequests:
             stray.request_missed = 0 < (latest - serial) & 0xFFFF <= MAX_RECENT
             if not 0 < (serial - latest) & 0xFFFF <= MAX_UNSEEN:
                 return
-            stray.request_missed = True
+            stray.request_missed = self.waiting = True
             if self._may_answer(newest, stray):
                 newest.may_go_on = newest.was_overtaken = True
-        self._newest = newest
+        self._newest, self.waiting = newest, True
         if stray.observation.item.code == S_EXECUTING:
+            if serial in self._noticed:  # one notice is enough, and there may be thousands
+                return
             self._noticed.add(serial)
         self._recent.append(stray)
-        del self._recent[:-MAX_UNSEEN]
-        self.waiting = True
+        del self._recent[: -2 * MAX_UNSEEN]
 
     def pop_before(self, serial: int) -> list[StrayReply]:
         """Return the stray replies before the next request, which has the serial `serial`.
@@ -85,10 +87,12 @@ class UnseenRequests:
         """
         newest, strays = self._newest, self._recent
         latest = serial - MAX_UNSEEN if newest is None else newest.last_attempt.item.serial
+        self._latest = latest
         if newest is not None:
             if serial == latest:
                 return []
-            newest.may_go_on = newest.was_overtaken = False
+            if newest.sure_until is None:
+                newest.may_go_on = newest.was_overtaken = False
         self._recent, self.waiting = [], False
         found = []
         for stray in strays:
@@ -100,18 +104,23 @@ class UnseenRequests:
             self._noticed.clear()
         return found
 
-    def assign(self, strays: Sequence[StrayReply], call: Call) -> None:
+    def assign(self, strays: Sequence[StrayReply], call: Call, named: int) -> None:
         """Add the stray replies to attempts of the call that the client's next request belongs to.
 
-        The other stray replies may answer attempts of the call before.
+        The other stray replies may answer attempts of the call before. `named` is the reserved field of the
+        next request. If it names an unseen attempt, an earlier one may be the last of another call.
         """
-        unseen = call.all_unseen_serials
+        unseen, newest = call.all_unseen_serials, self._newest
+        is_joined = call is newest and named in call.unseen_serials
         for stray in strays:
-            if stray.observation.item.serial in unseen:
+            serial = stray.observation.item.serial
+            if serial in unseen and (serial == named or not is_joined):
                 stray.request_missed = True
                 call.stray_replies += (stray.observation,)
-            elif self._newest is not None and self._may_answer(self._newest, stray):
-                self._newest.may_go_on = self._newest.was_overtaken = True
+            elif newest is not None and self._may_answer(newest, stray):
+                newest.may_go_on = newest.was_overtaken = True
+                if is_joined and newest.sure_until is None:
+                    newest.sure_until = self._latest
         self._noticed.clear()
 
     def _may_answer(self, call: Call, stray: StrayReply) -> bool:
@@ -123,50 +132,42 @@ class UnseenRequests:
         frame = stray.observation.item
         if frame.code == S_EXECUTING:
             return False
-        latest = call.last_attempt.item.serial
+        latest = call.last_attempt.item.serial if self.waiting else self._latest
         steps: int = (frame.serial - latest) & 0xFFFF
         executed = sum((serial - latest) & 0xFFFF <= steps for serial in self._noticed)
         return executed == 0 or (executed == 1 and not call.was_received)
 
 
-def call_with_unseen_retry(newest: Call | None, frame: Frame, convention: ReservedConvention) -> Call | None:
-    """Return the client's newest call if a frame may be its retry after an attempt that was not captured.
+def find_retried_call(
+    newest: Call | None, open_calls: Sequence[Call], frame: Frame, convention: ReservedConvention
+) -> tuple[Call | None, Call | None]:
+    """Find the call of a retry that names an attempt which was not captured.
 
-    The frame names this attempt in its reserved field.
-    """
-    if newest is None or newest.request.item.raw[9:] != frame.raw[9:]:
-        return None
-    if convention in (ReservedConvention.SEED, ReservedConvention.OWN):
-        return None
-    skipped = skipped_serials(newest.last_attempt.item.serial, frame.serial)
-    return newest if skipped[-1:] == (frame.reserved,) else None
-
-
-def call_of_unseen_attempt(
-    newest: Call, open_calls: Sequence[Call], frame: Frame, convention: ReservedConvention
-) -> Call | None:
-    """Return the client's newest call if a frame is probably its retry; None if another call is as probable.
-
-    The frames of the newest call are a guess from here if its previous call has the same request.
+    Return the client's newest call twice if the frame is probably its retry. Return None and the newest call
+    if another call is as probable. Return None twice if the frame is no retry of the newest call.
 
     Args:
-        newest: The client's newest call, of which the frame may be a retry.
+        newest: The client's newest call; None if there is none.
         open_calls: The client's open calls, oldest first.
         frame: The captured retry.
         convention: Convention of the client, as far as known. Only clients that chain name an attempt other
             than the first one.
     """
+    if newest is None or newest.request.item.raw[9:] != frame.raw[9:]:
+        return None, None
+    latest = newest.last_attempt.item.serial
+    is_next = skipped_serials(latest, frame.serial)[-1:] == (frame.reserved,)
+    if not is_next or convention in (ReservedConvention.SEED, ReservedConvention.OWN):
+        return None, None
     if convention is not ReservedConvention.CHAIN or newest.reply is not None or newest.abandoned_at:
-        return None
+        return None, newest
     before = open_calls[-2] if len(open_calls) > 1 else None
     if newest.sure_until is None and (before is None or before.request.item.raw[9:] == frame.raw[9:]):
-        newest.sure_until = newest.last_attempt.item.serial
-    return newest
+        newest.sure_until = latest
+    return newest, newest
 
 
-def settle_continuation(
-    call: Call, continuation: Call, convention: ReservedConvention, latest_answered: int
-) -> None:
+def settle_continuation(call: Call, convention: ReservedConvention, latest_answered: int) -> None:
     """Set `may_go_on` of an unanswered call whose retries may have been captured as the client's next call.
 
     The next call may itself go on in the call after it. The controller sends S_EXECUTING only for the first
@@ -174,14 +175,12 @@ def settle_continuation(
 
     Args:
         call: The call, which is about to be complete.
-        continuation: The client's next call.
         convention: Convention of the client, as far as known.
         latest_answered: Highest number of an answered call.
     """
-    call.may_continue_in = None
+    later, call.may_continue_in = call.may_continue_in, None
     if convention in (ReservedConvention.SEED, ReservedConvention.OWN):
         return  # known since: the reserved field of the next call names its own first attempt
-    later: Call | None = continuation
     was_received = call.was_received
     while later is not None and not (was_received and later.was_executed):
         if later.reply is not None or later.may_go_on or not later.abandoned_at:

@@ -24,8 +24,9 @@ from bcapscope.traffic.joining.joined_observation import sighting_numbers
 from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
+from tests.traffic.capture_evidence import Evidence
 from tests.traffic.captured_sessions import CapturedSession, KnownCall, Surroundings
-from tests.traffic.possible_worlds import Claim, Evidence
+from tests.traffic.possible_worlds import Claim, PossibleWorlds
 from tests.traffic.test_captured_sessions import SEEDS, place_of
 
 AROUND = st.builds(
@@ -106,19 +107,23 @@ def judged(session: CapturedSession, place: CapturePoint | None) -> Iterator[Jud
 def check(judged: Judged, truth: KnownCall) -> None:
     call, before, known = judged
     serial = call.request.item.serial
+    at_verdict, at_frame = PossibleWorlds(before), PossibleWorlds(known)
     told = f"{call} {call.outcome}, {call.verdict}; {known.told(serial)}; {truth.sent}, {truth.accepted}"
+    assert any(world.accepted == truth.accepted for world in at_frame.worlds(serial)), f"true world: {told}"
     if call.verdict in CLAIMS:
         claim = CLAIMS[call.verdict]
-        assert any(claim in world.claims for world in known.worlds(serial)), f"wrong: {told}"
+        assert any(claim in world.claims for world in at_frame.worlds(serial)), f"wrong: {told}"
     elif call.verdict is CallVerdict.CANNOT_TELL:
         for claim in CLAIMS.values():
-            assert any(before.worlds(serial, without=claim)), f"surely {claim.value}: {told}"
+            assert any(at_verdict.worlds(serial, without=claim)), f"surely {claim.value}: {told}"
     if call.outcome is Outcome.UNANSWERED:
-        assert any(Claim.UNANSWERED in world.claims for world in known.worlds(serial)), f"wrong: {told}"
+        assert any(Claim.UNANSWERED in world.claims for world in at_frame.worlds(serial)), f"wrong: {told}"
     elif call.outcome is Outcome.CAPTURE_ENDED:
-        assert any(Claim.WAITING in world.claims for world in before.worlds(serial)), f"surely ended: {told}"
+        assert any(Claim.WAITING in world.claims for world in at_verdict.worlds(serial)), (
+            f"surely ended: {told}"
+        )
     elif call.outcome is Outcome.NOT_CAPTURED and before.replies:
-        assert any(before.worlds(serial, without=Claim.UNANSWERED)), f"surely unanswered: {told}"
+        assert any(at_verdict.worlds(serial, without=Claim.UNANSWERED)), f"surely unanswered: {told}"
 
 
 @given(AROUND, SEEDS, st.booleans())

@@ -8,7 +8,17 @@ from bcapscope.protocol.codec.variant import Variant
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.reserved_field import ReservedConvention
 from bcapscope.traffic.unseen_attempts import MAX_UNSEEN, skipped_serials
-from tests.traffic.playbook import MOVE, OTHER, POSE, Script, calls_of, play, strays_of, summaries
+from tests.traffic.playbook import (
+    MOVE,
+    OTHER,
+    POSE,
+    S_EXECUTING,
+    Script,
+    calls_of,
+    play,
+    strays_of,
+    summaries,
+)
 
 CHAINS = [
     (0, 10, 0, MOVE),
@@ -133,3 +143,11 @@ def test_a_serial_of_a_settled_call_is_free_again() -> None:
     asked = [(0, 20, 0, OTHER), (16, 22, 20, OTHER), (17, -22, 0, POSE)]
     play(script, [*asked, (9000, 30, 0, MOVE), (9100, 31, 0, MOVE), (9101, -21, 0, POSE)])
     assert "stray 6 of 1" in summaries(script.track())
+
+
+def test_many_notices_do_not_hide_a_reply_that_may_end_the_call() -> None:
+    script = Script()
+    play(script, [(0, 20, 0, OTHER), (16, -21, 0, POSE)])
+    play(script, [(20 + number, -22, S_EXECUTING) for number in range(4 * MAX_UNSEEN)])
+    play(script, [(900, 23, 0, MOVE), (901, -23, 0, POSE)])
+    assert calls_of(script.track())[0].outcome is Outcome.NOT_CAPTURED
