@@ -13,8 +13,8 @@ What the worlds of one session share, because it is a fact about the client, the
   show, 99.5 ms if there are none. Two reactions may be a coincidence, so the third-shortest counts. A
   reaction counts only after a call of a single attempt, if no serial was skipped before the next request,
   and only if the client waits for replies (see below).
-- The longest wait for a reply: twice the longest distance between two attempts, for calls without
-  S_EXECUTING.
+- The longest wait for a reply: twice the longest distance between two attempts. It is known for a call with
+  several captured attempts and without S_EXECUTING.
 
 What is free in each world and call:
 
@@ -196,7 +196,8 @@ def have_times(course: Course, fates: Sequence[Fate], round_trip: int, wait: int
         if fate is Fate.ACCEPTED:
             if not course.is_hasty:
                 bounds.at_most(came, "next", 0)
-            if not course.is_joined and not any(each.is_noticed for each in attempts):
+            is_retried = sum(any(each.request) for each in attempts) > 1
+            if is_retried and not course.is_joined and not any(each.is_noticed for each in attempts):
                 bounds.at_most(came, sent[number], wait)
         elif number < len(attempts) - 1:
             bounds.at_most(sent[number + 1], came, SLACK)
