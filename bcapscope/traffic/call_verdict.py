@@ -66,11 +66,12 @@ class CallVerdict(StrEnum):
     REQUEST_LOST = "request lost"
     """S_EXECUTING was captured for the answered attempt, and nothing for the earlier attempts. The earlier
     attempts were lost; otherwise the controller would have executed or answered them. *Request lost* is also
-    the verdict if an attempt was captured at the client's side of a proxy but not at the controller's side.
-    If both requests and replies of a call were lost, the first loss determines the verdict."""
+    the verdict if an attempt was captured at the client's side of a proxy but not at the controller's side, and
+    if a capture at the controller holds neither an attempt nor a reply to it. If both requests and replies of a call were lost, the first loss determines the verdict."""
     CANNOT_TELL = "cannot tell"
     """The client retried, and the capture does not show whether requests or replies were lost, or whether a
-    reply was late."""
+    reply was late: each of these verdicts would be wrong in some course of events that gives the same capture
+    (`tests/traffic/possible_worlds.py`)."""
 
 
 _NO_RESULTS = (E_BUSY, S_EXECUTING)
