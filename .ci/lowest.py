@@ -9,7 +9,7 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-EXTRAS = ("report", "serve", "suite")
+EXTRAS = ("arrow", "pandas", "report", "serve", "suite")
 """What the tests run with; the tools of the extra `test` only look at the source."""
 
 

@@ -1,7 +1,7 @@
 """bcapscope: see, test and simulate b-CAP, the Ethernet protocol of DENSO robot controllers.
 
 docs/python.md describes the names of this module. Each name is loaded on first use, so that
-``import bcapscope`` takes no time. The changelog says how these names may change.
+``import bcapscope`` takes no time. CHANGELOG.md says how these names may change.
 """
 
 from __future__ import annotations
@@ -65,23 +65,25 @@ _NAMES_BY_MODULE = {
     "traffic.filter.compiler": "FilterError",
     "traffic.filter.getters": "AnnotatedFrame",
 }
-"""Public names by module; ``Proxy=EmbeddedProxy`` is the public name of an object with another name."""
+"""The public names that each module defines. ``Proxy=EmbeddedProxy`` means that `EmbeddedProxy` has the
+public name `Proxy`.
+"""
 
 _OBJECTS = {
     name: (module, attribute or name)
     for module, names in _NAMES_BY_MODULE.items()
     for name, _, attribute in (each.partition("=") for each in names.split())
 }
-__all__ = list(_OBJECTS)  # a new name needs one line above and one in _NAMES_BY_MODULE
+__all__ = list(_OBJECTS)  # to add a public name, add an import above and an entry in _NAMES_BY_MODULE
 
 
-if not TYPE_CHECKING:  # A type checker that sees `__getattr__` accepts any name of the module.
+if not TYPE_CHECKING:  # If type checkers saw `__getattr__`, they would accept wrong names.
 
     def __getattr__(name: str) -> object:
-        """Import the module that defines a public name, and return the named object."""
+        """Import the module that defines a public name, and return the object that has this name."""
         if name not in _OBJECTS:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        from importlib import import_module  # noqa: PLC0415 - most imports of a submodule do not need it
+        from importlib import import_module  # noqa: PLC0415 - most uses of bcapscope do not need importlib
 
         module, attribute = _OBJECTS[name]
         value = getattr(import_module(f"{__name__}.{module}"), attribute)

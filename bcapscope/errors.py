@@ -1,7 +1,7 @@
 """The exceptions of bcapscope.
 
-Decoding raises none of these exceptions: undecodable bytes become items that describe their problems. The
-class of an exception says who is at fault, so a caller can react without parsing the message.
+Decoding raises none of these exceptions: bytes that cannot be decoded become items with a list of problems.
+The class of an exception says who is at fault, so the calling code need not parse the message.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class BcapError(Exception):
     """Base class of every exception that bcapscope raises on purpose.
 
     Attributes:
-        message: Message that says what failed. ``str()`` of the exception gives this message in English.
+        message: Message that says what failed. ``str()`` of the exception returns this message in English.
     """
 
     def __init__(self, message: Message) -> None:
@@ -33,7 +33,7 @@ class BcapError(Exception):
 
 
 def message_of(error: Exception) -> Message:
-    """Return the message of an exception. Messages from other libraries are not translated."""
+    """Return the message of an exception. The text of an exception from another library is not translated."""
     if isinstance(error, UnicodeDecodeError):
         byte = f"0x{error.object[error.start]:02x}"
         return Message(
@@ -51,15 +51,16 @@ class InputError(BcapError, ValueError):
 
 
 class LocalProtocolError(BcapError):
-    """The caller tried to send something that b-CAP cannot express; nothing was sent."""
+    """Your program tried to send something that b-CAP cannot express. Nothing was sent."""
 
 
 class TooLargeError(LocalProtocolError):
-    """A frame is too large for b-CAP or for the transport; nothing was sent."""
+    """A frame is too large for b-CAP or for the transport. Nothing was sent."""
 
 
 class RemoteProtocolError(BcapError):
-    """The peer violated the protocol, for example with a reply of the wrong type for the function.
+    """The peer violated the protocol, for example with a reply whose value has the wrong type for the
+    function.
 
     Attributes:
         raw: The frame or bytes that the peer sent.
@@ -76,11 +77,11 @@ class ControllerError(BcapError):
     Attributes:
         hresult: Result code, unsigned.
         name: DENSO's name of the result code, such as `E_HANDLE`, or the code in hex if it has no name.
-        meaning: Meaning of the code.
+        meaning: Meaning of the result code as text.
     """
 
     def __init__(self, call: str, hresult: int, name: str, meaning: Message) -> None:
-        """Store the result code and compose the message.
+        """Compose the message from the arguments.
 
         Args:
             call: Name of the call, such as `Robot_Execute slvMove`.
@@ -113,7 +114,7 @@ class Attempt(NamedTuple):
         serial: Serial of the attempt's frame.
         reserved: Reserved field of the attempt's frame.
         sent: Time in ns at which the frame was sent, on a monotonic clock.
-        events: Replies to this attempt and errors when sending it, in order of arrival.
+        events: Replies to this attempt, and errors in sending it, in chronological order.
     """
 
     serial: int
@@ -122,12 +123,12 @@ class Attempt(NamedTuple):
     events: tuple[AttemptEvent, ...] = ()
 
     def describe(self, start: int) -> Message:
-        """Return the attempt as one line of text; identical consecutive events are combined.
+        """Return the attempt as one line of text; equal consecutive events are combined.
 
         Args:
             start: Time in ns that the text shows as 0 ms, on the same clock as `sent`.
         """
-        from bcapscope.messages.places import Enumeration  # noqa: PLC0415 - `bcapscope --help` loads this
+        from bcapscope.messages.places import Enumeration  # noqa: PLC0415 - `bcapscope --help` loads this module
 
         came = tuple(
             _repeated_event(what, [f"{(arrival.time - start) / 1e6:.3f}" for arrival in same])
@@ -163,7 +164,7 @@ class CallTimeout(BcapError, TimeoutError):
             call: Name of the call, such as `Robot_Execute slvMove`.
             attempts: All attempts of the call, at least one, in the order of sending.
         """
-        from bcapscope.messages.places import Count, IndentedLines  # noqa: PLC0415 - `bcapscope --help` loads this
+        from bcapscope.messages.places import Count, IndentedLines  # noqa: PLC0415 - `bcapscope --help` loads this module
 
         log = IndentedLines(tuple(attempt.describe(attempts[0].sent) for attempt in attempts))
         super().__init__(
@@ -176,8 +177,8 @@ class CaptureError(BcapError):
     """A capture cannot be read, or ends early.
 
     Attributes:
-        offset: Byte offset in the uncompressed capture at which reading stopped, or None if the error has no
-            position.
+        offset: Offset in the uncompressed capture, in bytes, at which reading stopped; None if the error has
+            no position.
     """
 
     def __init__(self, message: Message, offset: int | None = None) -> None:
@@ -189,8 +190,8 @@ class FileWriteError(BcapError):
     """A file, or a file-like target, cannot be written.
 
     Attributes:
-        path: Path as the caller gave it, or a description of a target without a path. Escape this attribute
-            before you print it.
+        path: Path as the caller gave it, or a description of a target without a path. Escape `path` before
+            you print it.
         reason: Message that says why writing failed, beginning in lower case.
     """
 
@@ -202,7 +203,7 @@ class FileWriteError(BcapError):
 
 
 class MissingExtraError(BcapError, ImportError):
-    """A package that an optional part of bcapscope needs is not installed."""
+    """A package is not installed that an optional part of bcapscope needs."""
 
     def __init__(self, package: str, extra: str) -> None:
         """Compose the message from the name of the package and of the extra that installs it."""

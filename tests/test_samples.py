@@ -16,7 +16,7 @@ from bcapscope.player.resampling import resample
 from bcapscope.player.trajectory_reader import read_trajectories
 from bcapscope.protocol.codec.frame import Frame, Malformed
 from bcapscope.simulator.kinematics import HOME, pose_of
-from bcapscope.traffic.observation import Direction, Observation, Transport
+from bcapscope.traffic.observation import SERVER_PORT, Direction, Observation, Transport
 from tests.dumps import packets_in
 from tests.samples.catalogue import SAMPLES, files
 from tests.samples.guide import DUMPS
@@ -64,7 +64,7 @@ def test_sound_samples_have_no_problem(name: str) -> None:
     observations, observer = observe(name)
     assert observations
     assert [seen.item for seen in observations if seen.item.problems] == []
-    assert all(talk.server_known_by == "port 5007" for talk in observer.conversations)
+    assert all(talk.server_evidence == SERVER_PORT for talk in observer.conversations)
     times = [seen.time for seen in observations]
     assert times == sorted(times)
 

@@ -13,7 +13,7 @@ import bcapscope
 
 HEAVY = {"numpy", "orjson", "rich", "scapy", "textual"}
 SAMPLE = Path(__file__).parent.parent / "captures" / "exchanges.pcap"
-SCAPY_USERS = {"bcapscope.capture.layer", "bcapscope.capture.sniffer"}
+SCAPY_USERS = {"bcapscope.scapy_layer", "bcapscope.capture.sniffer"}
 
 # Imports every module named on the command line in turn and tells which was the first to bring scapy along.
 _FIRST_WITH_SCAPY = """

@@ -1,1 +1,3 @@
-"""Analysis of traffic, without any I/O: findings, slave-mode sessions, statistics, comparison of captures."""
+"""Analysis of traffic: findings, slave-mode sessions, statistics, comparison of captures. This package uses
+no files, sockets or clock.
+"""

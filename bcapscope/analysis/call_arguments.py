@@ -28,8 +28,8 @@ def result_of(call: Call) -> Value:
 
 
 def first_number(variant: Variant | None) -> int | None:
-    """Return an argument as an integer. Clients send integers as a number, as the first number of an array,
-    or as text. None if the argument has none of these forms.
+    """Return an argument as an integer; None if the argument contains no integer. Clients send an integer as
+    a number, as the first number of an array, or as text.
     """
     value = variant.value if variant is not None else None
     if isinstance(value, tuple):
@@ -41,7 +41,9 @@ def first_number(variant: Variant | None) -> int | None:
 
 
 def requested_motor_state(call: Call) -> bool | None:
-    """Return whether a Motor call, or a write to @SERVO_ON, requests the motor on; None if unreadable."""
+    """Return whether a Motor call, or a write to @SERVO_ON, requests the motor on. Return None if the
+    argument cannot be read.
+    """
     if call.kind.function_id == ID["Variable_PutValue"]:
         value = argument(call, 1)
         return None if value is None or not isinstance(value.value, int) else bool(value.value)

@@ -1,4 +1,4 @@
-"""Mark the occurrences that concern selected calls."""
+"""Mark the reported problems that concern selected calls."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from bcapscope.traffic.observation import Observation
 
 
 class CallSelection:
-    """Marks each reported occurrence as selected or not selected, then passes the occurrence to
+    """Marks each problem that a rule reports as selected or not selected, then passes it to
     `report_occurrence`.
 
-    Rules check all calls, because a call that is not selected can cause a problem in a selected call. An
-    occurrence is selected if one of the frames that prove it belongs to a selected call. A call can be tested
-    against the selection only when the call is complete. An occurrence about a frame therefore waits until
-    the call of that frame is complete.
+    Rules check all calls, because a call that is not selected can cause a problem in a selected call. A
+    problem (an `Occurrence`) is selected if one of the frames that prove it belongs to a selected call.
+    Whether a call is selected is known only when the call is complete. A problem in a frame therefore waits
+    until the call of that frame is complete.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool], report_occurrence: OccurrenceSink) -> None:
-        """Create a selection.
+        """Create a selection of calls.
 
         Args:
-            report_occurrence: Receives every occurrence, with its field `selected` set.
+            report_occurrence: Function that receives each `Occurrence`, after its field `selected` was set.
         """
         self.selected_calls = 0
         self._is_selected = is_selected
@@ -36,12 +36,13 @@ class CallSelection:
         self._held_occurrences: dict[int, list[Occurrence]] = {}
 
     def on_frame(self, observation: Observation) -> None:
-        """Hold the occurrences that rules report about this frame until its call is complete."""
+        """Hold the problems that rules report about this frame until the call of the frame is complete."""
         self._unsettled_frame = observation.number if isinstance(observation.item, Frame) else None
 
     def on_call(self, call: Call) -> None:
-        """Register a completed call and release the held occurrences about its frames, before the rules
-        run."""
+        """Test whether a completed call is selected, and release the held problems in its frames. This must
+        happen before the rules check the call.
+        """
         self._unsettled_frame = None
         frames = [seen.number for seen in call_observations(call)]
         if self._is_selected(call):
@@ -53,7 +54,7 @@ class CallSelection:
                 self._release_frame(frame)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Release the held occurrences about a stray reply, before the rules run."""
+        """Release the held problems in a stray reply. This must happen before the rules check the reply."""
         self._unsettled_frame = None
         self._release_frame(stray.observation.number)
 
@@ -64,8 +65,9 @@ class CallSelection:
         self._report_occurrence(self._marked(occurrence))
 
     def provisional_occurrences(self, at_end: Iterable[Occurrence]) -> Iterator[Occurrence]:
-        """Yield the held occurrences, then those of `at_end`, as if the traffic ended now. A held occurrence
-        whose frame belongs to no completed call is not selected. This method reports no occurrence.
+        """Yield the held problems and then the problems in `at_end`, each marked as if the traffic ended now.
+        A held problem whose frame belongs to no completed call is not selected. This method passes nothing to
+        `report_occurrence`.
         """
         return map(self._marked, chain(*self._held_occurrences.values(), at_end))
 

@@ -14,20 +14,27 @@ from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.traffic.call_kind import CallKind
 
 MAX_SESSIONS = 64
-"""Maximum number of slave-mode sessions that are compared: the first ones of each capture."""
+"""Maximum number of slave-mode sessions that are compared. The comparison takes the first sessions of each
+capture.
+"""
 
 FEWEST_SAMPLES = 8
 """Minimum number of calls or cycles in each capture for a difference in speed to be notable."""
 
 NOTABLE_RATIO = 1.5
-"""Smallest notable ratio of two times or two rates. Two captures of the same program can differ by less."""
+"""Smallest notable ratio of two times or two rates. Smaller ratios occur even between two captures of the
+same program.
+"""
 
 NOTABLE_CYCLE = 1.1
-"""Smallest notable ratio of two median cycle times of set points, which clients should keep constant."""
+"""Smallest notable ratio of two median cycle times of set points. This limit is low because clients should
+keep the cycle time constant.
+"""
 
 NOTABLE_MS = 0.2
-"""Smallest notable difference of two latencies, ms. The shortest time-out in use is 2 ms (DENSO Wave
-2009)."""
+"""Smallest notable difference between two latencies, in ms. For comparison, the shortest timeout of a client
+is 2 ms (DENSO Wave 2009).
+"""
 
 NOTABLE_SHARE = 0.002
 """Smallest notable difference in the share of calls that were retried, refused or left unanswered."""
@@ -40,7 +47,7 @@ Value: TypeAlias = "float | str | None"
 
 @dataclass(frozen=True, slots=True)
 class ComparedCapture:
-    """The contents of one capture that a comparison uses.
+    """The data of one capture that the comparison of two captures uses.
 
     Attributes:
         slave_sessions: The first slave-mode sessions of the capture, at most `MAX_SESSIONS`, in the order of
@@ -61,10 +68,11 @@ class Difference:
     The figure describes a kind of call, a slave-mode session or all calls.
 
     Attributes:
-        subject: Kind of call, or number of the slave-mode session in both captures; None for all calls.
+        subject: Kind of call to which the figure belongs, or number of the slave-mode session; None for all
+            calls.
         figure: Name of the figure, the same as in the JSON of ``stats`` if that JSON has the figure.
-        good: Value in the first capture, a number or a word; None if the capture has no such value.
-        bad: Value in the second capture, like `good`.
+        good: Value in the first capture, which is a number or a word; None if the capture has no such value.
+        bad: Value in the second capture, in the same form as `good`.
         notable: True if two captures of the same faultless program would not differ this much.
     """
 
@@ -76,7 +84,9 @@ class Difference:
 
     @property
     def ratio(self) -> float | None:
-        """Second value divided by the first; None unless both values are positive numbers."""
+        """The value in the second capture divided by the value in the first; None unless both are positive
+        numbers.
+        """
         good, bad = self.good, self.bad
         return bad / good if isinstance(good, float) and isinstance(bad, float) and good > 0 < bad else None
 
@@ -86,8 +96,8 @@ class RuleDifference:
     """A rule with a different number of findings in the two captures.
 
     Attributes:
-        good: Findings of the rule in the first capture.
-        bad: Findings of the rule in the second capture.
+        good: Number of findings of the rule in the first capture.
+        bad: Number of findings of the rule in the second capture.
     """
 
     rule: str
@@ -108,9 +118,8 @@ class CaptureComparison:
     """All differences between two captures.
 
     Attributes:
-        differences: Figures that differ: first all notable figures, then all others. Each part lists
-            slave-mode sessions, all calls together, and kinds of call, in this order. The kind of call with
-            the longest total time comes first.
+        differences: Figures that differ: first all notable figures, then all others. Both groups list
+            slave-mode sessions first, then all calls together, then kinds of call, longest total time first.
         session_counts: Number of slave-mode sessions in the first and in the second capture.
         rules: Rules with a different number of findings. Rules with more findings in the second capture come
             first, in the order in which ``diagnose`` lists them for that capture.
@@ -133,7 +142,8 @@ class CaptureComparison:
 def compare(good: ComparedCapture, bad: ComparedCapture) -> CaptureComparison:
     """Compare the figures and findings of all clients in two captures.
 
-    The first slave-mode session of one capture is compared with the first of the other, and so on.
+    The first slave-mode session of one capture is compared with the first session of the other capture, the
+    second with the second, and so on.
     """
     kinds_good, kinds_bad = _by_kind(good.statistics), _by_kind(bad.statistics)
     differences = list(_session_differences(good, bad))
@@ -165,7 +175,7 @@ def _unmatched_kinds(
 
 
 # Each function below decides whether the difference of two values is notable.
-# The third argument is the number of calls or cycles from which each of the two values was computed.
+# Each of the two values was computed from one of the two numbers of calls or cycles in `counts`.
 
 _JudgeFigure: TypeAlias = Callable[[Value, Value, "tuple[int, int]"], bool]
 
@@ -200,7 +210,9 @@ def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> boo
 
 
 def _judge_word(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether both captures show the value. Only then are two different words notable."""
+    """Return whether both captures show the value. If one of them does not show it, two different words are
+    not notable.
+    """
     unseen = (None, ExitReason.CAPTURE_ENDED.value)
     return good not in unseen and bad not in unseen
 
@@ -251,10 +263,14 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], .
 )
 
 _SPEEDS = ("latency_ms.p50", "latency_ms.p99", "latency_ms.max")
-"""Figures that are not compared for all calls together: they depend on which kinds of call were made."""
+"""Figures that are compared only for one kind of call. For all calls together, these figures depend on which
+kinds of call the client made.
+"""
 
 _PACES = ("calls_per_s", "line_time_share")
-"""Figures that are not compared for a few calls: they depend on the length of the capture."""
+"""Figures that are not compared if there are only a few calls, because then they depend on the length of the
+capture.
+"""
 
 
 # Slave-mode sessions.

@@ -1,4 +1,6 @@
-"""State of each client, from its calls so far. The state explains why a controller refuses a call."""
+"""State of each client, deduced from the calls that it has made so far. The state can explain why the
+controller refuses a call.
+"""
 
 from __future__ import annotations
 
@@ -25,23 +27,22 @@ from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeEffect
 
 MAX_HANDLES = 1024
-"""Maximum number of handles that are remembered for each client. The official server gives a client at most
-1000 (orin_bcap C/src/bCAPServer/bcap_server.c).
+"""Maximum number of handles that are remembered for each client. DENSO's C server gives a client at most 1000
+(orin_bcap C/src/bCAPServer/bcap_server.c).
 """
 
 MAX_CLOSED_CLIENTS = 32
-"""Maximum number of remembered clients that closed the connection, perhaps with slave mode still on."""
+"""Maximum number of closed clients that are remembered. Such a client may have left slave mode on."""
 
 SLOW_CALL_NS = 50_000_000
-"""Latency in ns above which a call counts as slow: the controller may still be executing a slow call when the
-next call arrives."""
+"""Latency in ns above which a call is slow: the controller may still execute it at the next call."""
 
-# Maximum size in bytes of all frames of a remembered set point; a real frame has a few hundred bytes.
+# A set point is remembered only if its frames have at most this total size in bytes; real ones have hundreds.
 _LARGEST_POINT = 8192
-# Maximum size in bytes of all frames of an attempt that is remembered in `latest_calls` or `failed_openings`.
+# Maximum total size in bytes of the frames of a call in `latest_calls` or `failed_openings`.
 _LARGEST_ATTEMPT = 65_536
 RECENT_SET_POINTS = 64
-"""Maximum number of set points that are remembered to explain a refused set point: half a second at 8 ms."""
+"""Maximum number of set points that are remembered, to explain a refused set point."""
 
 EXECUTES = frozenset(
     (ID["Controller_Execute"], ID["Robot_Execute"], ID["Task_Execute"], ID["Extension_Execute"])
@@ -57,7 +58,9 @@ _FOLLOWED_COMMANDS = frozenset(("takearm", "givearm", "motor", "clearerror", "sl
 
 MOTION_FUNCTIONS = frozenset(ID[f"Robot_{name}"] for name in ("Drive", "GoHome", "Move", "Rotate"))
 MOTION_COMMANDS = frozenset(("approach", "depart", "driveaex", "driveex"))
-"""Functions and commands, in lower case, that move the robot outside slave mode."""
+"""Commands in lower case that move the robot outside slave mode; `MOTION_FUNCTIONS` has the functions that do
+so.
+"""
 
 
 class OpenedObject(NamedTuple):
@@ -71,18 +74,19 @@ class ClientState:
     """State of one client, deduced from its completed calls.
 
     Attributes:
-        longest_pause_ns: Longest time in ns between two calls of the client; pauses between set points do not
-            count.
+        longest_pause_ns: Longest time in ns from one call of the client to its next call; pauses between set
+            points do not count.
         service_start: The Service_Start call of the current session; None if this call was not captured.
         failed_start: The Service_Start call that the controller refused, or that the controller probably did
-            not execute because the serial of the call was 0; None once a session is open.
+            not execute because the serial of the call was 0; None while a session is open.
         session_end: The Service_Stop or Controller_Disconnect call that ended the session, or may have ended
             the session although no reply was captured; None while the session is open.
-        latest_calls: Latest call in this session of each command in `_FOLLOWED_COMMANDS`, successful or not.
-            The key is the command in lower case. A write to @SERVO_ON counts as `motor`, and a Task_Start of
+        latest_calls: Latest call of each command in `_FOLLOWED_COMMANDS` in this session, successful or not;
+            the key is the command in lower case; a write to @SERVO_ON counts as `motor`, and a Task_Start of
             RobSlave has the key `robslave`.
         failed_openings: For each class of objects, the latest call of this session that should have opened an
-            object, but got no successful reply. After a later call succeeded, the class has no entry.
+            object, but got no successful reply; once a later call has opened such an object, the class has no
+            entry.
         motor_on: Whether the client last switched the motor on; None if unknown.
         take_arm_call: The TakeArm call by which the client holds the arm; None after GiveArm.
         give_arm_call: The GiveArm call that gave back the arm; None if the client holds the arm.
@@ -90,18 +94,20 @@ class ClientState:
         robslave_not_found: The client's first Controller_GetTask call for the task RobSlave that the
             controller refused.
         last_motion: Latest motion command outside slave mode that the controller accepted.
-        mode_value: Value of the slave mode, 0 for off; None if unknown.
+        mode_value: Number of the slave mode, as in slvChangeMode; 0 while slave mode is off, None if unknown.
         mode_entered_by: The latest slvChangeMode call that entered slave mode.
         mode_ended_by: The latest call that ended slave mode.
-        uncleared_error: The failed call that reported the first controller error since the client last
-            cleared errors.
-        latest_error: The latest failed call that reported a controller error, even if the error was cleared.
+        uncleared_error: The first failed call, since the client last cleared errors, whose reply reported a
+            controller error.
+        latest_error: The latest failed call whose reply reported a controller error, even if the error was
+            cleared.
         clear_call: The client's latest successful ClearError call.
         error_was_read: Whether the client has read the details of the error since `uncleared_error`.
-        slow_call: Latest call, not evicted, that got no reply or whose latency exceeds `SLOW_CALL_NS`.
+        slow_call: Latest call that got no reply, or whose latency exceeds `SLOW_CALL_NS`; evicted calls do
+            not count.
         may_be_answered: Whether a captured stray reply may answer one of the client's evicted calls.
         opened_objects: For each handle, the object for which the controller last gave this handle.
-        released_by: The latest calls that released handles, by object class and handle.
+        released_by: The latest calls that released handles, with object class and handle as the key.
         target_object: Object to which the handle of the current call refers; None if unknown.
         recent_set_points: Latest set points of the current slave-mode session, at most `RECENT_SET_POINTS`.
         silent_session: Latest slave-mode session that ended because the client stopped sending set points.
@@ -143,12 +149,12 @@ class ClientState:
 
     @property
     def has_open_session(self) -> bool:
-        """Whether the client has started a session and has not ended it."""
+        """Whether the client has started a session that it has not ended."""
         return (self.service_start is not None or self.connect_call is not None) and self.session_end is None
 
     @property
     def controller_closing(self) -> ConnectionEnd | None:
-        """How the controller closed the connection; None if it is open, or the client closed it first."""
+        """How the controller closed the connection; None if it is open, or if the client closed it first."""
         leg = self.conversation.controller_leg or self.conversation
         closing = leg.connection_end
         return closing if closing is not None and closing.by is Direction.RESPONSE else None
@@ -160,7 +166,7 @@ class ClientState:
 
     @property
     def generation(self) -> Generation | None:
-        """Generation of the controller, deduced from the traffic; None if unknown."""
+        """Generation of the controller (such as RC8), deduced from the traffic; None if unknown."""
         uses_robslave = self.robslave_start is not None or self.robslave_not_found is not None
         return Generation.RC7 if uses_robslave else self.generation_clue.generation
 
@@ -180,14 +186,13 @@ class ClientState:
         return [each for each in self._registry if each is not self and each.conversation.server.host == host]
 
     def cleared_by_other(self, error: Call, before: int) -> bool:
-        """Return whether another client cleared the controller's errors after `error` and before a time."""
+        """Return whether another client cleared the errors between the call `error` and the time `before`."""
         clears = (other.clear_call for other in self.other_clients())
         times = (clear.request.time for clear in clears if clear is not None)
         return any(error.request.time <= time <= before for time in times)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Update the state with alike set points (see `AlikeSetPoints`), which all have small frames and the
-        result S_OK."""
+        """Update the state with small set points that succeeded (see `AlikeSetPoints`)."""
         for call in calls:
             if call.last_activity - call.request.time > SLOW_CALL_NS:
                 self.slow_call = call
@@ -201,8 +206,7 @@ class ClientState:
             self.recent_set_points.append(call)
 
     def on_call(self, call: Call) -> None:
-        """Update the state with a completed call. The caller sets `target_object` to the object of this call
-        before."""
+        """Update the state with a completed call. `target_object` is already the object of this call."""
         self.call_count += 1
         self.longest_pause_ns = max(self.longest_pause_ns, call.request.time - self.last_call.last_activity)
         self.last_call = call
@@ -217,7 +221,7 @@ class ClientState:
             if is_point and self.mode_value:
                 self._remember_set_point(call)
             elif call.reply_not_captured:
-                self._on_success(call)  # a reply that was not captured may have been a success
+                self._on_success(call)  # the reply that was not captured may have reported success
             return
         self.answered_count += 1
         code = reply.item.code
@@ -229,7 +233,7 @@ class ClientState:
             self._on_success(call)
 
     def _follow_attempt(self, call: Call) -> None:
-        """Record that a call was made, successful or not, so that no rule reports the call as missing."""
+        """Record that the client made this call, so that no rule says that the call is missing."""
         function_id = call.kind.function_id
         topic = self.topic_of(call)
         is_small = call.memory_bytes <= _LARGEST_ATTEMPT
@@ -245,8 +249,7 @@ class ClientState:
             self.failed_openings[creates] = call
 
     def topic_of(self, call: Call) -> str:
-        """Return the command, or the name of the object that a call reads, writes or starts; "" if not
-        needed."""
+        """Return the command of a call, or the name of its object; "" for calls that are not followed."""
         function_id, command = call.kind
         if command is not None:
             return call.kind.folded_command if function_id in EXECUTES else ""
@@ -258,8 +261,7 @@ class ClientState:
         return name.casefold() if function_id == ID["Variable_GetValue"] else ""
 
     def on_slave_mode(self, change: SlaveModeChange) -> None:
-        """Update the slave mode. The call that changed the mode must already have been passed to
-        `on_call`."""
+        """Update the slave mode. Pass the call that changed the mode to `on_call` first."""
         call = change.call
         if change.effect is SlaveModeEffect.MODE_CHANGED:
             self.recent_set_points.clear()
@@ -404,7 +406,7 @@ def _put_bounded(table: dict[_Key, _Value], key: _Key, value: _Value) -> None:
 
 
 class ClientRegistry:
-    """Holds the `ClientState` of each client that is remembered, by conversation."""
+    """Holds the `ClientState` of each remembered client, with the conversation as the key."""
 
     def __init__(self, on_drop: Callable[[ClientState], None]) -> None:
         """Create an empty registry. When the memory limit is reached, the registry drops a client and calls
@@ -430,11 +432,7 @@ class ClientRegistry:
         return client
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Record that the conversation of a client was closed.
-
-        The latest `MAX_CLOSED_CLIENTS` closed clients stay in memory, because they can explain failures of
-        other clients.
-        """
+        """Record that a client's conversation was closed. A closed client can explain failures of others."""
         client = self._by_conversation.get(conversation)
         if client is None:
             return

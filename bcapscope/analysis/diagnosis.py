@@ -32,11 +32,14 @@ from bcapscope.traffic.pipeline import PipelineSubscriber, overriding_methods
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange
 
 MAX_CALL_KINDS = 4096
-"""Maximum number of call kinds for which the list of interested checkers is cached. A full cache is
-cleared."""
+"""Maximum number of call kinds for which `Diagnosis` caches which checkers want such calls. When the cache is
+full, it is emptied.
+"""
 
 MAX_FLOWS = 65536
-"""Maximum number of flows that are remembered to recognise a new flow. A full set is cleared."""
+"""Maximum number of flows that are remembered to recognise a new flow. A flow is a conversation with a
+direction. When the set is full, it is emptied.
+"""
 
 _CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 
@@ -44,8 +47,8 @@ _CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 class Diagnosis(PipelineSubscriber):
     """Finds what went wrong in the traffic, in bounded memory.
 
-    You can call `findings`, `totals` and `remaining_sessions` at any time. These methods change nothing, and
-    return the same as if the traffic ended now.
+    You can call `findings`, `totals` and `remaining_sessions` at any time. These methods change nothing. They
+    return what they would return if the traffic ended now.
     """
 
     needs_targets = True
@@ -58,11 +61,12 @@ class Diagnosis(PipelineSubscriber):
         """Create a diagnosis.
 
         Args:
-            is_selected: Returns whether a call is selected; None to select all calls. The rules check all
-                calls, but only findings about selected calls, and the causes of these findings, are reported.
-            on_slave_session: Receives each slave-mode session when it is complete. With `is_selected`, the
-                function receives only sessions with selected set points. The method `remaining_sessions`
-                returns the sessions that are not complete.
+            is_selected: Function that returns whether a call is selected; None to select all calls. The rules
+                check all calls, but report only findings about selected calls, and the causes of these
+                findings.
+            on_slave_session: Function that receives each complete slave-mode session. With `is_selected`, it
+                receives only sessions with selected set points. The method `remaining_sessions` returns the
+                other sessions, which are not complete.
         """
         self._collector = FindingCollector()
         self._selection = (
@@ -123,7 +127,7 @@ class Diagnosis(PipelineSubscriber):
         client.on_call(call)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Check a run of alike set points with the checkers that have `needs_every_set_point`."""
+        """Pass a run of alike set points to the checkers whose `needs_every_set_point` is true."""
         client = self._clients.client_of(calls[0])
         if self._selection is not None:
             for call in calls:
@@ -149,7 +153,9 @@ class Diagnosis(PipelineSubscriber):
         self._clients.client_of(change.call).on_slave_mode(change)
 
     def _check_frame(self, observation: FrameObservation) -> None:
-        """Pass a frame with problems to the checkers. `on_frame` has already passed large frames."""
+        """Pass a frame with problems to the checkers, unless the frame is large. `on_frame` has already
+        passed large frames to the checkers.
+        """
         if observation.item.problems and len(observation.item.raw) < CHECKED_FROM_BYTES:
             for check in self._suspect_frame_handlers:
                 check(observation)
@@ -168,7 +174,7 @@ class Diagnosis(PipelineSubscriber):
         return chain.from_iterable(check(session) for check in self._session_handlers)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Release the data of a closed conversation, after all its calls were added."""
+        """Release the data of a closed conversation. All its calls must have been added before."""
         self._flows = {flow for flow in self._flows if flow.conversation is not conversation}
         self._on_slave_sessions(self._session_detector.close_conversation(conversation))
         self._clients.on_conversation_closed(conversation)
@@ -179,23 +185,24 @@ class Diagnosis(PipelineSubscriber):
         """Return all findings, root cause first.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, its time is used
-                instead.
-            clients_present: True if clients that have fallen silent are known to be still connected.
+            ended_at: Time when the traffic ended, ns since 1970; if the last frame is later, the time of the
+                last frame is used instead.
+            clients_present: True if it is known that clients are still connected even if they send nothing.
         """
         at_end = self._end_occurrences(self._end_time(ended_at), clients_present)
         provisional = at_end if self._selection is None else self._selection.provisional_occurrences(at_end)
         return self._collector.findings(provisional)
 
     def remaining_sessions(self, ended_at: int = 0) -> Sequence[SlaveSession]:
-        """Return the slave-mode sessions that `on_slave_session` has not received (`ended_at`: see
-        `findings`)."""
+        """Return the slave-mode sessions that were not yet passed to `on_slave_session`. `findings` describes
+        `ended_at`.
+        """
         return (self._selected_sessions or self._session_detector).remaining_sessions(
             self._end_time(ended_at)
         )
 
     def totals(self, ended_at: int = 0) -> TrafficTotals:
-        """Return the amount of traffic so far (`ended_at`: see `findings`)."""
+        """Return how much traffic there was so far. `findings` describes `ended_at`."""
         first, last = self._first, self._last
         if first is None or last is None:
             return TrafficTotals(0, 0, 0, 0)
@@ -213,7 +220,7 @@ class Diagnosis(PipelineSubscriber):
         return max(ended_at, self._last.time if self._last is not None else 0)
 
     def _end_occurrences(self, ended_at: int, clients_present: bool) -> Iterator[Occurrence]:
-        """Yield the occurrences that the checkers would report if the traffic ended now."""
+        """Yield the problems that the checkers would report if the traffic ended now."""
         silent_sessions = {}
         for session in self._session_detector.remaining_sessions(ended_at):
             yield from self._session_occurrences(session)
@@ -227,7 +234,9 @@ class Diagnosis(PipelineSubscriber):
         return chain.from_iterable(check(end) for check in self._end_handlers)
 
     def _on_new_flow(self, observation: Observation) -> None:
-        """Remember a flow when its first observation arrives, and pass this observation to the checkers."""
+        """Remember a flow (a conversation with a direction), and pass its first observation to the
+        checkers.
+        """
         if self._first is None:
             self._first = observation
         if len(self._flows) >= MAX_FLOWS:

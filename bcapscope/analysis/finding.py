@@ -41,7 +41,8 @@ class Consequence:
     """A consequence that is named in the text of its root cause.
 
     Attributes:
-        after: Time in ns from the root cause, or from the previous consequence, to this consequence.
+        after: Time in ns to this consequence from the previous one, or from the root cause for the first
+            consequence.
     """
 
     clause: Message
@@ -50,19 +51,25 @@ class Consequence:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A root cause or a consequence, as data; `render.finding_text` writes the sentences.
+    """A root cause or a consequence, as data. `ReportedFinding.text` writes the sentences.
 
     Attributes:
-        fact: Message that says what happened; raw text from the wire in the message must be escaped for
-            output.
-        frames: Numbers, in ascending order, of the frames that prove the described occurrence. One frame of
-            the first occurrence and one of the last occurrence are included.
+        rule: Id of the rule, such as `set-point-gap`.
+        severity: How much the finding matters.
+        advice: Message that says what you can do.
+        source: Document, library or report that the rule comes from.
+        calls: Numbers of the calls that the finding concerns.
+        repetition: How often the problem occurred; None for once.
+        fact: Message that says what happened; the message can contain raw text from the wire, which must be
+            escaped for output.
+        frames: Numbers, in ascending order, of the frames that prove the described problem; if the problem
+            occurred several times, one frame of the first and one of the last occurrence are included.
         consequence_of: Number of the finding that caused this finding, counted from 1 in the order of the
             report; None if no cause was found.
-        began: Time when the described occurrence began, ns since 1970.
+        began: Time when the described problem began, ns since 1970.
         consequences: The consequences that the text of a root cause names; empty for a consequence.
-        followed_by: Numbers of the first and the last consequence of a root cause; None if `consequences`
-            already has all consequences.
+        followed_by: Numbers of the findings that are the first and the last consequence of a root cause; None
+            if `consequences` contains all of them.
         explains_rest: Whether all later errors and warnings are consequences of this root cause.
     """
 
@@ -86,11 +93,11 @@ class TrafficTotals(NamedTuple):
     """Amount of traffic that a diagnosis examined.
 
     Attributes:
-        frames: Number of frames, plus the number of damaged items that are not frames.
+        frames: Number of frames, including damaged items that are not frames.
         duration_ns: Time from the first frame to the end of the traffic, ns.
-        not_followed: Number of calls that were evicted before a reply arrived.
+        not_followed: Number of calls that bcapscope dropped from memory before a reply arrived.
         selected_calls: Number of calls that the filter selected; None if there is no filter.
-        began: Time of the first frame, ns since 1970. Times in the sentences of findings count from this
+        began: Time of the first frame, ns since 1970; the sentences of findings state times relative to this
             time.
     """
 
@@ -104,7 +111,9 @@ class TrafficTotals(NamedTuple):
 
     @property
     def has_only_client(self) -> bool:
-        """Whether the traffic has at most one client, so that sentences need no client address."""
+        """Whether the traffic has at most one client. If so, the sentences of findings need not name the
+        client.
+        """
         return self.clients <= 1
 
 

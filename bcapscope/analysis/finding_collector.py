@@ -1,27 +1,26 @@
-"""Collect the occurrences that rules report, link each to its cause, and make findings of them."""
+"""Collect the problems that rules report, link each problem to its cause, and make findings from them."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from bcapscope.analysis.finding import Consequence, Finding, Repetition, Severity
-from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence, RobotImpact
+from bcapscope.analysis.finding_group import MAX_KEPT, FindingGroup
+from bcapscope.analysis.finding_order import FindingOrder, selected_groups
+from bcapscope.analysis.rules.rule_checker import Occurrence
 from bcapscope.messages import Message
 
-MAX_KEPT = 32
-"""Maximum number of first occurrences, and also of last occurrences, that are kept for one finding."""
-
 MAX_FINDINGS = 16
-"""Maximum number of findings of one rule. Occurrences with further group keys are added to the rule's first
-finding."""
+"""Maximum number of findings of one rule. When a rule has this many, further problems with a new group key
+are added to the rule's first finding.
+"""
 
 MAX_CALLS = 256
-"""Maximum number of calls whose occurrences can be found by call number: the latest calls."""
+"""Maximum number of calls whose problems can be looked up by call number; older calls are dropped."""
 
 MAX_FRAMES_NAMED = 16
-"""Maximum number of frames of one occurrence that a finding lists."""
+"""Maximum number of frames that a finding lists for one occurrence of its problem."""
 
 INJECTED = "injected-fault"
 """Id of the rule whose finding is the cause of all other findings about the same call."""
@@ -29,72 +28,11 @@ INJECTED = "injected-fault"
 _MAX_NAMED_STEPS = 3
 """Maximum number of consequences that the sentence of a root cause names one by one."""
 
-_RANK = {Severity.ERROR: 0, Severity.WARNING: 1, Severity.NOTE: 2}
-
-
-class FindingGroup:
-    """The occurrences that are reported together as one finding.
-
-    Attributes:
-        selected: True if the finding is about selected calls; False if it is reported only as the cause of
-            another.
-        shown: Occurrence that the finding describes; set only in the copy of a group that `findings` makes.
-    """
-
-    def __init__(self, rule: DiagnosisRule, selected: bool) -> None:
-        self.rule = rule
-        self.selected = selected
-        self.count = 0
-        self._earliest: list[Occurrence] = []
-        self._latest: deque[Occurrence] = deque(maxlen=MAX_KEPT)
-        self._causes: list[Occurrence] = []
-        self.shown: Occurrence
-
-    def add(self, occurrence: Occurrence) -> None:
-        self.count += occurrence.count
-        (self._earliest if len(self._earliest) < MAX_KEPT else self._latest).append(occurrence)
-
-    def keep_cause(self, occurrence: Occurrence) -> None:
-        """Keep an occurrence that has consequences, even if `add` would drop it."""
-        if len(self._causes) < MAX_KEPT and occurrence not in self._causes:
-            self._causes.append(occurrence)
-
-    def replace(self, update: Occurrence) -> Occurrence | None:
-        """Replace the kept occurrence of the same call, and return the replaced one. Return None if no
-        occurrence of this call was kept."""
-        replaced = next((each for each in self if each.call == update.call), None)
-        if replaced is not None:
-            for kept in (self._earliest, self._latest, self._causes):
-                if replaced in kept:
-                    kept[kept.index(replaced)] = update
-        return replaced
-
-    def copy(self) -> FindingGroup:
-        twin = FindingGroup(self.rule, self.selected)
-        twin.count = self.count
-        twin._earliest, twin._latest = self._earliest.copy(), self._latest.copy()
-        twin._causes = self._causes.copy()
-        return twin
-
-    def __iter__(self) -> Iterator[Occurrence]:
-        """Yield each kept occurrence once."""
-        return iter(dict.fromkeys((*self._earliest, *self._causes, *self._latest)))
-
-    @property
-    def first(self) -> Occurrence:
-        """The kept occurrence that began first."""
-        return min(self, key=lambda each: each.began)
-
-    @property
-    def last(self) -> Occurrence:
-        """The kept occurrence that was completed last."""
-        return max(self, key=lambda each: each.completed)
-
 
 class FindingCollector:
-    """Collects occurrences and builds findings.
+    """Collects the problems that rules report, and makes findings from them.
 
-    Rules do not always report occurrences in chronological order.
+    Rules do not always report problems in chronological order.
     """
 
     def __init__(self) -> None:
@@ -102,13 +40,14 @@ class FindingCollector:
         self._by_rule: dict[str, list[FindingGroup]] = {}
         self._by_call: dict[int, list[Occurrence]] = {}
         self._explained: dict[int, list[Occurrence]] = {}
-        # Bounded, because only the first `MAX_KEPT` occurrences of each group are linked to a cause.
+        # The size is bounded, because at most `MAX_KEPT` occurrences of each group are linked to a cause.
         self._causes: dict[Occurrence, Occurrence] = {}
         self._new_groups: list[FindingGroup] = []
 
     def add_occurrence(self, occurrence: Occurrence) -> None:
-        """Add an occurrence and link its cause. An update replaces the earlier occurrence of the same
-        call."""
+        """Add a reported problem and link it to its cause. An update replaces the problem that was reported
+        earlier for the same call.
+        """
         if occurrence.is_update:
             self._update(occurrence)
             return
@@ -148,12 +87,14 @@ class FindingCollector:
         return group
 
     def _link_cause(self, occurrence: Occurrence) -> None:
-        """Link an occurrence to its cause.
+        """Link a reported problem to its cause.
 
-        The cause is the latest problem that certainly explains the call. Without such a problem, the cause is
-        a problem in `explaining_calls`, otherwise the latest possible cause.
+        The cause is the latest problem that certainly explains the call. If there is none, the cause is a
+        problem in one of the calls `explaining_calls`. If there is none either, it is the latest possible
+        cause.
 
-        `findings` searches again for every occurrence, because a better cause may have been reported later.
+        `findings` searches for the cause of every problem again, because a better cause may have been
+        reported later.
         """
         known = self._causes.pop(occurrence, None)
         injected = [each for each in self._by_call.get(occurrence.call, ()) if each.rule.id == INJECTED]
@@ -179,14 +120,17 @@ class FindingCollector:
         self._group_of(cause).keep_cause(cause)
 
     def _certain_cause(self, effect: Occurrence) -> Occurrence | None:
-        """Return the problem that was reported last as a certain cause of problems in the effect's call."""
+        """Return the certain cause of problems in the call of `effect`; if there are several, the one that
+        was reported last.
+        """
         for each in reversed(self._explained.get(effect.call, ())):
             if effect.call and each is not effect and not self._leads_to(each, effect):
                 return each
         return None
 
     def _best_cause(self, candidates: Sequence[Occurrence], effect: Occurrence) -> Occurrence | None:
-        """Return the latest candidate that can be the cause; of simultaneous candidates, the likeliest.
+        """Return the latest candidate that can be the cause of `effect`. If several candidates began at that
+        time, return the likeliest.
 
         A candidate that began after the effect, or that is a consequence of the effect, cannot be its cause.
         """
@@ -227,7 +171,7 @@ class FindingCollector:
                         yield each
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Return a finding for each selected group that is new since `new_findings` was last called.
+        """Return a finding for each selected group that began since the previous call of `new_findings`.
 
         In these findings `consequence_of` is always None; only `findings` links consequences to causes.
         """
@@ -243,12 +187,12 @@ class FindingCollector:
 
         Each root cause is followed by its consequences. Root causes of the same client are listed together.
         The client with the gravest root cause comes first. Among the root causes of one client, the gravest
-        comes first. The gravest problems stopped the robot; next come problems that kept the robot from
-        moving, then all others. Among equally grave root causes, the gravest severity of a root cause and its
-        consequences decides, then the time.
+        comes first. Problems that stopped the robot are the gravest. Next are problems that kept the robot
+        from moving, then all others. Equally grave root causes are sorted by the worst severity of the root
+        cause and its consequences, then by time.
 
         Args:
-            provisional: Occurrences that are included in the returned findings, but are not added to the
+            provisional: Further problems that the returned findings include, but that are not added to the
                 collector.
         """
         snapshot = self._copy()
@@ -257,14 +201,14 @@ class FindingCollector:
         return snapshot._make_findings()
 
     def _copy(self) -> FindingCollector:
-        twin = FindingCollector()
+        copied = FindingCollector()
         groups = {group: group.copy() for group in self._groups.values()}
-        twin._groups = {key: groups[group] for key, group in self._groups.items()}
-        twin._by_rule = {rule: [groups[group] for group in alike] for rule, alike in self._by_rule.items()}
-        twin._by_call = {number: list(occurrences) for number, occurrences in self._by_call.items()}
-        twin._explained = {number: list(causes) for number, causes in self._explained.items()}
-        twin._causes = self._causes.copy()
-        return twin
+        copied._groups = {key: groups[group] for key, group in self._groups.items()}
+        copied._by_rule = {rule: [groups[group] for group in alike] for rule, alike in self._by_rule.items()}
+        copied._by_call = {number: list(occurrences) for number, occurrences in self._by_call.items()}
+        copied._explained = {number: list(causes) for number, causes in self._explained.items()}
+        copied._causes = self._causes.copy()
+        return copied
 
     def _make_findings(self) -> tuple[Finding, ...]:
         groups = list(self._groups.values())
@@ -272,13 +216,14 @@ class FindingCollector:
             for occurrence in group:
                 self._link_cause(occurrence)
         self._choose_shown(groups)
-        order = _FindingOrder(_selected_groups(groups, self._causes), self._causes)
+        order = FindingOrder(selected_groups(groups, self._causes), self._causes)
         return tuple(_ordered_finding(group, order) for group in order.groups)
 
     def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
         """Choose the occurrence that each finding describes.
 
-        This is the first occurrence with a consequence, otherwise the first with the gravest impact.
+        This is the first occurrence that has a consequence. If none has a consequence, it is the first with
+        the gravest impact on the robot.
         """
         followed = set(self._causes.values())
         for group in groups:
@@ -296,95 +241,6 @@ def _append_bounded(by_call: dict[int, list[Occurrence]], number: int, occurrenc
 
 def _cause_rank(rule_id: str, likely: tuple[str, ...]) -> int:
     return likely.index(rule_id) if rule_id in likely else len(likely)
-
-
-def _parent_groups(
-    groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
-) -> dict[FindingGroup, FindingGroup]:
-    """Map each group to the group that caused its shown occurrence, without links that would close a
-    cycle."""
-    group_of = {occurrence: group for group in groups for occurrence in group}
-    parents: dict[FindingGroup, FindingGroup] = {}
-    for group in sorted(groups, key=lambda each: each.shown.began):
-        cause = causes.get(group.shown)
-        parent = group_of.get(cause) if cause is not None else None
-        above = parent
-        while above is not None and above is not group:
-            above = parents.get(above)
-        if parent is not None and above is None:
-            parents[group] = parent
-    return parents
-
-
-def _selected_groups(
-    groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
-) -> list[FindingGroup]:
-    """Return the selected groups, and the groups that caused them directly or indirectly."""
-    parents = _parent_groups(groups, causes)
-    kept: set[FindingGroup] = set()
-    for group in groups:
-        each: FindingGroup | None = group if group.selected else None
-        while each is not None and each not in kept:
-            kept.add(each)
-            each = parents.get(each)
-    return [group for group in groups if group in kept]
-
-
-class _FindingOrder:
-    """The order of the findings in the report, and the causes that link them."""
-
-    def __init__(self, groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]) -> None:
-        self._parents = _parent_groups(groups, causes)
-        self._children: dict[FindingGroup | None, list[FindingGroup]] = {}
-        for group in sorted(groups, key=lambda each: (each.shown.began, _RANK[each.rule.severity])):
-            self._children.setdefault(self._parents.get(group), []).append(group)
-        roots = self._ordered_roots(self._children.get(None, []))
-        self.groups = [group for root in roots for group in self.with_consequences(root)]
-        self._numbers = {group: number for number, group in enumerate(self.groups, 1)}
-
-    def number(self, group: FindingGroup) -> int:
-        return self._numbers[group]
-
-    def parent(self, group: FindingGroup) -> int | None:
-        """Return the number of the finding that caused this group; None if the group is a root cause."""
-        parent = self._parents.get(group)
-        return None if parent is None else self.number(parent)
-
-    def with_consequences(self, group: FindingGroup) -> Iterator[FindingGroup]:
-        """Yield a group and all its direct and indirect consequences."""
-        yield group
-        for child in self._children.get(group, ()):
-            yield from self.with_consequences(child)
-
-    def first_consequences(self, group: FindingGroup) -> Iterator[FindingGroup]:
-        """Yield the first consequence of a group, then the first consequence of that one, and so on."""
-        while self._children.get(group):
-            group = self._children[group][0]
-            yield group
-
-    def _ordered_roots(self, roots: list[FindingGroup]) -> list[FindingGroup]:
-        """Return root causes, which are in order of time, by client, effect on the robot, and severity."""
-        ranked = sorted(roots, key=lambda root: (self._impact(root), self._worst_severity(root)))
-        clients = dict.fromkeys(root.shown.conversation for root in ranked)
-        rank = {client: number for number, client in enumerate(clients)}
-        return sorted(ranked, key=lambda root: rank[root.shown.conversation])
-
-    def _impact(self, group: FindingGroup) -> RobotImpact:
-        family = self.with_consequences(group)
-        return min(occurrence.impact for each in family for occurrence in each)
-
-    def _worst_severity(self, group: FindingGroup) -> int:
-        return min(_RANK[each.rule.severity] for each in self.with_consequences(group))
-
-    def explains_the_rest(self, group: FindingGroup) -> bool:
-        """Return whether this group caused all errors and warnings that began after it."""
-        family = set(self.with_consequences(group))
-        return all(
-            each in family
-            or each.rule.severity is Severity.NOTE
-            or max(occurrence.began for occurrence in each) <= group.shown.completed
-            for each in self.groups
-        )
 
 
 def _finding(group: FindingGroup, shown: Occurrence, frames: tuple[int, ...]) -> Finding:
@@ -405,7 +261,7 @@ def _finding(group: FindingGroup, shown: Occurrence, frames: tuple[int, ...]) ->
     )
 
 
-def _ordered_finding(group: FindingGroup, order: _FindingOrder) -> Finding:
+def _ordered_finding(group: FindingGroup, order: FindingOrder) -> Finding:
     cause = order.parent(group)
     finding = replace(
         _finding(group, group.shown, _frames(group)), consequence_of=cause, repetition=_repetition(group)
@@ -420,9 +276,10 @@ def _repetition(group: FindingGroup) -> Repetition | None:
     return Repetition(group.count, group.first.began, group.last.completed if all_listed else None)
 
 
-def _with_consequences(finding: Finding, root: FindingGroup, order: _FindingOrder) -> Finding:
-    """Return the finding with its consequences: the first few one by one, the others as a range of
-    numbers."""
+def _with_consequences(finding: Finding, root: FindingGroup, order: FindingOrder) -> Finding:
+    """Return the finding with its consequences added: the first few one by one, the others as a range of
+    finding numbers.
+    """
     named: list[Consequence] = []
     time = root.shown.completed
     for group in order.first_consequences(root):
@@ -441,7 +298,9 @@ def _with_consequences(finding: Finding, root: FindingGroup, order: _FindingOrde
 
 
 def _frames(group: FindingGroup) -> tuple[int, ...]:
-    """Return the frame numbers of the shown occurrence, and the first and the last frame of the group."""
+    """Return the frame numbers of the occurrence that the finding describes. For a problem that occurred
+    several times, add a frame of the first and of the last occurrence.
+    """
     frames = list(group.shown.frames)
     if len(frames) > MAX_FRAMES_NAMED:
         frames = [*frames[: MAX_FRAMES_NAMED // 2], *frames[-MAX_FRAMES_NAMED // 2 :]]

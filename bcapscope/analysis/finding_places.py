@@ -1,4 +1,4 @@
-"""Values that messages about traffic contain: clients, calls and result codes."""
+"""Values for the placeholders of messages about traffic: clients, calls and result codes."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ def client_place(conversation: Conversation) -> ClientPlace:
 
 
 def call_place(call: Call) -> CallPlace:
-    """Return the value that shows a call with its name and its first serial, such as `slvMove 250`."""
+    """Return a message value that names a call by its function or command and its first serial, such as
+    `slvMove 250`.
+    """
     return CallPlace(_name_of(call), call.request.item.serial, call.number)
 
 
 def call_places(call: Call) -> dict[str, PlaceValue]:
-    """Return the values `at`, `call` and `client` for a message about a call."""
+    """Return the values of the placeholders `at`, `call` and `client` for a message about a call."""
     return {
         "at": Moment(call.request.time),
         "call": call_place(call),
@@ -29,12 +31,14 @@ def call_places(call: Call) -> dict[str, PlaceValue]:
 
 
 def attempt_place(call: Call, serial: int) -> CallPlace:
-    """Return the value that shows a call with its name and the serial of one of its attempts."""
+    """Return a message value that names a call by its function or command and the serial of one of its
+    attempts.
+    """
     return CallPlace(_name_of(call), serial, call.number)
 
 
 def call_name_place(call: Call) -> CallPlace:
-    """Return the value that shows a call with its name only."""
+    """Return a message value that names a call by its function or command only."""
     return CallPlace(_name_of(call), None, call.number)
 
 

@@ -34,24 +34,25 @@ MAX_TIMELINES = 256
 """Maximum number of clients that have a timeline of their own."""
 
 MAX_COUNTED = 65536
-"""Maximum number of further clients, without a timeline, that are counted."""
+"""Maximum number of clients without a timeline that are counted."""
 
 MAX_RETRY_CHAINS = 12
-"""Maximum number of calls of which the report shows every frame: the calls with the most retries. Of calls
-with equally many retries, the slowest are shown."""
+"""Maximum number of calls of which the report shows every frame. The report chooses the calls with the most
+retries, and of those with equally many retries the slowest.
+"""
 
 LARGEST_RETRY_CHAIN = 2 << 20
 """Maximum size in bytes of the frames of a call whose retries are shown one by one. A larger call is only
 counted."""
 
 MAX_DAMAGED = 20
-"""Maximum number of damaged frames that the report lists: the first ones."""
+"""Maximum number of damaged frames that the report lists; it lists the first frames."""
 
 MAX_DAMAGED_BYTES = 24
-"""Maximum number of bytes that are kept of a damaged frame."""
+"""Number of bytes at the start of a damaged frame that are kept, at most."""
 
 MAX_SESSIONS = 256
-"""Maximum number of slave-mode sessions that are kept. Further sessions are only counted."""
+"""Maximum number of slave-mode sessions that are kept. Any further sessions are only counted."""
 
 
 class DamagedFrame(NamedTuple):
@@ -60,8 +61,8 @@ class DamagedFrame(NamedTuple):
     Attributes:
         time: Time when the damaged frame was captured, ns since 1970.
         raw: The first `MAX_DAMAGED_BYTES` bytes of the damaged frame.
-        missing_bytes: Number of bytes of the TCP stream, before the damaged frame, that are missing from the
-            capture.
+        missing_bytes: Number of bytes that are missing from the capture in the TCP stream just before the
+            damaged frame.
     """
 
     frame: int
@@ -123,16 +124,16 @@ class ReportDataBuilder(PipelineSubscriber):
     """Gathers the data for a report.
 
     Attributes:
-        diagnosis: Diagnosis for the report. The caller subscribes it to the same pipeline, before the
-            builder.
+        diagnosis: Diagnosis for the report. The caller must subscribe it to the pipeline before it subscribes
+            the builder.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
         """Create an empty builder.
 
         Args:
-            is_selected: Returns whether a call is selected; None to select all calls. Damaged frames are
-                always reported.
+            is_selected: Function that returns whether a call is selected; None to select all calls. The
+                report lists damaged frames in any case.
         """
         self._is_selected = is_selected
         self.diagnosis = Diagnosis(is_selected, self._keep_session)
@@ -163,7 +164,9 @@ class ReportDataBuilder(PipelineSubscriber):
             self._add_selected(call)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Add a run of alike set points. Their frames have no problems, so only the selection is tested."""
+        """Add a run of alike set points. Their frames have no problems, so the builder tests only whether the
+        set points are selected.
+        """
         for call in calls:
             if self._is_selected is None or self._is_selected(call):
                 self._add_selected(call)
@@ -176,8 +179,8 @@ class ReportDataBuilder(PipelineSubscriber):
         """Return the data gathered so far; None if no frame was captured.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, its time is used
-                instead.
+            ended_at: Time when the traffic ended, ns since 1970; if the last frame is later, the time of the
+                last frame is used instead.
         """
         if self._start is None:
             return None
@@ -280,7 +283,9 @@ class _TimelineBuilder:
 
 
 def _event_kinds(call: Call) -> Sequence[TimelineEventKind]:
-    """Return at most two events of a call: the gravest event about its attempts, and one about its result."""
+    """Return the events of a call for its timeline, at most two: the gravest event about its attempts, and
+    one event about its result.
+    """
     kinds = []
     verdict = call.verdict
     if verdict is CallVerdict.EXECUTED_TWICE:

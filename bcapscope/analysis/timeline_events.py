@@ -1,5 +1,6 @@
-"""Events on a timeline. Long traffic has more events than a picture can show, so neighbouring events are
-joined."""
+"""Events on a timeline. A long capture has more events than a picture can show, so neighbouring events are
+joined.
+"""
 
 from __future__ import annotations
 
@@ -61,8 +62,8 @@ class TimelineEventList:
         """Create an empty list.
 
         Args:
-            pause: Initial limit in ns: events that are closer together are joined. This limit is increased
-                when there are too many events.
+            pause: Initial limit in ns. Events with a smaller distance in time are joined. The limit is
+                increased when there are too many events.
         """
         self._most = most
         self._pause = pause

@@ -1,1 +1,1 @@
-"""What other programs use: the functions and classes behind the names of `bcapscope`."""
+"""The public functions and classes that other programs import from `bcapscope`."""

@@ -36,7 +36,7 @@ class ColumnType(Enum):
 
 
 class DataColumn(NamedTuple, Generic[T]):
-    """A column of a table, and the function that returns its value for a record."""
+    """A column of a table, with the function that returns the column's value for a record."""
 
     name: str
     type: ColumnType
@@ -44,7 +44,9 @@ class DataColumn(NamedTuple, Generic[T]):
 
 
 class Records(Generic[T_co]):
-    """Records of a capture. Each iteration reads the capture again, and keeps only what it needs to go on."""
+    """Records of a capture. Each iteration reads the capture again, and keeps only a small part of it in
+    memory.
+    """
 
     def __init__(self, read: Callable[[], Iterator[T_co]]) -> None:
         self._read = read
@@ -115,7 +117,9 @@ class TableRecords(Records[T]):
         return pyarrow.Table.from_batches(batches, schema)
 
     def _parts(self) -> Iterator[list[list[object]]]:
-        """Yield the values of each column for some records at a time; at least one part, perhaps empty."""
+        """Yield lists of column values, for a limited number of records at a time. Without records, yield
+        empty lists once.
+        """
         records, readers = iter(self), [column.read for column in self._columns]
         part = list(islice(records, _ROWS_AT_ONCE))
         while True:
@@ -152,7 +156,7 @@ def _arrow_types(pyarrow: Any) -> dict[ColumnType, Any]:
 
 
 def _numbers(frame: Frame | None) -> list[float] | None:
-    """Return the numbers of the last argument; None without an argument or without numbers."""
+    """Return the numbers in the frame's last argument; None if there is no argument, or no number in it."""
     variants = () if frame is None else frame.variants
     numbers = [float(each) for each in iter_numbers(variants[-1]) if _is_number(each)] if variants else []
     return numbers or None

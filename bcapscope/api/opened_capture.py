@@ -52,7 +52,7 @@ class Capture:
 
         Raises:
             CaptureError: A capture cannot be opened.
-            FilterError: `expression` is a filter neither for frames nor for calls.
+            FilterError: `expression` is invalid both as a filter for frames and as a filter for calls.
         """
         self._expression = expression
         if expression is not None:
@@ -62,7 +62,7 @@ class Capture:
         self._taken_at = taken_at
         self._on_error = on_error
         problems = _Problems(on_error)
-        self.paths = tuple(expand_folders(tuple(paths), problems.add))
+        self.paths: tuple[str, ...] = tuple(expand_folders(tuple(paths), problems.add))
         for path in self.paths:
             if os.path.isfile(path) or not os.path.exists(path):  # a pipe can be opened only once
                 try:
@@ -73,20 +73,21 @@ class Capture:
 
     @property
     def frames(self) -> TableRecords[AnnotatedFrame]:
-        """The frames, and bytes that are no frame, in the order of capture.
+        """The frames, and also bytes that are not a frame, in the order in which they were captured.
 
         Raises:
-            FilterError: The filter is not for frames.
+            FilterError: The filter is not valid for frames.
         """
         wanted = self._filter_for(RecordKind.FRAME)
         return TableRecords(lambda: self._read_frames(wanted), FRAME_COLUMNS)
 
     @property
     def calls(self) -> TableRecords[Call]:
-        """The calls. A call is yielded when it ends; `Call.number` is the order of starting.
+        """The calls. A call is yielded when it is complete; `Call.number` counts calls in the order in which
+        they started.
 
         Raises:
-            FilterError: The filter is not for calls.
+            FilterError: The filter is not valid for calls.
         """
         wanted = self._filter_for(RecordKind.CALL)
         return TableRecords(lambda: self._read_calls(wanted), CALL_COLUMNS)
@@ -96,19 +97,21 @@ class Capture:
         """The slave-mode sessions. The filter selects set points.
 
         Raises:
-            FilterError: The filter is not for calls.
+            FilterError: The filter is not valid for calls.
         """
         wanted = self._filter_for(RecordKind.CALL)
         return Records(lambda: self._read_sessions(wanted))
 
     @property
     def findings(self) -> Records[ReportedFinding]:
-        """The findings of all rules, root cause first. The first one comes after the whole capture was read.
+        """The findings of all rules, root cause first. The first finding is yielded after the whole capture
+        was read.
 
-        The filter selects calls: the findings concern these calls, or are causes of such findings.
+        The filter selects calls. Only findings about these calls, and the causes of these findings, are
+        yielded.
 
         Raises:
-            FilterError: The filter is not for calls.
+            FilterError: The filter is not valid for calls.
         """
         wanted = self._filter_for(RecordKind.CALL)
         return Records(lambda: self._read_findings(wanted))
@@ -177,23 +180,24 @@ def open(
 ) -> Capture:
     """Open captures (pcap or pcapng, plain or gzipped) and folders of captures, which are read as one.
 
-    Several captures are read in the order of their first packets. A conversation that two of them hold, each
-    from another place, is joined.
+    Several captures are read in the order of their first packets. If two captures hold the same conversation,
+    each captured at a different place, the two are joined.
 
     Args:
         paths: Path of a capture or folder, or several paths.
-        filter: Filter expression, as `-f` of the commands takes. For frames it selects frames, for calls
-            calls.
-        ports: Ports of controllers, if they are other than the usual ones. On other ports, the content shows
-            which end is the controller.
-        side: Side of the conversations that were captured at two places; None to join both sides.
-        taken_at: Where the captures were taken; None if only the traffic shows it.
+        filter: Filter expression, in the notation of the option `-f`. The expression selects frames for
+            `Capture.frames`, and calls for the other attributes.
+        ports: Ports of controllers, if they differ from the usual ports. On all other ports,
+            the content of the traffic shows which end is the controller.
+        side: Which capture to read of a conversation that was captured at the client's side and at the
+            controller's side; None to join both.
+        taken_at: Where the captures were taken; None to infer the place from the traffic.
         on_error: Receives the path and the error of a capture that cannot be read to its end, instead of an
             exception. Reading continues with the next capture.
 
     Raises:
         CaptureError: A capture cannot be opened, and there is no `on_error`.
-        InputError: An argument is invalid. If it is the filter, the error is a `FilterError`.
+        InputError: An argument is invalid. If the filter is invalid, the error is a `FilterError`.
     """
     given = [paths] if isinstance(paths, str | os.PathLike) else paths
     names = [os.fspath(path) for path in given]
@@ -234,7 +238,9 @@ class _Problems:
 
 
 def _check_filter(expression: str) -> None:
-    """Raise the error of a filter that is neither for frames nor for calls: that of the longer valid part."""
+    """Raise an error if an expression is invalid as a filter for frames and as a filter for calls. Of the two
+    errors, the one further right in the expression is raised.
+    """
     errors = []
     for kind in RecordKind:
         try:

@@ -54,7 +54,7 @@ def reported_finding(
     totals: TrafficTotals,
     find_frame: Callable[[int], tuple[str, int] | None] | None,
 ) -> ReportedFinding:
-    """Return a finding with its number and what its texts need.
+    """Return a finding with its number and the data that its texts show.
 
     `find_frame` returns the capture and the packet of a frame; None if texts show only frame numbers.
     """

@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 def choose(word: str, choices: Mapping[str, T]) -> T:
-    """Return what a word stands for.
+    """Return the value of a word in `choices`.
 
     Raises:
         InputError: The word is not one of the choices.

@@ -15,9 +15,9 @@ _OFFSET = struct.Struct("<Q")
 
 
 class AppendLogWriter:
-    """Appends records to a file, and the offset of the end of each record to an index file.
+    """Appends each record to a file, and the offset of the record's end to an index file.
 
-    Readers see no record before `flush`.
+    Readers see new records only after `flush`.
 
     Attributes:
         count: Number of records added so far.
@@ -26,7 +26,8 @@ class AppendLogWriter:
     def __init__(self, path: Path) -> None:
         """Create `path` and an index file beside it.
 
-        Raises: FileExistsError: One of the two files already exists.
+        Raises:
+            FileExistsError: One of the two files already exists.
         """
         self._file: BinaryIO = path.open("xb", buffering=0)
         self._index: BinaryIO = _index_path(path).open("xb", buffering=0)
@@ -116,7 +117,8 @@ class AppendLogReader:
     def read_record(self, number: int) -> bytes:
         """Return a record by its number.
 
-        Raises: IndexError: The log has no record with this number.
+        Raises:
+            IndexError: The log has no record with this number.
         """
         first, count = max(number - 1, 0), 2 if number else 1
         ends = self._index.read(first * _OFFSET.size, count * _OFFSET.size) if number >= 0 else b""

@@ -14,7 +14,7 @@ CHUNK_SIZE = 256 * 1024
 delay."""
 
 GZIP_MAGIC = b"\x1f\x8b"
-_GZIP_WINDOW = 31  # wbits of zlib: a gzip header and the largest window
+_GZIP_WINDOW = 31  # value of zlib's parameter `wbits` for data with a gzip header and the largest window
 
 
 ChunkReader: TypeAlias = Callable[[int], bytes]
@@ -53,8 +53,8 @@ class ByteSource:
 class GzipReader:
     """Decompresses a gzip file of one or several members while it is read.
 
-    The standard library's reader waits for full buffers. At damage, that reader loses bytes that it has
-    already decompressed.
+    The standard library's gzip reader waits until a buffer is full. If the file is damaged, that reader also
+    loses bytes that it has already decompressed.
     """
 
     def __init__(self, read: ChunkReader, head: bytes) -> None:
@@ -68,7 +68,8 @@ class GzipReader:
         """Return up to `size` decompressed bytes; b"" at the end.
 
         Raises:
-            CaptureError: The compressed data end early or are damaged. All bytes before were returned.
+            CaptureError: The compressed data end early or are damaged. All bytes before the damage were
+                returned.
         """
         while True:
             if self._decompressor.eof and not self._next_member():
@@ -108,7 +109,9 @@ class GzipReader:
         return data
 
     def _salvage(self, packed: bytes, size: int, error: zlib.error) -> bytes:
-        """Decompress the bytes before the damage one by one; raise CaptureError when none is left."""
+        """Return the data before the damage, decompressed byte by byte; raise CaptureError when no such data
+        are left.
+        """
         data = bytearray()
         position = 0
         try:

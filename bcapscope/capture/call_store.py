@@ -37,12 +37,13 @@ _CLASSES = tuple(ObjectClass)
 
 _ObjectRecord = tuple[int, int, bytes, bytes, int, bool]
 _JoinedRecord = tuple[int, int, int, bool, bool, bytes]
-"""A frame that was captured at two places: number of the frame; numbers of its sightings at the client's and
-the controller's side, 0 for none; `is_missed`, `is_relayed` and `note`."""
+"""A frame that was captured at two places. Fields: the frame's number, the number of its sighting at the
+client's side (0 if none), the same for the controller's side, `is_missed`, `is_relayed`, `note`.
+"""
 
 
 class _Record(msgspec.Struct, array_like=True):
-    """Stored form of a call or a stray reply, which refers to frames by their observation numbers.
+    """Stored form of a call or a stray reply. A record refers to frames by their observation numbers.
 
     For a stray reply, `number` is 0 and `request` is the number of the reply's frame. `reply` is the number
     of the call for which the reply is late, or 0. `evicted` holds `may_answer_evicted`.
@@ -90,7 +91,7 @@ class StoredCall(NamedTuple):
 
 
 class CallStoreWriter:
-    """Writes each complete call or stray reply as a row, and saves which row each frame belongs to."""
+    """Writes each complete call or stray reply as a row, and stores the row number of each frame."""
 
     def __init__(self, folder: Path) -> None:
         """Create the files in the folder of an observation store."""
@@ -105,7 +106,7 @@ class CallStoreWriter:
     def add(self, settled: PairingResult, subject: TrackedObject | None) -> None:
         """Add a call or stray reply as a row.
 
-        Before `flush`, the caller must write the row's frames to the observation store.
+        The caller must write the row's frames to the observation store before it calls `flush`.
         """
         if isinstance(settled, StrayReply):
             number = settled.observation.number
@@ -182,7 +183,8 @@ class CallStore:
     def __init__(self, folder: Path, observations: ObservationStore) -> None:
         """Open the files of a `CallStoreWriter` in a folder.
 
-        Raises: OSError: The folder holds no files of a `CallStoreWriter`.
+        Raises:
+            OSError: The folder holds no files of a `CallStoreWriter`.
         """
         self._observations = observations
         self._records = AppendLogReader(folder / _CALLS)
@@ -198,7 +200,8 @@ class CallStore:
     def read_call(self, index: int) -> StoredCall:
         """Read a row by its index from 0. The rows are in the order in which the calls became complete.
 
-        Raises: IndexError: No row has this index.
+        Raises:
+            IndexError: No row has this index.
         """
         record = _decoder.decode(self._records.read_record(index))
         annotated = self._observations.read_frame(record.request)
@@ -226,7 +229,7 @@ class CallStore:
         return StoredCall(call, None if record.subject is None else _object_from_record(record.subject))
 
     def _joined_frames(self, record: _Record, conversation: Conversation) -> dict[int, FrameObservation]:
-        """Read the frames of a call that were captured at two places, by number."""
+        """Return the frames of a call that were captured at two places; the keys are frame numbers."""
         frames: dict[int, FrameObservation] = {}
         for number, near, far, is_missed, is_relayed, note in record.joined:
             direction = self._observations.read_frame(number).observation.flow.direction

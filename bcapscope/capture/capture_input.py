@@ -30,14 +30,14 @@ T = TypeVar("T")
 
 
 class CaptureInput:
-    """Several captures that are read as one, once.
+    """Several captures that are read as one input. A `CaptureInput` can be read only once.
 
     Attributes:
         on_first_time: Function that is called with the time of the first observation, before that observation
             is yielded.
-        first_time: Time of the first observation, ns since 1970; 0 before it.
-        frame_origins: Finds the capture and the packet of a frame. It knows the frames if there are several
-            captures, or after `remember_origins`.
+        first_time: Time of the first observation, ns since 1970; 0 until the first observation was read.
+        frame_origins: Finds the capture and the packet of a frame, if there are several captures or
+            `remember_origins` was called.
         plans: Pairs of captures that hold the same conversations.
     """
 
@@ -61,8 +61,8 @@ class CaptureInput:
                 continues with the next capture.
             open_file: Opens a capture by its path.
             packets_of: Returns the packets to decode, usually those of the given captures.
-            side: Side of the conversations that were captured at two places; None for both.
-            taken_at: Capture point; None if only the traffic shows it.
+            side: Which capture to read of a conversation that was captured at both sides; None for both.
+            taken_at: Where the captures were taken; None to infer the place from the traffic.
         """
         self.on_first_time: Callable[[int], object] = lambda time: None
         self.first_time = 0
@@ -92,7 +92,9 @@ class CaptureInput:
         ports: Collection[int],
         open_sequence: Callable[[Sequence[str]], CaptureSequence],
     ) -> PlaceDecoder | None:
-        """Find out which captures hold the same conversation, and prepare to decode these together."""
+        """Find out which captures hold the same conversation, and prepare to decode these captures
+        together.
+        """
         from bcapscope.capture.place_decoder import PlaceDecoder  # noqa: PLC0415 - only for several captures
         from bcapscope.capture.place_plan import plan_places  # noqa: PLC0415 - as above
 
@@ -100,7 +102,7 @@ class CaptureInput:
         return PlaceDecoder(paths, self.plans, ports, open_sequence) if self.plans else None
 
     def observations(self) -> Iterator[Observation]:
-        """Yield all frames of the input, or those of one side.
+        """Yield all frames of the input, or only those captured at the side given to `__init__`.
 
         Read errors do not raise an exception; `on_problem` receives them.
         """
@@ -134,9 +136,11 @@ class CaptureInput:
         handles: HandleTracker | None = None,
         comments: Mapping[int, tuple[str, ...]] | None = None,
     ) -> Pipeline:
-        """Return a pipeline for the input, which joins the conversations that several places captured.
+        """Return a pipeline for the input. The pipeline joins conversations that were captured at several
+        places.
 
-        `comments` are the comments by packet number, if the packets are not those of the input.
+        `comments` holds comments by packet number. Pass `comments` only if the packets are not those of the
+        input.
         """
         from bcapscope.traffic.joining.joiner import Joiner  # noqa: PLC0415 - `decode` needs no pipeline
         from bcapscope.traffic.pipeline import Pipeline  # noqa: PLC0415 - as above
@@ -146,7 +150,9 @@ class CaptureInput:
 
     @property
     def own_requests(self) -> int:
-        """Number of requests that a proxy sent of its own accord, as far as the pipeline joined its legs."""
+        """Number of requests that a proxy sent of its own accord. Only conversations whose two legs the
+        pipeline joined are counted.
+        """
         return 0 if self._joiner is None else self._joiner.own_requests
 
     @property
@@ -188,12 +194,13 @@ class CaptureInput:
         return self._captures.size
 
     def remember_origins(self) -> None:
-        """Let `frame_origins` learn the packet of each frame. Call it before reading."""
+        """Make `frame_origins` remember the packet of each frame. Call this method before reading."""
         self._decoder.note_packet = self.frame_origins.add
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return where a packet is found, by its number among all packets of the input; None if it is not
-        known."""
+        """Return the capture that holds a packet of the input, and the packet's number there; None if not
+        known.
+        """
         return self._captures.origin_of(packet)
 
     def find_frame(self, frame: int) -> tuple[str, int] | None:

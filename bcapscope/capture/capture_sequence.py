@@ -18,14 +18,16 @@ from bcapscope.errors import CaptureError
 STDIN = "-"
 """Path of standard input."""
 
-_NEVER = 1 << 64  # later than the time of any packet, ns since 1970
+_NEVER = 1 << 64  # a time later than that of any packet, ns since 1970
 
 _Reading: TypeAlias = "tuple[int, int, Packet, Iterator[Packet]]"
-"""An open capture: time of its next packet, index of the capture, that packet, the packets after it."""
+"""An open capture: time of its next packet, index of the capture, the next packet, and an iterator over the
+later packets.
+"""
 
 
 class PacketOrigin(NamedTuple):
-    """Where a packet is found.
+    """The capture that holds a packet, and the packet's number there.
 
     Attributes:
         path: Path of the capture, as it was given.
@@ -55,7 +57,8 @@ class CaptureSequence:
     """Several captures that are read as one.
 
     Files are read in the order of their first packets. If files overlap in time, their packets are merged by
-    time. A stream keeps its place among the paths, because its first packet can be read only once.
+    time. A stream is read where it stands in the list of paths, because its first packet can be read only
+    once.
 
     Attributes:
         paths: Paths of the captures; in the order of reading once reading has begun.
@@ -93,8 +96,8 @@ class CaptureSequence:
         return self._bytes_finished + sum(each.position for each in self._open.values())
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return where a packet is found, by its number among all packets; None if it is not known."""
-        if len(self.paths) == 1 and packet > 0:  # spares a search for each frame
+        """Return the capture that holds a packet, and the packet's number there; None if not known."""
+        if len(self.paths) == 1 and packet > 0:  # no search is needed if there is one capture
             path = self.paths[0]
             return PacketOrigin(path, self._names[path], packet)
         if len(self.paths) == 1:
@@ -124,7 +127,7 @@ class CaptureSequence:
             yield from self._merged(deque((index, each.began) for _, (index, each) in part))
 
     def _in_order(self) -> list[_Input]:
-        """Return the captures in the order of reading, without files that have no packet."""
+        """Return the captures in the order in which to read them, without files that have no packet."""
         inputs = [_Input(path, 0, _file_size(path)) for path in self.paths]
         if len(inputs) < 2:
             return inputs
@@ -146,9 +149,10 @@ class CaptureSequence:
                 yield each._replace(began=first[0])
 
     def _merged(self, waiting: deque[tuple[int, int]]) -> Iterator[Packet]:
-        """Yield the packets of captures in order of time.
+        """Yield the packets of several captures in chronological order.
 
-        `waiting` has the index and the first time of each capture, in the order of these times.
+        `waiting` holds the index of each capture and the time of its first packet, in the order of these
+        times.
         """
         reading: list[_Reading] = []
         while waiting or reading:
@@ -184,8 +188,9 @@ class CaptureSequence:
 
 
 def capture_names(paths: Sequence[str]) -> dict[str, str]:
-    """Return the name of each capture for the user: without its folder, unless two captures have this
-    name."""
+    """Return the name of each capture for the user: without its folder, unless two captures have the same
+    file name.
+    """
     count = Counter(Path(path).name for path in paths)
     return {path: name if count[name := Path(path).name] == 1 else path for path in paths}
 

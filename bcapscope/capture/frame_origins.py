@@ -1,4 +1,4 @@
-"""Where frames are found: in which captures, and in which packets."""
+"""Find the capture and the packet that hold a frame."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ class FrameOrigins:
         self._packets = packets
 
     def add(self, frame: int, packet: int) -> None:
-        """Add the packet number of a frame. Both numbers count up together until the next call."""
+        """Remember in which packet a frame is. Frames up to the next call of this method are in consecutive
+        packets.
+        """
         self._packets_of_frames.add(frame, 0, packet)
 
     def origin_of(self, frame: int) -> PacketOrigin | None:
-        """Return where a frame is found, by its number; None if it is not known."""
+        """Return the capture and the packet that hold the frame with this number; None if not known."""
         found = self._packets_of_frames.find(frame)
         return None if found is None else self._packets.origin_of(found[1])

@@ -14,12 +14,13 @@ from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 
 POLL_INTERVAL = 0.02
-"""Time in s between two checks for new data, too short for users to notice. Polling is necessary, because
-some systems have no function that reports that a file has grown."""
+"""Time in s between two checks for new data, too short for users to notice. Polling is necessary, because not
+every operating system can report that a file has grown.
+"""
 
 
 class _GrowingFile(io.RawIOBase):
-    """A file that waits for more bytes at its end until the capture has ended."""
+    """A file whose `read` waits for more bytes at the end of the file, until the capture has ended."""
 
     def __init__(self, file: io.FileIO, ended: Event, on_idle: Callable[[], None]) -> None:
         self._file = file
@@ -29,7 +30,7 @@ class _GrowingFile(io.RawIOBase):
     def read(self, size: int = -1) -> bytes:
         """Return up to `size` bytes; b"" only when the capture has ended."""
         while True:
-            over = self._ended.is_set()  # before the read, so that no byte is missed
+            over = self._ended.is_set()  # check this before the read, so that no byte is missed
             data = self._file.read(size)
             if data or over:
                 return data or b""

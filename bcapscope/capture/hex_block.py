@@ -7,10 +7,12 @@ from copy import copy
 from operator import itemgetter
 
 from bcapscope.capture.hex_line import HexDigits
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count
 from bcapscope.traffic.observation import Direction
 
 LARGEST_REPEAT = 64 * 1024
-"""Maximum number of bytes that one asterisk line of a dump may stand for."""
+"""Maximum number of repeated bytes that one asterisk line of a dump may stand for."""
 
 LARGEST_BLOCK = 256 * 1024
 """Maximum number of bytes per block, enough for many frames of real sessions. A longer dump becomes several
@@ -20,11 +22,14 @@ MAX_ROWS = 16 * 1024
 """Maximum number of rows per block. With 16 bytes per row, these rows hold `LARGEST_BLOCK` bytes."""
 
 _LARGEST_HOLE = 4096
-"""Maximum number of bytes that may be missing before a row that still belongs to the same block."""
+"""Maximum number of bytes that may be missing between two rows of one block. After a longer gap, a new block
+begins.
+"""
 
 _BASES = {7: (16, 10, 8)}
-"""Possible number bases of an offset, by the offset's number of digits. The program od prints seven digits in
-any of these bases; offsets of other lengths are hexadecimal."""
+"""Possible number bases of an offset, for each number of digits. The program `od` prints seven digits in any
+of these bases. An offset with another number of digits is hexadecimal.
+"""
 
 
 class HexBlock:
@@ -33,17 +38,18 @@ class HexBlock:
     Attributes:
         caption: Words in the text above the block.
         direction: Direction that the caption states; None if the caption states no direction.
-        is_captioned: Whether the caption is directly above the block, with no other hex between.
+        is_captioned: Whether the caption is directly above the block, with no other hex between caption and
+            block.
         offset: Offset written before the first row; "" if the first row has no offset.
         indent: Column of the first row's offset; -1 if the first row has no offset.
         starts_at_zero: Whether the first row's offset is 0.
         is_hex_only: Whether the lines of the block hold nothing but hex, offsets and characters.
-        has_hex_notation: Whether a row has a notation that only hex has, such as 0x.
+        has_hex_notation: Whether a row has a notation that is used only for hex, such as 0x.
         blank_line_follows: Whether a blank line follows the block.
-        asterisk_bytes: Maximum number of bytes that an asterisk after the last row may stand for; 0 without
-            an asterisk.
+        asterisk_bytes: Maximum number of bytes that the asterisk after the last row may stand for; 0 if there
+            is no asterisk.
         size: Number of whole bytes in the block.
-        notes: Oddities of the text, one clause each.
+        notes: What is unusual in the text, one clause for each problem.
     """
 
     def __init__(
@@ -59,7 +65,7 @@ class HexBlock:
         self.has_hex_notation = False
         self.blank_line_follows = False
         self.asterisk_bytes = 0
-        self.notes: list[str] = []
+        self.notes: list[Message] = []
         self._digits = bytearray()
         self._skipped = 0
         self._rows: list[tuple[int, int]] = []
@@ -96,19 +102,18 @@ class HexBlock:
         self.blank_line_follows = False
 
     def split(self, offset: int) -> HexBlock:
-        """Cut the block at a byte offset and return the bytes after the cut as a new block for further rows.
+        """Cut the block at a byte offset, and return the bytes after the cut as a new block. Further rows
+        belong to the new block.
 
-        If `offset` is 0 or the new block would have too many rows, the new block holds only the last row,
-        with a note.
+        If `offset` is 0 or the new block would have too many rows, the new block holds only the last row, and
+        a note says that it continues the block above.
         """
         first = bisect_right(self._rows, 2 * offset, key=itemgetter(0)) - 1
-        note = ""
+        note = None
         if not offset or len(self._rows) - first > MAX_ROWS // 2:
             first = len(self._rows) - 1
             offset = self._rows[first][0] // 2
-            note = (
-                f"continues the bytes before line {self._rows[first][1]}, which are too many for one packet"
-            )
+            note = Message("pasted.continues", line=self._rows[first][1])
         rows = self._rows[first:]
         rest = copy(self)
         rest._rows = [(max(count - 2 * offset, 0), line) for count, line in rows]
@@ -125,11 +130,11 @@ class HexBlock:
         self.notes += other.notes
 
     def fit_to_offset(self, offset: str, line: int) -> bool:
-        """Make the block end at the offset of the next row, and return whether that is possible.
+        """Make the block end at the offset of the next row. Return False if that is not possible.
 
-        If the last row is too long, cut characters that were mistaken for hex from its right end. If rows are
-        missing, add those that an asterisk stands for, or note the gap. `offset` is hexadecimal, decimal or
-        octal text.
+        If the last row is too long, remove characters at its right end that were mistaken for hex. If rows
+        are missing, add the rows that an asterisk stands for, or note the gap. `offset` is hexadecimal,
+        decimal or octal text.
         """
         size = self.size
         places = [(base, self._position_of(offset, base)) for base in self._bases]
@@ -156,7 +161,9 @@ class HexBlock:
             return None
 
     def _fill_gap(self, count: int, line: int) -> bool:
-        """Fill a gap with copies of the last row, or note the gap; return False if the gap is too large."""
+        """Fill a gap of `count` bytes with copies of the last row if an asterisk stands for them; otherwise
+        only note the gap. Return False if the gap is too large.
+        """
         if count <= self.asterisk_bytes:
             row = self._digits[self._rows[-1][0] :]
             self._digits += (row * (2 * count // len(row) + 1))[: 2 * count]
@@ -165,5 +172,5 @@ class HexBlock:
         if count > _LARGEST_HOLE:
             return False
         self._skipped += count
-        self.notes.append(f"{count} bytes are missing in the text before line {line}")
+        self.notes.append(Message("pasted.missing", missing=Count(count, "byte"), line=line))
         return True

@@ -2,7 +2,7 @@
 
 The line may come from hexdump, xxd, od, tcpdump, Wireshark's "Copy" menu, the b-CAP Tester's window, or a
 byte literal of a programming language. The hex digits form bytes, groups, one long row, or an escaped
-string. Lines may have offsets on the left, characters on the right, prefixes and commas.
+string. A line may have an offset on the left, the bytes as characters on the right, prefixes and commas.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import NamedTuple, TypeAlias
 import msgspec
 
 MIN_HEX_BYTES = 8
-"""Minimum number of adjacent bytes in the middle of prose that are read as hex. Words of the letters a to f,
-dates, times and MAC addresses are shorter. The smallest argument of a frame has ten bytes.
+"""Minimum number of adjacent bytes in the middle of prose that are read as hex. Dates, times, MAC addresses,
+and words that consist only of the letters a to f are shorter. The smallest argument of a frame has ten bytes.
 """
 
 LONGEST_ROW = 512
@@ -24,9 +24,9 @@ LONGEST_ROW = 512
 bytes per row has 240 columns."""
 
 
-# The pieces of a line are msgspec structs, since every line of a dump creates some. Creating a struct takes
-# 0.1 µs, a named tuple 0.4 µs, a frozen dataclass 0.9 µs. Unlike a named tuple, a struct never equals a
-# struct of another class.
+# The pieces of a line are msgspec structs, because every line of a dump creates several pieces.
+# Creating a struct takes 0.1 µs, creating a named tuple 0.4 µs, creating a frozen dataclass 0.9 µs.
+# Unlike a named tuple, a struct never equals a struct of another class.
 class ProseText(msgspec.Struct, frozen=True):
     """Words beside the hex digits of a line."""
 
@@ -41,7 +41,8 @@ class HexDigits(msgspec.Struct, frozen=True):
         offset: Offset written before the bytes, with its colon but without 0x; "" if the line has no offset.
         indent: Column at which the text of the line begins.
         is_hex_only: Whether the line holds only bytes, an offset and the bytes as characters.
-        has_hex_notation: Whether the notation is one that only hex has: an offset, 0x or a backslash.
+        has_hex_notation: Whether the bytes have a notation that is used only for hex: an offset, 0x or a
+            backslash.
         starts_line: Whether nothing precedes the bytes in the line.
         ends_line: Whether nothing follows the bytes in the line.
     """
@@ -94,14 +95,16 @@ _KINDS = (
     (_ROW, re.compile(r"(?:0[xX])?((?:[0-9A-Fa-f]{2}){3,}|[0-9A-Fa-f]{15,})")),
 )
 _JOINABLE = {_PAIR: (_PAIR,), _GROUP: (_GROUP, _PAIR, _ROW), _ROW: (_ROW, _GROUP, _PAIR), _CHAIN: (_CHAIN,)}
-"""Kinds of tokens that may follow the first token of a run, by the kind of the first token. The last token of
-a run of groups or rows can be shorter."""
+"""For each kind of token, the kinds of tokens that may follow it in a run that it begins. The last token of a
+run of groups or rows can be shorter than the others.
+"""
 
 _OFFSET = re.compile(r"\s*(?:0[xX])?([0-9A-Fa-f]{2,16})(:?)(?=\s)")
 _SHORTEST_BARE_OFFSET = 4
 _MACHINE_OFFSETS = (6, 7)
-"""How many digits an offset has in the output of hexdump and od. These programs print words in the machine's
-byte order."""
+"""Numbers of digits that an offset can have in the output of hexdump and od. hexdump and od print words in
+the machine's byte order.
+"""
 
 _OCTAL_WORD = re.compile(r"[01][0-7]{5}")
 _LONE_NUMBER = re.compile(r"\s*([0-9A-Fa-f]{4,8})\s*")
@@ -110,7 +113,7 @@ _ESCAPE = re.compile(r"\\x([0-9A-Fa-f]{2})|\\([0-7]{1,3})|\\(.)|(.)", re.DOTALL)
 _NAMED = {"n": 10, "r": 13, "t": 9, "a": 7, "b": 8, "f": 12, "v": 11}
 _MARK = re.compile(r"0[xX]|\\x")
 _WORDS = re.compile(r"[^\W\d_]|[<>\u2190-\u21ff]")
-"""Finds a letter or an arrow, which distinguishes words beside hex from numbers and punctuation."""
+"""Finds a letter or an arrow. Text beside hex counts as words only if it contains one."""
 
 
 def parse_line(line: str) -> list[LinePiece]:
@@ -133,7 +136,9 @@ def parse_line(line: str) -> list[LinePiece]:
 
 
 def _leading_offset(line: str) -> tuple[str, int]:
-    """Return the offset at the start of a line and the column after the offset; "" and 0 without offset."""
+    """Return the offset at the start of a line, and the column after the offset; "" and 0 if the line has no
+    offset.
+    """
     match = _OFFSET.match(line)
     following = _TOKEN.search(line, match.end()) if match else None
     if match is None or following is None:
@@ -148,7 +153,7 @@ def _leading_offset(line: str) -> tuple[str, int]:
 
 
 def _dump_row(line: str, start: int) -> list[_Run]:
-    """Return the bytes of a dump's line, which has an offset.
+    """Return the bytes in a line of a dump, where the line begins with an offset.
 
     The rest of the line shows the bytes as characters.
     """
@@ -163,7 +168,7 @@ def _dump_row(line: str, start: int) -> list[_Run]:
 
 
 def _hex_runs(line: str, start: int) -> Iterator[_Run]:
-    """Yield the runs of consecutive tokens that may be hex, each run as long as possible."""
+    """Yield each run of consecutive tokens that may be hex. Each run is as long as possible."""
     group: list[_Run] = []
     for token in _tokens(line, start):
         if group and token.kind not in _JOINABLE[group[0].kind]:
@@ -192,7 +197,9 @@ def _classify_word(word: str) -> tuple[str, str]:
 
 
 def _make_run(line: str, group: Sequence[_Run]) -> _Run:
-    """Join tokens to a run, without the characters at the right end of a dump's line."""
+    """Join tokens to a run. If a dump's line shows its bytes as characters at the right end, leave these
+    characters out.
+    """
     for index in range(1, len(group) + 1 if len(line) <= LONGEST_ROW else 0):
         stop = group[index].start if index < len(group) else len(line)
         between = line[group[index - 1].stop : stop]
@@ -205,7 +212,9 @@ def _make_run(line: str, group: Sequence[_Run]) -> _Run:
 
 
 def _are_characters(digits: str, text: str) -> bool:
-    """Return whether `text` shows the bytes of `digits` as characters, with a dot for other bytes."""
+    """Return whether `text` shows the bytes of `digits` as characters, with a dot for each byte that is not
+    printable.
+    """
     text = text.strip().strip("|")
     if text[:1] == ">" and text[-1:] == "<":
         text = text[1:-1]
@@ -220,7 +229,7 @@ def _are_characters(digits: str, text: str) -> bool:
 
 
 def _literals(line: str) -> Iterator[_Run]:
-    """Yield the bytes of string literals that contain byte escapes."""
+    """Yield the bytes of each string literal in a line, if the literal contains byte escapes."""
     for match in _LITERAL.finditer(line):
         if "\\x" in match[0]:
             values = [

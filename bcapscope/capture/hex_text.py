@@ -1,7 +1,8 @@
 """Find frames in text: hex that people paste from mails, documents, tools and screenshots.
 
-`bcapscope.capture.hex_line` finds the hex in a line. This module combines the lines to packets, and takes
-each packet's direction and caption from the text. Prose, tables and words that look like hex are ignored.
+`bcapscope.capture.hex_line` finds the hex in a line. This module combines the bytes of several lines into
+packets, and takes each packet's direction and caption from the text. Prose, tables and words that look like
+hex are ignored.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from bcapscope.capture.hex_block import LARGEST_REPEAT, HexBlock
 from bcapscope.capture.hex_line import MIN_HEX_BYTES, EndOffset, HexDigits, LinePiece, ProseText, parse_line
 from bcapscope.capture.link_layer import ETHERNET, NOT_IP, find_ip, read_ip
 from bcapscope.capture.role_detection import BCAP_PORTS, direction_evidence
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.frame import Malformed, parse_single_frame
 from bcapscope.protocol.codec.frame_content import EOT, HEADER_SIZE, SMALLEST_FRAME, SOH
 from bcapscope.protocol.tables.function_table import FUNCTIONS
@@ -30,14 +33,17 @@ LARGEST_LIKELY = 64 * 1024
 real sessions are below 10 KiB."""
 
 _LONGEST_COMPLETED = 1024
-"""Largest block, in bytes, that a few bytes beside words may complete. UDP frames have at most 503 bytes
-(orin_bcap dn_udp.h)."""
+"""Size in bytes of the largest block to which a few bytes beside words may be added. UDP frames have at most
+503 bytes (orin_bcap dn_udp.h).
+"""
 
 LONGEST_CAPTION = 120
 """Maximum number of characters to keep of a caption."""
 
 LONGEST_PARAGRAPH = 500
-"""Number of characters at the end of a paragraph in which to look for a direction."""
+"""Number of characters at the end of a paragraph in which bcapscope looks for words that state a
+direction.
+"""
 
 _SENTENCE_END = re.compile(r"(?<=[.!?。])\s+")
 
@@ -71,11 +77,12 @@ class HexPacket(NamedTuple):
     Attributes:
         data: A frame, which may be damaged, or bytes that are not a frame.
         direction: Direction of the frame; None if neither the text nor the bytes show the direction.
-        is_direction_guessed: Whether only the bytes show the direction.
-        caption: Words above the hex, or before the hex on its line; "" if there are none. The words are
-            untrusted, as all pasted text.
+        is_direction_guessed: Whether `direction` was guessed from the bytes, because the text states no
+            direction.
+        caption: Words above the hex, or before the hex on its line; "" if there are none. The caption is
+            untrusted, because it is pasted text.
         line: Number of the line on which the packet begins, from 1.
-        notes: Oddities of the text that the bytes do not show, one clause each.
+        notes: What was unusual in the text and cannot be seen from the bytes, one clause for each problem.
     """
 
     data: bytes
@@ -83,11 +90,11 @@ class HexPacket(NamedTuple):
     is_direction_guessed: bool
     caption: str
     line: int
-    notes: tuple[str, ...]
+    notes: tuple[Message, ...]
 
 
 def read_hex_text(lines: Iterable[str]) -> Iterator[HexPacket]:
-    """Yield the packets in the lines of a text, in their order.
+    """Yield the packets that are found in the lines of a text, in the order of the text.
 
     A packet is yielded as soon as later lines show that the packet is complete.
 
@@ -99,7 +106,7 @@ def read_hex_text(lines: Iterable[str]) -> Iterator[HexPacket]:
 
 
 def _read_blocks(lines: Iterable[str]) -> Iterator[HexBlock]:
-    """Yield the blocks of a text, including blocks that are not b-CAP."""
+    """Yield the blocks of hex in a text, including blocks that do not hold b-CAP."""
     reader = _BlockReader()
     for number, line in enumerate(lines, 1):
         reader.add_line(number, parse_line(line))
@@ -109,10 +116,10 @@ def _read_blocks(lines: Iterable[str]) -> Iterator[HexBlock]:
 
 
 class _BlockReader:
-    """Assembles blocks from the hex of lines.
+    """Assembles blocks from the hex in successive lines.
 
     Attributes:
-        last: The latest block, to which further lines may belong.
+        last: The latest block. Further lines may belong to it.
     """
 
     def __init__(self) -> None:
@@ -127,7 +134,7 @@ class _BlockReader:
         self._repeat_budget = MAX_REPEATED
 
     def add_line(self, number: int, pieces: list[LinePiece]) -> None:
-        """Add the pieces of a line; `number` is the line's number, from 1."""
+        """Add the pieces into which a line was split; `number` is the line's number, counted from 1."""
         if not pieces and self._open is not None:
             self._open.blank_line_follows = True
         for piece in pieces:
@@ -165,7 +172,9 @@ class _BlockReader:
             self._begin_block(number, piece)
 
     def _add_dump_row(self, number: int, piece: HexDigits) -> None:
-        """Add a row to the last block if the row's offset fits, otherwise begin a new block."""
+        """Add a row to the last block, or begin a new block if the row's offset does not follow the block's
+        end.
+        """
         last = self.last
         if (
             last is not None
@@ -184,7 +193,9 @@ class _BlockReader:
         return reached
 
     def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
-        """Handle a few bytes beside words, which may end a frame or begin the bytes of the next line."""
+        """Handle a few bytes beside words. A few bytes may be the end of a frame, or belong to the bytes of
+        the next line.
+        """
         block = self._open
         is_short = block is not None and block.size <= _LONGEST_COMPLETED
         if piece.starts_line and block and is_short and len(piece.digits) <= 2 * _missing_bytes(block.data):
@@ -208,7 +219,7 @@ class _BlockReader:
         self._has_new_caption, self._tail = False, None
 
     def _add_row(self, block: HexBlock, number: int, piece: HexDigits) -> None:
-        """Add a row to a block; if the block is full, continue its last frame in a new block."""
+        """Add a row to a block. If the block is then full, move its last frame to a new block."""
         block.add(number, piece)
         if block.is_full:
             self._set_last_block(block.split(_last_frame_start(block)))
@@ -226,7 +237,7 @@ class _BlockReader:
 
 
 def _last_frame_start(block: HexBlock) -> int:
-    """Return the offset of the last frame in a full block; 0 if the bytes from that offset are too many."""
+    """Return the offset of the last frame in a full block; 0 if too many bytes follow that offset."""
     start = (
         _frame_starts(block.data, [place for place, _ in block.line_numbers()])[-1]
         if _begins_as_frame(block.data)
@@ -236,7 +247,9 @@ def _last_frame_start(block: HexBlock) -> int:
 
 
 def _frame_length(data: bytes) -> int | None:
-    """Return the length field of a frame at the start of `data`; None without SOH or plausible length."""
+    """Return the length field of a frame at the start of `data`; None if SOH is missing or the length is
+    implausible.
+    """
     length = int.from_bytes(data[1:5], "little") if len(data) >= 5 and data[0] == SOH else 0
     return length if SMALLEST_FRAME <= length <= LARGEST_LIKELY else None
 
@@ -246,13 +259,15 @@ def _begins_as_frame(data: bytes) -> bool:
 
 
 def _missing_bytes(data: bytes) -> int:
-    """Return how many bytes the last frame in `data` lacks; 0 for a whole frame and without a frame."""
+    """Return how many bytes are missing at the end of the last frame in `data`; 0 if that frame is whole or
+    `data` holds no frame.
+    """
     last = data[_frame_starts(data, [])[-1] :]
     return max((_frame_length(last) or 0) - len(last), 0)
 
 
 def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
-    """Join blocks that belong to one frame, and drop blocks that are not b-CAP."""
+    """Join blocks that belong to one frame, and drop blocks that do not hold b-CAP."""
     pending: HexBlock | None = None
     for block in blocks:
         if (
@@ -298,12 +313,12 @@ def _is_bcap_hex(block: HexBlock) -> bool:
 def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
     data, by_port, notes = block.data, None, list(block.notes)
     if len(block.digits) % 2:
-        notes.append("the text ends in the middle of a byte")
+        notes.append(Message("pasted.half-byte"))
     lines = block.line_numbers()
     if not _begins_as_frame(data):
         data, by_port, skipped = _without_headers(data)
         if skipped:
-            notes.append(f"removed {skipped} bytes of network headers")
+            notes.append(Message("pasted.headers", removed=Count(skipped, "byte")))
             lines = [(max(place - skipped, 0), line) for place, line in lines]
     cuts = _frame_starts(data, [place for place, _ in lines])
     for start, stop in zip(cuts, [*cuts[1:], len(data)], strict=True):
@@ -316,7 +331,8 @@ def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
 
 
 def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
-    """Return the offsets of the frames in the bytes of a block; `rows` are the offsets of the rows.
+    """Return the offsets at which frames begin in the bytes of a block; `rows` are the offsets of the block's
+    rows.
 
     A frame begins directly after a whole frame, or at a row that looks like the start of a frame.
     """
@@ -338,8 +354,10 @@ def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
 
 def _direction_of(
     part: bytes, block: HexBlock, by_port: Direction | None
-) -> tuple[Direction | None, bool, list[str]]:
-    """Return the direction of a packet, whether the direction is a guess, and contradicting evidence."""
+) -> tuple[Direction | None, bool, list[Message]]:
+    """Return the direction of a packet, whether the direction is a guess, and a note if caption and bytes
+    contradict each other.
+    """
     content = _direction_by_content(part)
     if by_port is not None:
         return by_port, False, []
@@ -348,11 +366,11 @@ def _direction_of(
     shown = direction_evidence(parse_single_frame(part))
     if shown is None or shown[0] is block.direction:
         return block.direction, False, []
-    return block.direction, False, [f"captioned as a {block.direction}, but the bytes hold {shown[1]}"]
+    return block.direction, False, [Message(f"pasted.contradicts.{shown[0].value}")]
 
 
 def _direction_by_content(part: bytes) -> Direction | None:
-    """Return the direction that the content shows; None if unknown.
+    """Return the direction that the bytes of a frame show; None if they do not show it.
 
     The function id or result code shows the direction even if the rest of the frame is damaged.
     """
@@ -368,7 +386,9 @@ def _direction_by_content(part: bytes) -> Direction | None:
 
 
 def _without_headers(data: bytes) -> tuple[bytes, Direction | None, int]:
-    """Strip link, IP and transport headers; return payload, direction by port, and the headers' size."""
+    """Strip link, IP and transport headers. Return the payload, the direction that the ports show, and the
+    size of the headers.
+    """
     for start in (find_ip(ETHERNET, data), 0):
         packet = read_ip(data, start) if start != NOT_IP and data else None
         if packet is None or packet.fragment is not None:
@@ -399,7 +419,7 @@ def _note_serial_mismatches(packets: Iterable[HexPacket]) -> Iterator[HexPacket]
                 request_serials.add(serial)
                 last = serial
             elif packet.direction is Direction.RESPONSE and request_serials and serial not in request_serials:
-                note = f"serial {serial} does not match the request above, which has serial {last}"
+                note = Message("pasted.serial", serial=serial, request=last)
                 noted = packet._replace(notes=(*packet.notes, note))
         yield noted
 

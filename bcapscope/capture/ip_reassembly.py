@@ -8,10 +8,14 @@ from typing import NamedTuple
 from bcapscope.capture.link_layer import IPPacket
 
 REASSEMBLY_TIMEOUT = 30 * 1_000_000_000
-"""Time in ns after its first fragment at which an incomplete packet is dropped, as in Linux (ipfrag_time)."""
+"""Time in ns from the first fragment until an incomplete packet is dropped. The value is that of Linux
+(ipfrag_time).
+"""
 
 MEMORY_LIMIT = 4 * 1024 * 1024
-"""Maximum number of bytes held for all incomplete packets together, as in Linux (ipfrag_high_thresh)."""
+"""Maximum number of bytes held for all incomplete packets together. The value is that of Linux
+(ipfrag_high_thresh).
+"""
 
 LARGEST_PAYLOAD = 65535
 """Longest payload of a fragmented IP packet, in bytes (RFC 791; RFC 8200 for IPv6)."""
@@ -51,7 +55,9 @@ class _PartialPacket:
         return self._held_bytes + _PART_COST * (len(self._offsets) + 1)
 
     def add(self, offset: int, payload: bytes, more: bool) -> None:
-        """Add a fragment; contradictory fragments invalidate the packet (RFC 5722, RFC 8200 4.5)."""
+        """Add a fragment. If two fragments contradict each other, the packet becomes invalid (RFC 5722, RFC
+        8200 4.5).
+        """
         stop = offset + len(payload)
         size = self._size if more else stop
         if self._content.get(offset) == payload and size == self._size:
@@ -95,7 +101,8 @@ class _PartialPacket:
 
 
 class IpReassembly:
-    """Reassembles IP fragments to packets, and holds the fragments of incomplete packets.
+    """Reassembles IP packets from their fragments, and keeps the fragments of packets that are still
+    incomplete.
 
     Attributes:
         packets_lost: Number of packets dropped because fragments were missing or contradictory.
@@ -109,7 +116,7 @@ class IpReassembly:
     def add(self, packet: IPPacket, time: int) -> ReassembledPacket | None:
         """Add a fragment and return the packet that the fragment completes; None while fragments are missing.
 
-        An unfragmented packet is returned unchanged. `time` is the capture time, ns since 1970.
+        A packet that is not fragmented is returned unchanged. `time` is the capture time, ns since 1970.
         """
         fragment = packet.fragment
         if fragment is None:
@@ -140,7 +147,9 @@ class IpReassembly:
         self._cost -= self._incomplete.pop(key).cost
 
     def _drop_expired(self, time: int) -> None:
-        """Drop incomplete packets that are too old, and the oldest packets while all use too much memory."""
+        """Drop incomplete packets that are too old. If the remaining packets still need too much memory, drop
+        the oldest packets.
+        """
         while self._incomplete:
             key, oldest = next(iter(self._incomplete.items()))
             if oldest.began + REASSEMBLY_TIMEOUT > time and self._cost <= MEMORY_LIMIT:

@@ -1,8 +1,8 @@
 """Find and parse the IP packet in a captured packet: link headers, IPv4, IPv6.
 
-Link headers: IEEE 802.3 and 802.1Q; RFC 1042 for LLC and SNAP; RFC 1661 and 1662 for PPP, whose protocol
-numbers are those of RFC 1332 and RFC 5072, and RFC 2516 over Ethernet; the LINKTYPE_ documents of tcpdump.org
-for the others. IPv4: RFC 791; IPv6: RFC 8200.
+Sources for the link headers: IEEE 802.3 and 802.1Q for Ethernet; RFC 1042 for LLC and SNAP; RFC 1661 and 1662
+for PPP, RFC 1332 and 5072 for its protocol numbers, RFC 2516 for PPP over Ethernet; the LINKTYPE_ documents
+of tcpdump.org for all others. Sources for IP: RFC 791 (IPv4) and RFC 8200 (IPv6).
 """
 
 from __future__ import annotations
@@ -15,21 +15,28 @@ ETHERNET, LINUX_COOKED, LINUX_COOKED_2 = 1, 113, 276
 
 _IPV4, _IPV6 = 0x0800, 0x86DD
 _VLAN_TAGS = frozenset({0x8100, 0x88A8, 0x9100})
-"""Customer tag, service tag (IEEE 802.1Q), and the service tag of switches older than the standard."""
+"""Ethernet types of VLAN tags: customer tag and service tag (IEEE 802.1Q), and the service tag of switches
+that are older than the standard.
+"""
 
 _MAX_LENGTH_FIELD = 1500
-"""Largest value of Ethernet's type field that is a length, after which LLC follows (IEEE 802.3)."""
+"""Largest value of Ethernet's type field that means a length. An LLC header follows a type field that means a
+length (IEEE 802.3).
+"""
 
 _SNAP = b"\xaa\xaa\x03\x00\x00\x00"
-"""LLC header for SNAP (unnumbered information), and the organisation code for Ethernet types."""
+"""LLC header that announces SNAP (unnumbered information), followed by SNAP's organisation code for Ethernet
+types.
+"""
 
 _PPPOE, _PPPOE_SIZE = 0x8864, 6
 _PPP_FRAMING = b"\xff\x03"
 _PPP_IP = frozenset({0x0021, 0x0057})
 
 _LOOPBACK_FAMILIES = frozenset({2, 10, 24, 28, 30})
-"""Address families of IP: AF_INET, then AF_INET6 of Linux, NetBSD and OpenBSD, FreeBSD, macOS
-(LINKTYPE_NULL)."""
+"""Address families of IP packets in LINKTYPE_NULL: AF_INET, then AF_INET6 of Linux, of NetBSD and OpenBSD, of
+FreeBSD, and of macOS.
+"""
 
 _HOP_BY_HOP, _ROUTING, _FRAGMENT, _AUTHENTICATION, _DESTINATION = 0, 43, 44, 51, 60
 _EXTENSIONS = frozenset({_HOP_BY_HOP, _ROUTING, _AUTHENTICATION, _DESTINATION, 135, 139, 140})
@@ -62,7 +69,8 @@ class IPPacket(NamedTuple):
         protocol: Number of the transport protocol, 17 for UDP, 6 for TCP.
         addresses: Source and destination address, 4 or 16 bytes each.
         payload: Captured payload of the IP packet, without padding of the link.
-        missing: Number of bytes that the capture lacks at the end of the payload, by the length field.
+        missing: Number of bytes at the end of the payload that the capture lacks, computed from the length
+            field.
         fragment: Position of the fragment in its packet; None for a whole packet.
     """
 
@@ -76,7 +84,8 @@ class IPPacket(NamedTuple):
 def find_ip(linktype: int, data: bytes) -> int:
     """Return the offset of the IP header in a captured packet, or `NOT_IP`.
 
-    Raises: KeyError: The link type is not in `IP_OFFSET_FINDERS`.
+    Raises:
+        KeyError: The link type is not in `IP_OFFSET_FINDERS`.
     """
     offset = IP_OFFSET_FINDERS[linktype](data)
     return offset if offset < len(data) else NOT_IP
@@ -91,7 +100,7 @@ def read_ip(data: bytes, offset: int) -> IPPacket | None:
 
 
 def _ip_after_type(data: bytes, offset: int) -> int:
-    """Return the offset of the IP header behind the type field at `offset`, or `NOT_IP`.
+    """Return the offset of the IP header that follows the type field at `offset`, or `NOT_IP`.
 
     The function skips VLAN tags, LLC with SNAP, and the header of a PPPoE session.
     """
@@ -107,7 +116,9 @@ def _ip_after_type(data: bytes, offset: int) -> int:
 
 
 def _type_after_llc(data: bytes, offset: int) -> tuple[int, int]:
-    """Return the offset and the value of the type field after LLC and SNAP; value 0 without SNAP."""
+    """Return the offset and the value of the type field after LLC and SNAP; the value is 0 if SNAP is
+    missing.
+    """
     if not data.startswith(_SNAP, offset):
         return offset, 0
     offset += len(_SNAP)
@@ -115,7 +126,7 @@ def _type_after_llc(data: bytes, offset: int) -> tuple[int, int]:
 
 
 def _ip_after_ppp(data: bytes, offset: int) -> int:
-    """Return the offset of the IP header behind the PPP protocol field at `offset`, or `NOT_IP`.
+    """Return the offset of the IP header that follows the PPP protocol field at `offset`, or `NOT_IP`.
 
     The PPP protocol field has two bytes, or one byte if both ends agreed to compress the field.
     """
@@ -140,9 +151,9 @@ def _cooked_2(data: bytes) -> int:
 
 
 def _loopback(data: bytes) -> int:
-    """Return the offset after a loopback packet's address family, or `NOT_IP`.
+    """Return the offset of the byte after a loopback packet's address family, or `NOT_IP`.
 
-    The address family is in the byte order of the capturing machine (network order for LOOP).
+    The address family is in the byte order of the capturing machine (in network order for LINKTYPE_LOOP).
     """
     families = {int.from_bytes(data[:4], "little"), int.from_bytes(data[:4])}
     return 4 if families & _LOOPBACK_FAMILIES else NOT_IP
@@ -166,7 +177,7 @@ IP_OFFSET_FINDERS: dict[int, Callable[[bytes], int]] = {
     229: _raw,
     LINUX_COOKED_2: _cooked_2,
 }
-"""Functions that return the offset of the IP header, by link type."""
+"""For each link type, the function that returns the offset of the IP header."""
 
 
 def _read_ipv4(data: bytes, offset: int) -> IPPacket | None:
@@ -175,8 +186,7 @@ def _read_ipv4(data: bytes, offset: int) -> IPPacket | None:
     if size < 20 or start > len(data):
         return None
     total, identification, part, protocol, addresses = _IPV4_HEADER.unpack_from(data, offset)
-    # The length field is 0 if the capturing machine sent the packet and its network card fills the field in
-    # later.
+    # The length field is 0 in a sent packet if the sender's network card fills in the field later.
     total = total or len(data) - offset
     if total < size:
         return None
@@ -192,8 +202,7 @@ def _read_ipv6(data: bytes, offset: int) -> IPPacket | None:
     start = offset + 40
     if start > len(data):
         return None
-    # The length field is 0 in a jumbogram (RFC 2675), or if the network card fills the field in later, as in
-    # IPv4.
+    # The length field is 0 in a jumbogram (RFC 2675), or if the network card fills in the field later.
     length = int.from_bytes(data[offset + 4 : offset + 6]) or len(data) - start
     stop = start + length
     protocol, addresses = data[offset + 6], data[offset + 8 : start]
@@ -204,7 +213,7 @@ def _read_ipv6(data: bytes, offset: int) -> IPPacket | None:
         following, words = data[start], data[start + 1]
         if protocol == _FRAGMENT:
             place = int.from_bytes(data[start + 2 : start + 4])
-            if place & 0xFFF9:  # else it is an unfragmented packet (RFC 6946)
+            if place & 0xFFF9:  # offset and flag are 0 if the packet is not fragmented (RFC 6946)
                 fragment = Fragment(addresses + data[start + 4 : start + 8], place & 0xFFF8, bool(place & 1))
             start += 8
         else:

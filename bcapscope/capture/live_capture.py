@@ -29,7 +29,8 @@ ANY_INTERFACE = "any"
 
 _EXIT_TIMEOUT = 5.0
 _LARGEST_PACKET = 262144
-_BUFFER_SIZE = 16 * 1024 * 1024  # in bytes; holds 50,000 frames while this process gets no CPU time
+# in bytes; enough for 50,000 frames that arrive while this process gets no CPU time
+_BUFFER_SIZE = 16 * 1024 * 1024
 _ETH_P_ALL = 3
 _SOL_PACKET, _PACKET_STATISTICS = 263, 6
 _SO_RCVBUFFORCE = 33
@@ -37,12 +38,14 @@ _COOKED_HEADER = struct.Struct(">HHH8sH")
 
 
 def open_live_capture(name: str) -> LiveCapture:
-    """Start to capture on an interface such as `eth0`, or on `ANY_INTERFACE`; buffer its packets from now on.
+    """Start to capture on an interface such as `eth0`, or on `ANY_INTERFACE`. Packets are buffered from this
+    call on.
 
-    Iteration over the capture yields packets as they arrive, until interrupted, and raises CaptureError if
-    the capture fails, such as when the interface disappears. Use the capture as a context manager to end it.
-    Its attribute `lost` is the number of packets that the system reports as dropped for lack of buffer space.
-    It calls `on_idle`, another attribute, after `READ_TIMEOUT` without a packet.
+    Iteration over the capture yields packets as they arrive, until interrupted. The iteration raises
+    CaptureError if the capture fails, such as when the interface disappears. Use the capture as a context
+    manager, which ends the capture. The capture's attribute `lost` is the number of packets that the system
+    reports as dropped for lack of buffer space. The capture calls its attribute `on_idle` after
+    `READ_TIMEOUT` without a packet.
 
     Raises:
         CaptureError: The interface does not exist, the right to capture is missing, or the capture fails.
@@ -77,7 +80,8 @@ class _PacketSocket:
         self._name = name
         self._lost = 0
         self._interfaces: dict[str, Interface] = {}
-        everything = socket.htons(_ETH_P_ALL) if name == ANY_INTERFACE else 0  # 0: no packets before the bind
+        # protocol 0: the socket receives no packets before `bind`
+        everything = socket.htons(_ETH_P_ALL) if name == ANY_INTERFACE else 0
         self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, everything)
         try:
             self._configure()
@@ -99,7 +103,7 @@ class _PacketSocket:
     def lost(self) -> int:
         """Number of packets that the kernel dropped because the socket's buffer was full."""
         _, lost = struct.unpack("II", self._socket.getsockopt(_SOL_PACKET, _PACKET_STATISTICS, 8))
-        self._lost += lost  # the kernel resets its counter at each query
+        self._lost += lost  # the kernel resets its counter of dropped packets at each query
         return self._lost
 
     def __enter__(self) -> _PacketSocket:
@@ -148,7 +152,7 @@ class _SnifferProcess:
             raise
 
     def _wait_until_ready(self) -> int:
-        """Wait until the separate process captures; return the link type.
+        """Wait until the separate process has begun to capture; return the link type.
 
         Raises:
             PermissionError: The right to capture is missing.
@@ -163,7 +167,7 @@ class _SnifferProcess:
         return linktype
 
     def _read_record(self) -> tuple[int, int, bytes]:
-        """Read a record from the separate process; return an `ENDED` record if the process has ended."""
+        """Read a record from the separate process; return an `ENDED` record if that process has ended."""
         assert self._process.stdout is not None
         head = self._process.stdout.read(RECORD_HEADER.size)
         if len(head) < RECORD_HEADER.size:
@@ -175,7 +179,7 @@ class _SnifferProcess:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the pipe, which ends the separate process; kill a process that does not end."""
+        """Close the pipe, so that the separate process ends; kill this process if it does not end."""
         if self._process.stdout is not None:
             self._process.stdout.close()
         try:

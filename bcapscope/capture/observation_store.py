@@ -1,7 +1,8 @@
-"""Observations on disk. Reading any one of millions is fast and takes constant memory.
+"""Stores observations on disk. A store can hold millions; reading one of them is fast and takes constant
+memory.
 
-One process writes while others read. The format is the same for observations from a file, an interface, a
-proxy or a client.
+One process writes the store while other processes read it. The format is the same whether the observations
+come from a file, an interface, a proxy or a client.
 """
 
 from __future__ import annotations
@@ -17,7 +18,16 @@ from bcapscope.protocol.codec.frame import Frame, Malformed, Problem
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.filter.getters import AnnotatedFrame
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    ServerEvidence,
+    ServerEvidenceKind,
+    Transport,
+)
 
 MAX_FLOWS = 4096
 """Maximum number of conversations that the writer and each reader keep in memory."""
@@ -26,10 +36,11 @@ _FRAMES, _CONVERSATIONS = "frames", "conversations"
 
 
 class _FrameRecord(msgspec.Struct, array_like=True):
-    """Stored form of an observation. `conversation` is the number of its conversation.
+    """Stored form of an observation. `conversation` is the number of the observation's conversation.
 
     Text is stored as bytes (see `encode_text`). `function_id` is None if the kind of the call is unknown.
-    `missing` is None for a frame. `problems` are those that the bytes do not show: offset, code and reason.
+    `missing` is None for a frame. `problems` lists problems that cannot be found again from the bytes, each
+    with offset, code and reason.
     """
 
     time: int
@@ -47,7 +58,7 @@ class _FrameRecord(msgspec.Struct, array_like=True):
 
 _encode = msgspec.msgpack.encode
 _frame_decoder = msgspec.msgpack.Decoder(_FrameRecord)
-_Ends = tuple[bytes, int, bytes, int, str, bytes]
+_Ends = tuple[bytes, int, bytes, int, str, str, int]
 _ends_decoder = msgspec.msgpack.Decoder(_Ends)
 
 
@@ -61,10 +72,10 @@ def decode_text(data: bytes) -> str:
 
 
 class ObservationStoreWriter:
-    """Writes observations in the order of their numbers, which start at 1."""
+    """Writes observations in the order of their numbers. The first number is 1."""
 
     def __init__(self, folder: Path) -> None:
-        """Create the files in an existing folder that does not hold such files yet."""
+        """Create the files of the store in an existing folder that holds no store yet."""
         self._frames = AppendLogWriter(folder / _FRAMES)
         self._conversations = AppendLogWriter(folder / _CONVERSATIONS)
         self._numbers: dict[Conversation, int] = {}
@@ -74,7 +85,9 @@ class ObservationStoreWriter:
         return self._frames.count
 
     def add(self, observation: Observation, call_kind: CallKind | None, comments: Sequence[str] = ()) -> None:
-        """Add an observation, the kind of its call, and the comments that its packet has in the capture."""
+        """Add an observation, the kind of its call, and the comments on the observation's packet in the
+        capture.
+        """
         _, time, began, flow, item, packet = observation
         number = self._numbers.get(flow.conversation)
         if number is None:
@@ -105,7 +118,7 @@ class ObservationStoreWriter:
             encode_text(server.host),
             server.port,
             conversation.transport.value,
-            encode_text(conversation.server_known_by),
+            *conversation.server_evidence,
         )
         if len(self._numbers) >= MAX_FLOWS:
             self._numbers.clear()
@@ -132,7 +145,7 @@ def _encode_problems(problems: Sequence[Problem]) -> list[tuple[int, bytes, byte
 
 
 class ObservationStore:
-    """Reads the files of an `ObservationStoreWriter`, even while the writer adds observations."""
+    """Reads the files that an `ObservationStoreWriter` writes, even while the writer adds observations."""
 
     def __init__(self, folder: Path) -> None:
         """Open the files of an `ObservationStoreWriter` in a folder.
@@ -188,7 +201,9 @@ class ObservationStore:
         if pair is None:
             ends = _ends_decoder.decode(self._conversations.read_record(number))
             client, server = Endpoint(decode_text(ends[0]), ends[1]), Endpoint(decode_text(ends[2]), ends[3])
-            conversation = Conversation(client, server, Transport(ends[4]), decode_text(ends[5]))
+            conversation = Conversation(
+                client, server, Transport(ends[4]), ServerEvidence(ServerEvidenceKind(ends[5]), ends[6])
+            )
             pair = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)
             if len(self._flows) >= MAX_FLOWS:
                 self._flows.clear()

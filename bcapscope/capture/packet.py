@@ -20,5 +20,6 @@ class Interface(NamedTuple):
 
 Packet: TypeAlias = tuple[int, bytes, int, Interface, tuple[str, ...]]
 """A packet: time in ns since 1970-01-01 UTC; captured bytes; size on the wire in bytes; interface; comments.
-A packet is a plain tuple because captures hold millions of packets. To create a named tuple would take longer
-than to read the packet."""
+A packet is a plain tuple because captures hold millions of packets. Creating a named tuple would take longer
+than reading the packet.
+"""

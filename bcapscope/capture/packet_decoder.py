@@ -27,12 +27,14 @@ CONVERSATIONS_LIMIT = 10_000
 addresses would fill the memory."""
 
 COMMENTS_LIMIT = 4096
-"""Maximum number of packets whose comments are kept. The consumer of an observation reads the comments before
-they are dropped."""
+"""Maximum number of packets whose comments are kept. The limit is high enough, because code that uses an
+observation reads its comments soon.
+"""
 
 COMMENTS_BYTES = 4 * 1024 * 1024
-"""Maximum size in bytes of all kept comments. Beyond this size the oldest comments are dropped, except those
-of the latest packet."""
+"""Maximum size in bytes of all kept comments together. If the size is larger, the oldest comments are
+dropped, but never those of the latest packet.
+"""
 
 _TCP, _UDP = 6, 17
 _UDP_HEADER_SIZE = 8
@@ -40,14 +42,15 @@ _NO_ITEM = Malformed(b"", ())
 
 _UDP_IN_ETHERNET = struct.Struct(">12xHBxHxxHxBxx12sH")
 """Header fields of a UDP packet over Ethernet: Ethernet type; IPv4 version and header size, length,
-fragmentation and protocol; addresses and ports; UDP length. All are big-endian."""
+fragmentation and protocol; addresses and ports; UDP length. All fields are big-endian.
+"""
 
 _SMALLEST_IN_ETHERNET = 42 + SMALLEST_FRAME
 _SOH_AND_LENGTH = struct.Struct("<BI")
 
 
 def ignore_packet(frame: int, packet: int) -> None:
-    """Do nothing: nobody needs to know the packet of a frame."""
+    """Do nothing. This function is the default for callers that need not know the packet of a frame."""
 
 
 class PacketDecoder:
@@ -56,16 +59,18 @@ class PacketDecoder:
     Attributes:
         counts: Numbers of packets and observations so far.
         comments: Comments by packet number, for the latest `COMMENTS_LIMIT` packets with comments.
-        note_packet: Function that receives a frame number and the number of its packet. The following frames
-            and packets count up together, until the next call of the function.
-        end_time: Latest capture time of all packets so far, b-CAP or not, ns since 1970; 0 before the first.
+        note_packet: Function that receives a frame number and the number of the frame's packet. Frames after
+            that frame are in consecutive packets, until the next call of the function.
+        end_time: Latest capture time of all packets so far, of b-CAP or not, ns since 1970; 0 before the
+            first packet.
     """
 
     def __init__(self, ports: Collection[int] = BCAP_PORTS, interface_prefix: str = "") -> None:
-        """Start without conversations.
+        """Create a decoder that knows no conversation yet.
 
-        The end whose port is in `ports` is the server; on other ports, the content shows which end is the
-        server. The decoder ignores packets of interfaces whose name does not begin with `interface_prefix`.
+        The end whose port is in `ports` is the server. If neither port is in `ports`, the content shows which
+        end is the server. The decoder ignores packets of interfaces whose name does not begin with
+        `interface_prefix`.
         """
         self.counts = CaptureCounts()
         self.note_packet: Callable[[int, int], object] = ignore_packet
@@ -83,24 +88,24 @@ class PacketDecoder:
     def conversations(self) -> tuple[Conversation, ...]:
         """The first `CONVERSATIONS_LIMIT` conversations, in the order of their first observation.
 
-        The attribute `server_known_by` of a conversation states how its server was identified.
+        The attribute `server_evidence` of a conversation states how its server was identified.
         """
         return tuple(self._conversations)
 
     def decode(self, packets: Iterable[Packet]) -> Iterator[Observation]:
-        """Yield an observation for each frame, for bytes where a frame should be, and for each gap.
+        """Yield an observation for each frame, for each run of bytes that are not a frame, and for each gap.
 
         An observation is yielded once it is complete. While the server of a conversation is unknown, the
-        decoder holds the conversation's items back. A second `decode` continues the observation numbers of
-        the first.
+        decoder holds back the observations of that conversation. A second call of `decode` continues the
+        observation numbers of the first call.
 
         Raises:
-            CaptureError: `packets` raised it; all observations before were yielded.
+            CaptureError: Reading `packets` failed. All observations before the error were yielded.
         """
         counts, broken = self.counts, None
         number, packet, time, latest = counts.items, counts.packets, 0, self.end_time
         interface, ethernet, wanted = None, False, True
-        note = self.note_packet  # not called on the fast path, where each packet is the next frame
+        note = self.note_packet  # not called on the fast path, where each packet holds the next frame
         flow_of, new, templates = self._udp.flows.get, tuple.__new__, self._templates
         unpack, begin_of = _UDP_IN_ETHERNET.unpack_from, _SOH_AND_LENGTH.unpack_from
         try:
@@ -171,7 +176,9 @@ class PacketDecoder:
     def _decode_any(
         self, time: int, data: bytes, original: int, interface: Interface, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        """Parse all headers of a packet; the general path for packets that the fast path does not cover."""
+        """Parse all headers of a packet. This method is the general path, for packets that the fast path does
+        not cover.
+        """
         cut = original > len(data)
         self.counts.cut += cut
         ip = self._find_ip_packet(data, interface.linktype)
@@ -212,7 +219,8 @@ class PacketDecoder:
 
     def _decode_udp(self, ip: IPPacket, cut: bool, timed_item: TimedItem) -> list[tuple[Flow, TimedItem]]:
         there = len(ip.payload) + ip.missing
-        size = int.from_bytes(ip.payload[4:6]) or there  # 0 if the network card fills the length in
+        # the length is 0 if the network card fills it in later
+        size = int.from_bytes(ip.payload[4:6]) or there
         if len(ip.payload) < _UDP_HEADER_SIZE or size < _UDP_HEADER_SIZE:
             self.counts.broken += 1
             return []

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from bcapscope.capture.hex_text import HexPacket, read_hex_text
-from bcapscope.messages import Message
+from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
+from bcapscope.messages.places import WireText
 from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import EOT, SMALLEST_FRAME, SOH, Frame, Malformed, parse_single_frame
 from bcapscope.protocol.codec.variant import vt_name
@@ -16,12 +17,15 @@ from bcapscope.traffic.observation import (
     Endpoint,
     Flow,
     Observation,
+    ServerEvidence,
+    ServerEvidenceKind,
     Transport,
 )
 
 
 class PastedText:
-    """Observations of the packets in a text, in the order of the text. Their times are unknown and set to 0.
+    """Observations of the packets in a text, in the order of the text. The times of the observations are
+    unknown and set to 0.
 
     A packet has an additional problem if its command is unknown but similar to a known command. Bytes that
     are only one argument of a frame are also a problem.
@@ -31,11 +35,12 @@ class PastedText:
         comments: Comments on the latest packet, by packet number.
     """
 
-    def __init__(self, lines: Iterable[str]) -> None:
-        """Store the iterable of lines; iteration over the `PastedText` reads the lines."""
+    def __init__(self, lines: Iterable[str], words: MessageFormatter = ENGLISH_WORDS) -> None:
+        """Take the lines of a text. The lines are read only when you iterate over the `PastedText`."""
         self.count = 0
         self.comments: dict[int, tuple[str, ...]] = {}
         self._lines = lines
+        self._words = words
 
     def __iter__(self) -> Iterator[Observation]:
         """Yield the packets.
@@ -44,13 +49,13 @@ class PastedText:
             CaptureError: The iterable of lines raised it.
         """
         ends = Endpoint("client", 0), Endpoint("server", 0)
-        conversation = Conversation(*ends, Transport.UNKNOWN, "the text")
+        conversation = Conversation(*ends, Transport.UNKNOWN, ServerEvidence(ServerEvidenceKind.TEXT))
         flows = {direction: Flow(conversation, direction) for direction in Direction}
         for number, packet in enumerate(read_hex_text(self._lines), 1):
             flow = flows[packet.direction or Direction.REQUEST]
             self.count = number
             self.comments.clear()
-            self.comments[number] = _packet_comments(packet)
+            self.comments[number] = tuple(map(self._words.text, _packet_comments(packet)))
             yield Observation(number, 0, 0, flow, _decode_packet(packet), number)
 
 
@@ -62,7 +67,9 @@ def _decode_packet(packet: HexPacket) -> Frame | Malformed:
 
 
 def _lone_argument_problems(data: bytes) -> Iterator[Problem]:
-    """Yield a problem if the bytes are one argument of a frame, such as one copied from a table of fields."""
+    """Yield a problem if the bytes are only one argument of a frame, such as an argument copied from a table
+    of fields.
+    """
     size = (SMALLEST_FRAME + len(data)).to_bytes(4, "little")
     frame = Frame(bytes((SOH,)) + size + bytes(8) + b"\1\0" + data + bytes((EOT,)))
     if not frame.problems:
@@ -79,10 +86,14 @@ def _command_problem(request: Frame) -> Problem | None:
     return Problem(request.arguments[1].start, "name", Message("problem.command", command=near))
 
 
-def _packet_comments(packet: HexPacket) -> tuple[str, ...]:
-    comments = [f"line {packet.line}{': ' if packet.caption else ''}{packet.caption}"]
+def _packet_comments(packet: HexPacket) -> tuple[Message, ...]:
+    comments = [
+        Message("pasted.line.captioned", line=packet.line, caption=WireText(packet.caption))
+        if packet.caption
+        else Message("pasted.line", line=packet.line)
+    ]
     if packet.direction is None:
-        comments.append("direction unknown, decoded as a request")
+        comments.append(Message("pasted.direction-unknown"))
     elif packet.is_direction_guessed:
-        comments.append(f"taken for a {packet.direction} by its bytes")
+        comments.append(Message(f"pasted.direction-by-bytes.{packet.direction.value}"))
     return (*comments, *packet.notes)

@@ -17,11 +17,12 @@ MAGICS = {
     b"\x4d\x3c\xb2\xa1": ("<", 1),
     b"\xa1\xb2\x3c\x4d": (">", 1),
 }
-"""Byte order, and the unit in ns of the second time field, by magic number of the file."""
+"""For each magic number of a file, the byte order and the unit in ns of the second time field."""
 
 RECORD_LIMIT = 256 * 1024
-"""Largest packet in bytes. libpcap refuses larger ones for every link type that carries IP (pcap-int.h,
-MAXIMUM_SNAPLEN 262144)."""
+"""Largest packet in bytes. libpcap refuses larger packets for every link type that carries IP (pcap-int.h,
+MAXIMUM_SNAPLEN 262144).
+"""
 
 _HEADER_SIZE = 24
 _RECORD_HEADER_SIZE = 16
@@ -33,7 +34,7 @@ def read_pcap(source: ByteSource) -> Iterator[Packet]:
 
     Raises:
         CaptureError: The file ends inside a record, or a record claims more than `RECORD_LIMIT` bytes. All
-            packets before were yielded.
+            packets before the damage were yielded.
     """
     if not source.ensure_bytes(_HEADER_SIZE):
         raise CaptureError(Message("capture.cut-header", length=len(source.data)), 0)

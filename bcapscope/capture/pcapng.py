@@ -19,18 +19,22 @@ BLOCK_LIMIT = 16 * 1024 * 1024
 """Largest block in bytes, as in libpcap (sf-pcapng.c, INITIAL_MAX_BLOCKSIZE)."""
 
 INTERFACES_LIMIT = 65536
-"""Maximum number of interfaces per section: as many as the obsolete packet block can number."""
+"""Maximum number of interfaces per section: the number that the 16-bit field of the obsolete packet block
+allows.
+"""
 
 LONGEST_NAME = 128
 """Maximum number of characters to keep of an interface's name."""
 
 COMMENTS_SIZE = 65_535
-"""Maximum number of bytes to read of all comments on a packet: the largest size of a single comment."""
+"""Maximum number of bytes to read of all comments on a packet together. The limit is the largest size that
+one comment can have.
+"""
 
 _SECTION, _INTERFACE, _OBSOLETE, _SIMPLE, _ENHANCED = 0x0A0D0D0A, 1, 2, 3, 6
 _END, _COMMENT, _NAME, _RESOLUTION, _OFFSET = 0, 1, 2, 9, 14  # option codes
 _ORDERS = {b"\x4d\x3c\x2b\x1a": "<", b"\x1a\x2b\x3c\x4d": ">"}
-_BLOCK_OVERHEAD = 12  # type and length before the body of a block, the length again after the body
+_BLOCK_OVERHEAD = 12  # type and length before the body of a block, and the length again after the body
 _ENHANCED_SIZE = 32  # size of an enhanced packet block without data and options
 
 
@@ -58,8 +62,8 @@ def read_pcapng(source: ByteSource) -> Iterator[Packet]:
     Since a simple packet block has no time, its packet gets the time of the previous packet.
 
     Raises:
-        CaptureError: The file ends inside a block, or a block contradicts itself. All packets before were
-            yielded.
+        CaptureError: The file ends inside a block, or a block contradicts itself. All packets before the
+            damage were yielded.
     """
     section = _Section()
     position = count = time = 0
@@ -68,7 +72,7 @@ def read_pcapng(source: ByteSource) -> Iterator[Packet]:
         end = len(data)
         head, clocks = section.packet_header.unpack_from, section.clocks
         current = epoch = -1
-        while position + _ENHANCED_SIZE <= end:  # fast path: enhanced packet blocks without options
+        while position + _ENHANCED_SIZE <= end:  # fast path for enhanced packet blocks without options
             kind, size, number, high, low, kept, original = head(data, position)
             stop = position + size
             if kind != _ENHANCED or size != kept + _ENHANCED_SIZE + 3 & ~3 or stop > end:
@@ -107,7 +111,9 @@ def read_pcapng(source: ByteSource) -> Iterator[Packet]:
 
 
 class _Section:
-    """Parses the blocks of a section in the section's byte order, and holds the section's interfaces."""
+    """Parses the blocks of a pcapng section in the section's byte order, and keeps the interfaces of the
+    section.
+    """
 
     def __init__(self) -> None:
         self.clocks: list[_InterfaceClock] = []
@@ -122,7 +128,7 @@ class _Section:
         """Unpack numbers.
 
         Raises:
-            _DamagedBlockError: The block is too small for the numbers.
+            _DamagedBlockError: The block is too small to hold the numbers.
         """
         try:
             return struct.unpack_from(self._order + form, data, position)
@@ -130,7 +136,7 @@ class _Section:
             raise _DamagedBlockError(Message("capture.block.too-small", length=len(data))) from None
 
     def block_size(self, data: bytes, position: int) -> int:
-        """Return the size of the block at `position` in bytes; 0 if `data` does not hold all of it."""
+        """Return the size of the block at `position` in bytes; 0 if `data` does not hold the whole block."""
         there = len(data) - position
         if there < _BLOCK_OVERHEAD:
             return 0

@@ -15,7 +15,7 @@ _SECTION = struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)
 _HEAD, _SIZE = struct.Struct("<IIIIIII"), struct.Struct("<I")
 _WORD = 0xFFFFFFFF
 _PADDING = b"", b"\0\0\0", b"\0\0", b"\0"
-"""Padding of data to a multiple of four bytes, by the two low bits of the data's size."""
+"""Padding that extends data to a multiple of four bytes. The index is the two low bits of the data's size."""
 
 _COMMENT, _NAME, _RESOLUTION = 1, 2, 9
 _END = struct.pack("<HH", 0, 0)
@@ -25,7 +25,8 @@ _LONGEST_OPTION = 65535
 
 
 class PacketTemplate(NamedTuple):
-    """The common bytes of packet blocks that differ only in the time and in the end of the packet's data.
+    """The bytes that are the same in all packet blocks that differ only in the time and in the end of the
+    packet's data.
 
     Attributes:
         before_time: Bytes of the block before the time.
@@ -41,19 +42,21 @@ class PacketTemplate(NamedTuple):
 
 
 PacketPairEncoder: TypeAlias = Callable[[int, int, bytes], bytes]
-"""Function that returns the blocks of two packets with the same varying data. Its arguments are the times of
-both packets, ns since 1970, and the varying data."""
+"""Function that returns the blocks of two packets with the same varying data. The arguments of the function
+are the times of both packets, ns since 1970, and the varying data.
+"""
 
 
 class PcapngWriter:
-    """Writes a capture packet by packet, and describes each interface before its first packet.
+    """Writes a capture packet by packet. Before the first packet of an interface, it writes the description
+    of the interface.
 
     Attributes:
         packet_count: Number of packets written so far.
     """
 
     def __init__(self, file: BinaryIO | RawIOBase) -> None:
-        """Write the section header to `file`. The file must be unbuffered, or the caller must flush it."""
+        """Write the section header to `file`. If the file is buffered, the caller must flush it."""
         self._file = file
         self._interfaces: dict[Interface, int] = {}
         self.packet_count = 0
@@ -77,7 +80,7 @@ class PcapngWriter:
         write_all(self._file, b"".join((head, data, _PADDING[captured & 3], options, _SIZE.pack(size))))
 
     def write_blocks(self, blocks: bytes, count: int) -> None:
-        """Write finished blocks of `count` packets, made from templates of this writer.
+        """Write the finished blocks of `count` packets. The blocks must come from templates of this writer.
 
         Raises:
             OSError: The file cannot be written, such as on a full disk.
@@ -111,9 +114,10 @@ class PcapngWriter:
 
 
 def pair_encoder(first: PacketTemplate, second: PacketTemplate) -> PacketPairEncoder:
-    """Return a function that makes one block of each template in a single step, which halves the time.
+    """Return a function that makes one block of each template in a single step. Making both blocks in one
+    step takes half the time of making them one after the other.
 
-    Both templates have the same `data_size`.
+    `first` and `second` must have the same `data_size`.
     """
     joint = first.after_data + second.before_time
     before, between, also, behind = first.before_time, first.after_time, second.after_time, second.after_data
@@ -145,7 +149,7 @@ def write_annotated(packets: Iterable[Packet], notes: Mapping[int, str], file: B
     `notes` holds the user's notes by packet number, from 1. An empty note only marks the packet.
 
     Raises:
-        CaptureError: `packets` raised it.
+        CaptureError: Reading `packets` failed.
         OSError: The file cannot be written, such as on a full disk.
     """
     writer = PcapngWriter(file)
@@ -170,7 +174,7 @@ def is_packet_block(block: bytes) -> bool:
 
 def _option(code: int, text: str) -> bytes:
     data = text.encode("utf-8", "replace")[:_LONGEST_OPTION]
-    data = data.decode("utf-8", "ignore").encode()  # drop a character that the limit cuts in two
+    data = data.decode("utf-8", "ignore").encode()  # drop the last character if the limit cut it in two
     return struct.pack("<HH", code, len(data)) + _padded(data)
 
 

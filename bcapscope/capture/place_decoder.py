@@ -1,4 +1,4 @@
-"""Decode several captures, some of which hold the same conversation from different places."""
+"""Decode several captures, some of which hold the same conversation, captured at different places."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from bcapscope.traffic.joining.place_merger import Coverage
 from bcapscope.traffic.observation import Conversation, Observation
 
 OpenSequence = Callable[[Sequence[str]], CaptureSequence]
-"""Function that opens files as one sequence. Their read errors are reported to the user."""
+"""Function that opens several files as one sequence. The sequence reports read errors to the user."""
 
 
 class PlaceDecoder:
-    """Turns the packets of several captures into observations, in order of time.
+    """Turns the packets of several captures into observations, in chronological order.
 
-    Conversations that two captures hold get a `capture_side`, by which a `Joiner` joins them. The times of
-    their observations are converted to the clock of the capture at the client's side. Packets are numbered
-    over all files: first the files of the client's side, then those of the controller's side, then the
-    others.
+    A conversation that two captures hold gets a `capture_side` in each. A `Joiner` joins the observations by
+    their `capture_side`. The times of observations of such a conversation are converted to the clock of the
+    capture at the client's side. Packets are numbered over all files: first the files captured at the
+    client's side, then those captured at the controller's side, then all other files.
 
     Attributes:
-        note_packet: As in `PacketDecoder`.
+        note_packet: Function that receives frame and packet numbers, as in `PacketDecoder`.
         comments: Comments by packet number, for the latest packets with comments.
     """
 
@@ -82,7 +82,7 @@ class PlaceDecoder:
 
     @property
     def paths(self) -> Sequence[str]:
-        """Paths of the captures: first those of the plans."""
+        """Paths of all captures. Those that are named in the plans come first."""
         return [path for sequence in self._sequences() for path in sequence.paths]
 
     @property
@@ -97,7 +97,7 @@ class PlaceDecoder:
         return None if None in sizes else sum(size or 0 for size in sizes)
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return where a packet is found, by its number among all packets; None if it is not known."""
+        """Return the capture that holds a packet, and the packet's number there; None if not known."""
         source = next(each for each in reversed(self._sources) if each.base < packet or not each.base)
         return source.origin_of(packet - source.base)
 
@@ -108,7 +108,7 @@ class PlaceDecoder:
         """Yield the observations of all captures.
 
         Raises:
-            CaptureError: The function that reads the packets raised it.
+            CaptureError: The function that reads the packets raised this error.
         """
         streams = [source.timed_observations(self._keep_comments) for source in self._sources]
         merged: Iterable[tuple[int, Observation]] = heapq.merge(*streams, key=itemgetter(0))
@@ -124,7 +124,8 @@ class PlaceDecoder:
 
 
 class _Part(NamedTuple):
-    """Files that a decoder reads, whose times are converted from `clock` to the client-side clock.
+    """Files that one decoder reads. The times of the files are converted from `clock` to the clock at the
+    client's side.
 
     `packets` is the number of packets in the files; 0 for the last part, where the number is not needed.
     """
@@ -143,7 +144,7 @@ class _Part(NamedTuple):
 
 
 class _Source:
-    """The parts that one decoder reads one after another."""
+    """The groups of files (`_Part`) that one decoder reads one after another."""
 
     def __init__(
         self,
@@ -159,7 +160,7 @@ class _Source:
         self._known: set[Conversation] = set()
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return where a packet of this source is found."""
+        """Return the capture that holds a packet of this source, and the packet's number there."""
         *first, last = self.parts
         for part in first:
             if packet <= part.packets:
@@ -170,7 +171,9 @@ class _Source:
     def timed_observations(
         self, keep_comments: Callable[[int, tuple[str, ...]], object]
     ) -> Iterator[tuple[int, Observation]]:
-        """Yield the observations with their times. Their packet numbers count the packets of all sources."""
+        """Yield the observations with their times. The packet numbers of observations count the packets of
+        all sources.
+        """
         comments, base = self.decoder.comments, self.base
         packets = chain.from_iterable(part.timed_packets() for part in self.parts)
         for observation in self.decoder.decode(packets):
@@ -190,8 +193,9 @@ def _part(plan: PlacePlan, place: CapturePlace, open_sequence: OpenSequence) -> 
 
 
 def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
-    """Return groups of plans that share conversations, such as the files of two rings. Each group is in order
-    of time."""
+    """Return groups of plans that have conversations in common, such as plans for the files of two ring
+    captures. Each group is in chronological order.
+    """
     groups: list[list[PlacePlan]] = []
     for plan in sorted(plans, key=lambda each: each.files[0].begins):
         group = next((each for each in groups if not set(each[0].shared).isdisjoint(plan.shared)), None)
@@ -203,7 +207,9 @@ def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
 
 
 def _sides_of(group: Sequence[PlacePlan]) -> tuple[dict[ConversationEnds, CaptureSide], ...]:
-    """Return the shared conversations at each place, by their ends."""
+    """Return for each place the shared conversations. The keys are the ends of a conversation as captured
+    there.
+    """
     coverage = (
         Coverage(min(plan.files[0].begins for plan in group), max(plan.files[0].ends for plan in group)),
         Coverage(

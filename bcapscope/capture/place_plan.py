@@ -27,13 +27,15 @@ from bcapscope.traffic.joining.place_merger import JOIN_WITHIN_NS
 from bcapscope.traffic.observation import Direction, Observation
 
 SAMPLE_PACKETS = 20_000
-"""Maximum number of packets of any protocol that are read for a sample."""
+"""Maximum number of packets, of any protocol, that bcapscope reads of each file to compare files."""
 
 MAX_FILES = 100
-"""Maximum number of files that are compared. Comparing more files takes long."""
+"""Maximum number of files that are compared to find shared conversations. Comparing more files would take too
+long.
+"""
 
 FEWEST_JOINED = 2
-"""Minimum number of equal frames of a conversation in two files that are joined."""
+"""Minimum number of equal frames that two files must hold so that a conversation in both is joined."""
 
 
 @dataclass(slots=True)
@@ -57,9 +59,10 @@ class PlacePlan:
     """Two capture files that hold the same conversations.
 
     Attributes:
-        files: File from the client's side, and file from the controller's side.
+        files: File captured at the client's side, and file captured at the controller's side.
         clock: How far the clock of the second file is ahead of the clock of the first.
-        shared: Ends of each shared conversation, at the client's and at the controller's side.
+        shared: For each shared conversation, its ends as captured at the client's side and at the
+            controller's side.
     """
 
     files: tuple[PlaceFile, PlaceFile]
@@ -70,8 +73,8 @@ class PlacePlan:
 def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]:
     """Return the pairs of files that hold the same conversation. A file is in one pair at most.
 
-    Files that cannot be read are in no pair. Reading them again reports why. A pipe is in no pair, because
-    it can be read only once.
+    A file that cannot be read is in no pair; the error is reported when the file is read again. A pipe is in
+    no pair, because it can be read only once.
     """
     files = [path for path in dict.fromkeys(paths) if Path(path).is_file()]
     samples = {path: _Sample.read(path, ports) for path in files} if len(files) <= MAX_FILES else {}
@@ -88,10 +91,10 @@ def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]
 
 
 class _Sample:
-    """The beginning of a file.
+    """A sample of a file: its first packets.
 
     Attributes:
-        begins: Time of the first packet of the sample, ns since 1970; 0 without packets.
+        begins: Time of the first packet of the sample, ns since 1970; 0 if the sample has no packets.
     """
 
     def __init__(self, path: str) -> None:
@@ -146,7 +149,9 @@ def _plan_pair(one: _Sample, other: _Sample, ports: Collection[int]) -> PlacePla
 
 
 def _find_later(one: _Sample, other: _Sample, ports: Collection[int]) -> list[SharedConversation]:
-    """Return the shared conversations of two files if one file begins in the middle of the other."""
+    """Return the conversations that two files share, if one file begins later than the other. The later file
+    is compared with packets from the middle of the earlier one.
+    """
     earlier, later = (one, other) if one.begins <= other.begins else (other, one)
     if earlier.ends < later.begins:
         return []
@@ -155,15 +160,15 @@ def _find_later(one: _Sample, other: _Sample, ports: Collection[int]) -> list[Sh
 
 
 def _overlap(one: PlaceFile, other: PlaceFile) -> bool:
-    """Return whether two files were captured at the same time, each by its own clock."""
+    """Return whether the times of two files overlap, each by the clock of its own file."""
     return one.begins <= other.ends and other.begins <= one.ends
 
 
 def _is_at_client(shared: SharedConversation) -> bool:
     """Return whether the first of two captures was taken nearer to the client.
 
-    Nearer to the client, requests are captured earlier and replies later. The clocks may differ, so only the
-    difference between the two offsets shows this.
+    A capture nearer to the client sees requests earlier and replies later. The clocks of the captures may
+    differ, so only the difference between the offset of requests and the offset of replies shows the order.
     """
     if shared.request_offset is None or shared.reply_offset is None:
         return True
@@ -181,7 +186,7 @@ def _reversed(shared: SharedConversation) -> SharedConversation:
 
 
 class _Measurement:
-    """Reads two files to their ends, and finds the frames that both hold."""
+    """Reads two files to their ends, and finds the frames that both files hold."""
 
     def __init__(self, files: tuple[PlaceFile, PlaceFile], offset: int, ports: Collection[int]) -> None:
         self.shared: list[tuple[ConversationEnds, ConversationEnds]] = []
@@ -202,8 +207,9 @@ class _Measurement:
         return self._estimator.estimate()
 
     def _choose_shared(self) -> None:
-        """Give each conversation at most one twin: the one with the same ends, or else with the most equal
-        frames."""
+        """Pair each conversation of one file with at most one conversation of the other file. A conversation
+        with the same ends is preferred, then the one with the most equal frames.
+        """
         taken: set[tuple[CapturePlace, ConversationEnds]] = set()
         for ends in sorted(self._joined, key=lambda each: (each[0] != each[1], -self._joined[each])):
             own = set(zip(CapturePlace, ends, strict=True))
@@ -212,7 +218,9 @@ class _Measurement:
                 self.shared.append(ends)
 
     def _timed(self, place: CapturePlace) -> Iterator[tuple[int, CapturePlace, Observation]]:
-        """Yield the observations of a file with their rough times by the client-side clock."""
+        """Yield the observations of a file, each with its approximate time by the clock at the client's
+        side.
+        """
         file = self._files[place]
         with suppress(CaptureError), open_capture(file.path) as capture:
             for observation in PacketDecoder(self._ports).decode(_counted(capture, file)):
@@ -229,14 +237,15 @@ class _Measurement:
             self._drop_old(waiting, observation.time)
             return
         near, far = (observation, twin) if place is CapturePlace.CLIENT_SIDE else (twin, observation)
-        self._offset = far.time - near.time  # updated with each frame, to follow a drift over many hours
+        # updated with each frame, to follow the drift of the clocks over many hours
+        self._offset = far.time - near.time
         self._estimator.add_frame(near.time, far.time, is_request=key[0] is Direction.REQUEST)
         ends = ends_of(near.flow.conversation), ends_of(far.flow.conversation)
         self._joined[ends] = self._joined.get(ends, 0) + 1
 
     @staticmethod
     def _drop_old(waiting: dict[tuple[Direction, bytes], Observation], now: int) -> None:
-        """Drop the frames that the other place did not capture in time."""
+        """Drop the frames that the other place did not capture within the permitted time."""
         while waiting:
             oldest = next(iter(waiting))
             if waiting[oldest].time + JOIN_WITHIN_NS >= now:
@@ -245,7 +254,7 @@ class _Measurement:
 
 
 def _counted(packets: Iterable[Packet], file: PlaceFile) -> Iterator[Packet]:
-    """Yield packets, and note in `file` how many there are and when they were captured."""
+    """Yield packets, and store in `file` their number and the times of the first and last packet."""
     for packet in packets:
         file.packets += 1
         file.begins = file.begins or packet[0]

@@ -10,9 +10,9 @@ from collections.abc import Collection
 from bcapscope.protocol.codec.frame import EOT, LARGEST_FRAME, SMALLEST_FRAME, SOH, Frame, Malformed
 from bcapscope.protocol.codec.stream_splitter import MAX_RESYNC_ARGUMENTS
 from bcapscope.protocol.codec.variant import VT
-from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
+from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.protocol.tables.hresult import S_EXECUTING, S_FALSE, S_OK
-from bcapscope.traffic.observation import Direction
+from bcapscope.traffic.observation import Direction, ServerEvidence, ServerEvidenceKind
 
 BCAP_PORTS = frozenset({5007})
 """Ports on which controllers listen, UDP and TCP (orin_bcap C/include/bcap_common.h)."""
@@ -22,29 +22,32 @@ SENT_TYPES: dict[str, tuple[int, ...]] = {
     "VT_R4": (VT.R4, VT.R8),
     "VT_BSTR": (VT.BSTR,),
 }
-"""VARIANT types that clients send for each argument type of the function table. An argument declared as
-VARIANT may have any type."""
+"""For each argument type in the function table, the VARIANT types that clients send. An argument declared as
+VARIANT may have any type.
+"""
 
 
 def server_index_by_port(ports: Collection[int], first: int, second: int) -> int | None:
-    """Return the index, 0 or 1, of the port that is in `ports`; None if both ports are, or neither."""
+    """Return the index, 0 or 1, of the port that is in `ports`; None if both ports are in `ports`, or neither
+    is.
+    """
     known = (first in ports, second in ports)
     return known.index(True) if sum(known) == 1 else None
 
 
-def direction_evidence(item: Frame | Malformed) -> tuple[Direction, str] | None:
-    """Return the direction that the content proves, and the evidence as text; None without proof.
+def direction_evidence(item: Frame | Malformed) -> tuple[Direction, ServerEvidence] | None:
+    """Return the direction that the content proves, and the evidence; None if the content proves nothing.
 
     A code of 0 or 0x900, and a code with the top bit set, can only be a result code. The code 1 with one
-    string is Service_Start, not S_FALSE. Any other function id proves a request only if the arguments fit the
-    function.
+    string as argument is Service_Start, not S_FALSE. Any other function id proves that a frame is a request
+    only if the arguments fit the function.
     """
     if isinstance(item, Malformed) or item.problems:
         return None
     if item.code in (S_OK, S_EXECUTING) or item.code & 0x80000000:
-        return Direction.RESPONSE, f"a result, 0x{item.code:08X}, that no request can carry"
+        return Direction.RESPONSE, ServerEvidence(ServerEvidenceKind.RESULT, item.code)
     if item.code in FUNCTIONS and _arguments_fit(item):
-        return Direction.REQUEST, f"a call of {function_name(item.code)} with its arguments"
+        return Direction.REQUEST, ServerEvidence(ServerEvidenceKind.CALL, item.code)
     return None
 
 

@@ -1,4 +1,4 @@
-"""A recording in one file, or in a ring of files whose oldest ones are removed."""
+"""A recording in one file, or in a ring of files: when the ring is full, the oldest file is removed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SMALLEST = 10_000
 """Smallest size limit, in bytes, that users can set for the files of a ring."""
 
 _BLOCK_OVERHEAD = 512
-"""Memory in bytes that a pending block needs besides its data."""
+"""Memory in bytes that a block waiting to be written needs in addition to its data."""
 
 _DISK_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
@@ -35,9 +35,10 @@ class RotationLimits:
 
     Attributes:
         files: Maximum number of files in the ring.
-        size: Size in bytes of a file after which the next packet begins a new file; 0 for no limit.
-        seconds: Seconds after a file's first packet, after which the next packet begins a new file; 0 for no
-            limit.
+        size: Maximum size of a file in bytes. Once a file has this size, the next packet begins a new file; 0
+            for no limit.
+        seconds: Maximum duration of a file in s, counted from its first packet. A packet that arrives later
+            begins a new file; 0 for no limit.
     """
 
     files: int
@@ -64,24 +65,25 @@ def parse_rotation(text: str) -> RotationLimits:
         elif as_time is not None and not seconds:
             seconds = int(as_time[1]) * _TIMES[as_time[2]]
         else:
-            raise ValueError(
-                f"{part!r} is neither a size such as 100MB nor a time such as 1h, or is given twice"
-            )
+            raise ValueError(f"{part!r} is not a size such as 100MB or a time such as 1h, or is given twice")
     if (size and size < _SMALLEST) or not size + seconds:
         raise ValueError(f"{text!r}: each file must hold at least 10kB and at least one second")
     return RotationLimits(int(found[1]), size, seconds)
 
 
 class RotatingRecording(io.RawIOBase):
-    """Writes a recording to one file or a ring of files; `flush` writes all pending blocks at once.
+    """Writes a recording to one file or to a ring of files. Blocks are pending until `flush` writes all of
+    them at once.
 
-    One thread may add packets while another thread calls `flush`, unless the recording is a ring.
+    If the recording is one file, one thread may add packets while another thread calls `flush`. A ring does
+    not allow this.
 
-    The caller calls `rotate_if_full` before each packet. So a new file begins only when there is a packet for
-    it. Therefore no file is empty, and no old file is removed without need.
+    The caller calls `rotate_if_full` before each packet. A new file therefore begins only when there is a
+    packet for it. No file is empty, and an old file is removed only when needed.
 
-    On a full disk, a ring removes its oldest file and continues. No file takes more than half of the space
-    that was free when it began. Therefore the ring has an older file to remove when the disk is full.
+    On a full disk, a ring removes its oldest file and continues. No file takes more than half of the disk
+    space that was free when the file began. Therefore the ring has an older file to remove when the disk is
+    full.
 
     Attributes:
         recording: Writer of packets to the current file.
@@ -89,7 +91,7 @@ class RotatingRecording(io.RawIOBase):
     """
 
     def __init__(self, path: Path, limits: RotationLimits | None = None) -> None:
-        """Create the first file at a path that must not exist.
+        """Create the first file. No file may exist at `path`.
 
         Without `limits`, the first file is the only file.
 
@@ -110,7 +112,8 @@ class RotatingRecording(io.RawIOBase):
         try:
             self._open_next_file()
         except OSError:
-            super().close()  # Else Python calls `close` later, without a file to close.
+            # Without this call, Python would call `close` later, when there is no file to close.
+            super().close()
             raise
         self.recording = SocketRecording(self)
         self._write_file_header()
@@ -119,9 +122,9 @@ class RotatingRecording(io.RawIOBase):
         return True
 
     def write(self, data: bytes, /) -> int:  # type: ignore[override]  # takes whole blocks as bytes
-        """Add whole pcapng blocks, which the next `flush` writes to the file.
+        """Add whole pcapng blocks. The next `flush` writes them to the file.
 
-        A closed recording drops them.
+        After `close`, added blocks are dropped.
         """
         if not self.closed:
             self._pending.append(data)
@@ -134,15 +137,17 @@ class RotatingRecording(io.RawIOBase):
 
     @property
     def packets_pending(self) -> int:
-        """Number of packets in the pending blocks; only correct if each `write` added one block."""
+        """Number of packets in the pending blocks. The number is correct only if each call of `write` added
+        one block.
+        """
         return sum(map(is_packet_block, self._pending.copy()))
 
     def flush(self) -> None:
         """Write all pending blocks to the file.
 
         Raises:
-            OSError: The file cannot be written, such as on a full disk. The file keeps only its earlier
-                content.
+            OSError: The file cannot be written, such as on a full disk. The file then holds only what earlier
+                calls wrote.
         """
         count = len(self._pending)
         if not count:
@@ -161,7 +166,7 @@ class RotatingRecording(io.RawIOBase):
     def _try_write(self, data: bytes) -> bool:
         """Write all of `data`, or nothing if the disk is full.
 
-        Return False if the ring's oldest file was removed.
+        Return False if the disk was full and the ring's oldest file was removed; the caller then tries again.
 
         Raises:
             OSError: The file cannot be written, and no file can be removed.
@@ -180,7 +185,7 @@ class RotatingRecording(io.RawIOBase):
         return True
 
     def _free_space(self, error: OSError, kept: int) -> bool:
-        """On a full disk, remove the ring's oldest file; keep the `kept` newest.
+        """If the disk is full, remove the ring's oldest file, but never one of the `kept` newest files.
 
         Return whether a file was removed.
         """
@@ -191,7 +196,7 @@ class RotatingRecording(io.RawIOBase):
         return True
 
     def _remove_oldest(self) -> None:
-        with suppress(OSError):  # the user may have moved the file
+        with suppress(OSError):  # fails if the user has moved the file
             self._files.popleft().unlink()
 
     def rotate_if_full(self) -> bool:
@@ -213,7 +218,7 @@ class RotatingRecording(io.RawIOBase):
         return True
 
     def close(self) -> None:
-        """Close the file; blocks that were added after the last `flush` are lost."""
+        """Close the file. Blocks that were added after the last `flush` are lost."""
         self._drop_pending()
         super().close()
         self._file.close()

@@ -1,4 +1,4 @@
-"""Map long runs of numbers to numbers of other sources, in little memory."""
+"""Map long runs of successive numbers to the numbers of their sources, in little memory."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ from array import array
 from bisect import bisect_right
 
 MAX_RUNS = 2_000_000
-"""Maximum number of runs of packets or frames whose origin is remembered; they take 40 MB. The origin of
-later packets and frames is unknown."""
+"""Maximum number of runs of packets or frames in a table, which then takes 40 MB. For packets and frames
+after the last run, the table cannot tell in which capture they are.
+"""
 
 
 class RunTable:
-    """Runs of successive numbers that belong to successive numbers of a source."""
+    """A table of runs. Each run maps successive numbers to successive numbers of one source, such as a
+    capture.
+    """
 
     def __init__(self) -> None:
         self._starts = array("Q")
@@ -21,8 +24,8 @@ class RunTable:
     def add(self, start: int, source: int, number: int) -> None:
         """Begin a run: the numbers from `start` on belong to the numbers from `number` on in `source`.
 
-        A run that begins at the same number as the latest one replaces it. A run that only continues the
-        latest one adds nothing.
+        If the new run begins at the same number as the latest run, it replaces the latest run. If the new run
+        only continues the latest run, nothing is added.
         """
         if len(self._starts) > MAX_RUNS:
             return

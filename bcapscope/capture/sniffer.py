@@ -1,8 +1,8 @@
-"""`python -m bcapscope.capture.sniffer INTERFACE`: capture with scapy, in a process that does nothing else.
+"""`python -m bcapscope.capture.sniffer INTERFACE`: capture with scapy, in a separate process.
 
 scapy is under the GPL, version 2 only. Filters use google-re2, whose wheel contains code under the Apache
-License 2.0. The two licences do not permit both in one program. Therefore scapy runs in a separate process,
-which otherwise loads only Python's standard library. The process sends packets through a pipe.
+License 2.0. The two licences do not permit both libraries in one program. Therefore scapy runs in a separate
+process that loads nothing else but Python's standard library. The process sends packets through a pipe.
 
 The process writes records to standard output: a `RECORD_HEADER` with kind, time and length, then `length`
 bytes of data.
@@ -24,19 +24,20 @@ RECORD_HEADER = struct.Struct("<BqI")
 of bytes that follow."""
 
 READ_TIMEOUT = 0.25
-"""Maximum time in s that a read waits for a packet. After this time, interrupts take effect, and each process
-notices when the other has ended."""
+"""Maximum time in s that a read waits for a packet. After each read, both processes handle interrupts, and
+notice whether the other process has ended.
+"""
 
 
 class SnifferRecordKind(IntEnum):
     READY = 0
-    """Capturing has begun; the record's number is the link type."""
+    """Capturing has begun; the number in the record's head is the link type."""
     PACKET = 1
     """A packet follows."""
     ALIVE = 2
     """No packet came for `READ_TIMEOUT`."""
     FORBIDDEN = 3
-    """The right to capture is missing."""
+    """The process has no permission to capture."""
     ENDED = 4
     """The capture ended; the record's data is the reason as UTF-8."""
 
@@ -52,8 +53,8 @@ class ScapySource:
         """Start to capture on an interface.
 
         Raises:
-            PermissionError: The right to capture is missing.
-            OSError, Scapy_Exception: The interface cannot be captured.
+            PermissionError: The process has no permission to capture. OSError, Scapy_Exception: The interface
+            cannot be captured.
         """
         from scapy.all import conf, resolve_iface  # noqa: PLC0415 - takes a second
 
@@ -61,7 +62,9 @@ class ScapySource:
         self.linktype: int = conf.l2types.layer2num.get(self._socket.LL, 1)
 
     def packets(self) -> Iterator[tuple[int, bytes] | None]:
-        """Yield each packet as time (ns since 1970) and bytes; None after `READ_TIMEOUT` without packet."""
+        """Yield each packet as time (ns since 1970) and bytes; yield None after each `READ_TIMEOUT` without a
+        packet.
+        """
         while True:
             if not self._socket.select([self._socket], READ_TIMEOUT):
                 yield None
@@ -87,7 +90,7 @@ def main(name: str, out: BinaryIO) -> None:
             else:
                 write(SnifferRecordKind.PACKET, *packet)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())  # else Python cannot flush at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())  # so that Python can flush stdout at exit
     except PermissionError:
         write(SnifferRecordKind.FORBIDDEN)
     except Exception as error:  # scapy raises its own exceptions, some of them undocumented

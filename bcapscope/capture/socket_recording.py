@@ -1,7 +1,8 @@
 """Record the traffic of sockets as a capture: raw IP packets in pcapng, which other tools can read.
 
 A socket shows neither IP nor transport headers. The recording therefore has artificial headers, with the real
-addresses and ports. A TCP segment holds the bytes of one send or receive; acknowledgements are not recorded.
+addresses and ports. Each recorded TCP segment holds the bytes of one send or receive. Acknowledgements are
+not recorded.
 """
 
 from __future__ import annotations
@@ -27,17 +28,22 @@ _UNNAMED_INTERFACE = Interface(RAW_IP)
 _UDP, _TCP = 17, 6
 _FIN, _SYN, _RST, _PUSH, _ACK = 1, 2, 4, 8, 16
 _MAX_SEGMENT_BYTES = 60_000
-"""Maximum number of bytes in a recorded TCP segment; more bytes become several packets."""
+"""Maximum number of bytes in a recorded TCP segment. If a socket sends or receives more at once, bcapscope
+writes several packets.
+"""
 
 _SEQUENCE_NS = 4000
-"""Time in ns after which the initial TCP sequence number is one higher. A new connection between the same
-ends therefore starts with a higher number (RFC 9293, 3.4.1)."""
+"""Time in ns in which the initial sequence number of new TCP connections increases by one. A new connection
+between the same ends therefore starts with a higher number (RFC 9293, 3.4.1).
+"""
 
 _MAX_HOST_PAIRS = 4096
-"""Maximum number of host pairs, and of address-and-port pairs, whose packet headers are cached."""
+"""Maximum number of pairs of hosts whose packet headers are cached. The same limit applies to pairs of
+address and port.
+"""
 
 _MAX_SIZES = 64
-"""Maximum number of datagram sizes, between the same two ends, whose headers are cached."""
+"""Maximum number of datagram sizes whose headers are cached for the same two ends."""
 
 _IPV4 = struct.Struct(">BBHHHBBH8s")
 _IPV6 = struct.Struct(">IHBB32s")
@@ -71,7 +77,7 @@ class SocketRecording:
         self._writer = PcapngWriter(file)
 
     def write_packet(self, packet: Packet) -> None:
-        """Write a captured packet with its real headers."""
+        """Write a captured packet with the headers that it really had."""
         self._writer.write(packet)
 
     def write_datagram(
@@ -120,7 +126,7 @@ class SocketRecording:
             self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
 
     def skip_bytes(self, source: Address, target: Address, size: int) -> None:
-        """Leave out `size` bytes of a TCP connection; readers of the capture see a gap."""
+        """Leave out `size` bytes of a TCP connection. Programs that read the capture see a gap."""
         self._sequence[source, target] = self._sequence.get((source, target), 1) + size & 0xFFFFFFFF
 
     def write_handshake(
@@ -142,7 +148,7 @@ class SocketRecording:
         reset: bool = False,
         comment: str = "",
     ) -> None:
-        """Record that one end closes a TCP connection: a FIN, or a RST with `reset`."""
+        """Record that one end closes a TCP connection: write a FIN, or a RST if `reset` is True."""
         self._write_empty_segment(source, target, _ACK | (_RST if reset else _FIN), time, interface, comment)
 
     def drop_connection(self, client: Address, server: Address) -> None:
@@ -154,7 +160,7 @@ class SocketRecording:
     def _write_empty_segment(  # noqa: PLR0917 - internal; the public methods take keywords
         self, source: Address, target: Address, flags: int, time: int, interface: Interface, comment: str = ""
     ) -> None:
-        """Write a TCP segment without data; SYN and FIN advance the sequence number by one."""
+        """Write a TCP segment without data. A SYN or FIN advances the sequence number by one."""
         packet = self._make_segment(source, target, flags, b"")
         self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
         if flags & (_SYN | _FIN):
@@ -188,7 +194,9 @@ class SocketRecording:
 
 
 class _IpHeaderTemplate:
-    """The constant part of the IP headers from one host to another; IPv6 if one host has an IPv6 address."""
+    """The constant part of the IP headers from one host to another. The headers are IPv6 if one of the hosts
+    has an IPv6 address.
+    """
 
     def __init__(self, source: str, target: str) -> None:
         ends = [ipaddress.ip_address(host.partition("%")[0]) for host in (source, target)]

@@ -18,18 +18,22 @@ from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import SMALLEST_FRAME
 from bcapscope.protocol.codec.frame_content import FrameContent
 from bcapscope.protocol.codec.frame_template import FrameTemplates
-from bcapscope.traffic.observation import Flow, Transport
+from bcapscope.traffic.observation import SERVER_PORT, Flow, ServerEvidence, ServerEvidenceKind, Transport
 
 CONNECTIONS_LIMIT = 1024
-"""Maximum number of TCP connections to follow at a time. Beyond this number, bcapscope stops following the
-connection that was idle longest."""
+"""Maximum number of TCP connections to follow at a time. If there are more, bcapscope stops following the
+connection that was idle longest.
+"""
+
+
+_HANDSHAKE = ServerEvidence(ServerEvidenceKind.HANDSHAKE)
 
 
 class _TrackedConnection:
     """A TCP connection, its two ends and its conversation.
 
-    `keys` holds the key of sender 0, then that of sender 1. A forged packet with equal source and destination
-    has only one key.
+    `keys` holds the key of packets from sender 0, then the key of packets from sender 1. If source and
+    destination of a forged packet are equal, there is only one key.
     """
 
     def __init__(self, key: bytes, connection: TcpConnection) -> None:
@@ -37,14 +41,15 @@ class _TrackedConnection:
         self.ends = endpoints_of(key)
         self.connection = connection
         self.conversation: UndecidedConversation | None = None
-        self.unconfirmed_segments = 0  # number of segments while the protocol is uncertain
+        # number of segments received while it was not certain that the protocol is b-CAP
+        self.unconfirmed_segments = 0
 
 
 class TcpConversations:
     def __init__(
         self, ports: Collection[int], counts: CaptureCounts, templates: FrameTemplates | None = None
     ) -> None:
-        """Start without connections.
+        """Create an object that follows no connection yet.
 
         An end whose port is in `ports` is a server; `counts` counts segments that are not b-CAP.
         """
@@ -66,7 +71,7 @@ class TcpConversations:
     def receive(
         self, key: bytes, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        """Accept a segment and return the items whose server is known by now.
+        """Accept a segment, and return the items of conversations whose server is now known.
 
         `key` is the bytes of source address, destination address, source port and destination port, as in the
         packet.
@@ -98,7 +103,9 @@ class TcpConversations:
     def _receive_in_order(
         self, tracked: _TrackedConnection, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]] | None:
-        """Accept the next segment of a known conversation fast; None if the segment needs `_receive_any`."""
+        """Accept the next segment of a known conversation on a fast path. Return None if `_receive_any` must
+        handle the segment.
+        """
         conversation = tracked.conversation
         flows = None if conversation is None or conversation.is_tentative else conversation.flows
         if flows is None:
@@ -121,7 +128,7 @@ class TcpConversations:
         server = server_index_by_port(self._ports, source.port, destination.port)
         if server is not None:
             tracked.conversation = UndecidedConversation(tracked.ends, Transport.TCP)
-            tracked.conversation.set_server(server, f"port {tracked.ends[server].port}")
+            tracked.conversation.set_server(server, SERVER_PORT)
         elif source.port in self._ports:
             tracked.conversation = UndecidedConversation(tracked.ends, Transport.TCP)
         for sender, each in enumerate(tracked.keys):
@@ -145,16 +152,16 @@ class TcpConversations:
         if segment.flags & (FIN | RST):
             tracked.conversation.record_close(sender, bool(segment.flags & RST), time)
         if tracked.conversation.flows is None and tracked.connection.server is not None:
-            tracked.conversation.set_server(
-                tracked.connection.server, "the TCP handshake: this end accepted the connection"
-            )
+            tracked.conversation.set_server(tracked.connection.server, _HANDSHAKE)
         if not all(tracked.conversation.add_item(each, item) for each, item in items):
             self._reset_as_not_bcap(tracked)
             return []
         return tracked.conversation.release_items()
 
     def _reset_as_not_bcap(self, tracked: _TrackedConnection) -> None:
-        """Count the connection's segments as not b-CAP, and detect the connection's protocol again."""
+        """Count the connection's segments as not b-CAP, and start to detect the connection's protocol
+        anew.
+        """
         self._counts.not_bcap += tracked.unconfirmed_segments
         tracked.connection.close(0, 0)
         tracked.conversation, tracked.unconfirmed_segments = None, 0
@@ -163,7 +170,7 @@ class TcpConversations:
     def _end_connection(
         self, tracked: _TrackedConnection, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        for key in set(tracked.keys):  # equal keys in a forged packet from an end to itself
+        for key in set(tracked.keys):  # both keys are equal if a forged packet goes from an end to itself
             del self._connections[key]
         self._contradictions += tracked.connection.contradictions
         if tracked.conversation is None:
@@ -181,8 +188,8 @@ def _recognise_bcap(
 ) -> UndecidedConversation | None:
     """Return a conversation if a segment between unknown ports looks like b-CAP; else None.
 
-    The first segment of a stream must begin like a frame. Any other segment must begin with a whole, sound
-    frame.
+    The first segment of a stream must begin like a frame. Any other segment must begin with a whole,
+    undamaged frame.
     """
     if not may_begin_frame(segment.data):
         return None

@@ -1,7 +1,7 @@
 """Reassembly of TCP connections from segments in any order (RFC 9293).
 
-Bytes that the capture lacks become an explicit gap, never zeros. Every piece keeps the times of the packets
-that carried it.
+Bytes that the capture lacks become an explicit gap, never zeros. Every frame keeps the arrival times of the
+packets that carried it.
 """
 
 from __future__ import annotations
@@ -22,16 +22,18 @@ REORDER_LIMIT = 1024 * 1024
 controllers and their clients stay below 64 KiB. Suricata gives up at 1 MiB too (stream.reassembly.depth)."""
 
 ACK_LIMIT = 1 << 30
-"""Maximum number of bytes by which an acknowledgement can be ahead of captured data: the largest TCP window
-(RFC 7323, 2.3)."""
+"""Maximum number of bytes that an acknowledgement can confirm beyond the captured data. The limit is the size
+of the largest TCP window (RFC 7323, 2.3).
+"""
 
 MARKS_LIMIT = 128
-"""Maximum number of segments of an unfinished frame whose arrival times are kept separately. All streams
-together keep at most 25 MB of arrival times."""
+"""Maximum number of segments of one incomplete frame whose arrival times are kept separately. All streams
+together keep at most 25 MB of arrival times.
+"""
 
-_SEGMENT_COST = 128  # memory of a held segment in bytes, without its content
-_RECENT = 16  # number of delivered segments to compare with retransmissions
-_LONGEST_RECENT = 2048  # bytes to compare per segment: more than an Ethernet frame carries
+_SEGMENT_COST = 128  # memory in bytes that a held segment needs in addition to its content
+_RECENT = 16  # number of delivered segments that are kept and compared with retransmissions
+_LONGEST_RECENT = 2048  # number of bytes that are compared per segment; more than an Ethernet frame carries
 _HEADER = struct.Struct(">4xIIBB")
 
 FIN, SYN, RST, ACK = 1, 2, 4, 16
@@ -89,13 +91,14 @@ class _ArrivalMark(NamedTuple):
 
 
 class TcpStream:
-    """One direction of a TCP connection; offsets count from the first captured byte.
+    """One direction of a TCP connection. Offsets in the stream count from the first captured byte.
 
     Attributes:
         begun: Whether the first sequence number of the stream is known.
         closed: Whether the stream has ended; later bytes are retransmissions, or belong to another
             connection.
-        contradictions: Number of retransmissions with different content. The first content is kept.
+        contradictions: Number of retransmissions whose content differs from the first transmission. The
+            content that arrived first is kept.
     """
 
     def __init__(self, budget: ByteBudget, templates: FrameTemplates | None = None) -> None:
@@ -113,7 +116,7 @@ class TcpStream:
     def begin(self, seq: int, from_start: bool) -> None:
         """Start the stream at the sequence number of the first captured byte.
 
-        With `from_start`, the capture holds the SYN, so the first captured byte is the first byte sent.
+        If `from_start` is True, the capture holds the SYN, so the first captured byte is the first byte sent.
         """
         self.begun = True
         self._first_seq = seq
@@ -128,11 +131,11 @@ class TcpStream:
 
     @property
     def is_waiting(self) -> bool:
-        """Whether segments are held because earlier bytes are missing, or a FIN was captured."""
+        """Whether a FIN was captured, or segments are held because earlier bytes are missing."""
         return bool(self._ahead) or self._end_offset is not None
 
     def receive_frame(self, segment: TcpSegment, time: int, packet: int) -> TimedItem | None:
-        """Accept the next segment fast if the segment is exactly one frame.
+        """Accept the next segment on a fast path if the segment is exactly one frame.
 
         Call this method only while `is_waiting` is False. For any other segment, return None and consume
         nothing; the caller then calls `receive`.
@@ -164,7 +167,7 @@ class TcpStream:
             known = data[: self._next_offset - start]
             if (
                 len(data) > 1 or start + 1 != self._next_offset
-            ):  # not a keep-alive probe, whose byte is no data
+            ):  # excludes a keep-alive probe, whose one byte is not data
                 self._count_contradiction(_StreamPart(start, known, time, packet), self._recent)
             start, data = start + len(known), data[len(known) :]
         if data:
@@ -172,9 +175,9 @@ class TcpStream:
         return self._drain_and_skip(time, packet)
 
     def acknowledge(self, ack: int, time: int, packet: int) -> list[TimedItem]:
-        """Record that the other end has all bytes before `ack`, and return the items that are now complete.
+        """Record that the receiver has all bytes before `ack`, and return the items that are now complete.
 
-        The sender will not send missing bytes before `ack` again.
+        If bytes before `ack` are missing in the capture, the sender will not send them again.
         """
         offset = self._offset_of(ack)
         if self._acknowledged < offset <= self._next_offset + ACK_LIMIT:
@@ -204,7 +207,9 @@ class TcpStream:
         return found
 
     def _offset_of(self, seq: int) -> int:
-        """Return the offset of a sequence number, which wraps at 32 bits, near the next expected byte."""
+        """Return the offset of a sequence number. Sequence numbers wrap at 32 bits, so the offset nearest to
+        the next expected byte is returned.
+        """
         ahead = (seq - self._first_seq - self._next_offset) & 0xFFFFFFFF
         return self._next_offset + (ahead if ahead < 0x80000000 else ahead - 0x100000000)
 
@@ -218,20 +223,24 @@ class TcpStream:
         return self._with_times(self._splitter.feed(data), time, packet)
 
     def _keep_recent(self, part: _StreamPart) -> None:
-        """Keep a delivered part, or the last bytes of a long part, for comparison with retransmissions."""
+        """Keep delivered bytes for comparison with retransmissions. Of a long part, keep only the last
+        bytes.
+        """
         surplus = len(part.data) - _LONGEST_RECENT
         if surplus > 0:
             part = part._replace(start=part.start + surplus, data=part.data[surplus:])
         self._recent.append(part)
 
     def _thin_marks(self) -> None:
-        """Merge arrival marks in pairs, each with the later time of both. The first mark stays unchanged."""
+        """Merge pairs of adjacent arrival marks into one mark with the later of the two times. The first mark
+        stays unchanged.
+        """
         marks = list(self._marks)
         kept = [b._replace(start=a.start) for a, b in zip(marks[1::2], marks[2::2], strict=False)]
         self._marks = deque([marks[0], *kept, *marks[1 + 2 * len(kept) :]])
 
     def _drain_and_skip(self, time: int, packet: int) -> list[TimedItem]:
-        """Deliver the held parts that are in order, and skip gaps that no segment will fill."""
+        """Deliver the held bytes that are now in order, and skip gaps that no further segment will fill."""
         found = self._drain_ready()
         while self._ahead and (self._acknowledged >= self._ahead[0].start or self._is_over_limit):
             found += self._skip_lost(self._ahead[0].start, time, packet)
@@ -263,7 +272,9 @@ class TcpStream:
         return self._with_times(self._splitter.add_gap(missing), time, packet)
 
     def _hold_ahead(self, part: _StreamPart) -> None:
-        """Hold the bytes of a part that arrived before earlier bytes, except bytes that are already held."""
+        """Hold bytes that arrived too early, while bytes before them are missing. Bytes that are already held
+        are ignored.
+        """
         start, data, time, packet = part
         stop = start + len(data)
         ahead = self._ahead
@@ -285,7 +296,9 @@ class TcpStream:
         self._budget.held += cost
 
     def _count_contradiction(self, part: _StreamPart, known: deque[_StreamPart] | list[_StreamPart]) -> None:
-        """Count a retransmitted part if its content differs from the bytes that arrived first."""
+        """Count a retransmission as a contradiction if its content differs from the bytes that arrived
+        first.
+        """
         for other in known:
             if other.start >= part.start + len(part.data):
                 return
@@ -297,8 +310,9 @@ class TcpStream:
                 return
 
     def _with_times(self, pieces: list[StreamPiece], time: int, packet: int) -> list[TimedItem]:
-        """Give each piece the arrival times of its segments, and each gap the time at which it became
-        known."""
+        """Give each frame the arrival times of its segments, and each gap the time at which the gap was
+        detected.
+        """
         found = []
         marks = self._marks
         for start, stop, item in pieces:
@@ -322,7 +336,7 @@ class TcpConnection:
     """Both directions of a TCP connection.
 
     Attributes:
-        streams: The stream of each sender, by index 0 or 1.
+        streams: The streams of sender 0 and sender 1.
         server: Index of the end that accepted the connection; None if the handshake was not captured.
     """
 
@@ -345,7 +359,7 @@ class TcpConnection:
     def receive_in_order(
         self, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[TimedItem] | None:
-        """Accept a segment in order that holds exactly one frame or no data, as nearly all segments do.
+        """Accept a segment that is in order and holds exactly one frame or no data. Nearly all segments do.
 
         For any other segment, return None and consume nothing; the caller then calls `receive`.
         """
@@ -365,7 +379,9 @@ class TcpConnection:
     def receive(
         self, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[int, TimedItem]]:
-        """Accept a segment and return the items that are now complete, each with the index of its sender."""
+        """Accept a segment; return the items that are now complete, each with the index, 0 or 1, of its
+        sender.
+        """
         own, other = self.streams[sender], self.streams[1 - sender]
         found = []
         if segment.flags & ACK and other.begun:
@@ -385,7 +401,7 @@ class TcpConnection:
         return found
 
     def close(self, time: int, packet: int) -> list[tuple[int, TimedItem]]:
-        """End both directions and return their remaining items, each with the index of its sender."""
+        """End both directions; return their remaining items, each with the index, 0 or 1, of its sender."""
         return [
             (sender, sighting)
             for sender, stream in enumerate(self.streams)

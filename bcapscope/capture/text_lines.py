@@ -11,17 +11,20 @@ from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 
 LONGEST_LINE = 256 * 1024
-"""Longest line in characters. The longest frames of real sessions, 10 KiB, take 60 KiB as `0x01, 0x02, …`."""
+"""Maximum number of characters in a line. The longest frames of real sessions have 10 KiB and take 60 KiB
+when written as `0x01, 0x02, …`.
+"""
 
 
 def text_lines(read: ChunkReader) -> Iterator[str]:
     """Yield the lines of a text without their line ends.
 
-    A text with a UTF-16 byte-order mark is decoded as UTF-16, any other as UTF-8. Undecodable bytes become
-    U+FFFD.
+    A text with a UTF-16 byte-order mark is decoded as UTF-16, any other text as UTF-8. Bytes that cannot be
+    decoded become U+FFFD.
 
     Raises:
-        CaptureError: A line is longer than `LONGEST_LINE` characters. All lines before were yielded.
+        CaptureError: A line is longer than `LONGEST_LINE` characters. All lines before the long line were
+            yielded.
     """
     head = read(CHUNK_SIZE)
     while len(head) < len(codecs.BOM_UTF8) and (more := read(CHUNK_SIZE)):

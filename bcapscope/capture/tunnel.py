@@ -1,7 +1,8 @@
-"""Unpack tunnels: the IP packet inside another IP packet, as switches and capture probes mirror traffic.
+"""Unpack tunnels: an IP packet inside another IP packet. Switches and capture probes send mirrored traffic in
+this form.
 
-IP in IP: RFC 2003, RFC 2473 and RFC 4213. GRE: RFC 2784 and RFC 2890, also with Ethernet frames, and with
-ERSPAN of types I, II and III (draft-foschiano-erspan-03). VXLAN: RFC 7348.
+Supported are IP in IP (RFC 2003, RFC 2473, RFC 4213), GRE (RFC 2784, RFC 2890) and VXLAN (RFC 7348). GRE can
+also carry Ethernet frames and ERSPAN of types I, II and III (draft-foschiano-erspan-03).
 """
 
 from __future__ import annotations
@@ -9,8 +10,9 @@ from __future__ import annotations
 from bcapscope.capture.link_layer import ETHERNET, NOT_IP, IPPacket, find_ip, read_ip
 
 DEEPEST_TUNNEL = 8
-"""Maximum number of tunnels inside each other. Mirrored traffic has one or two; a hostile packet could have
-thousands."""
+"""Maximum number of tunnels nested inside each other. Mirrored traffic has one or two; a hostile packet could
+have thousands.
+"""
 
 _IPV4_IN_IP, _UDP, _IPV6_IN_IP, _GRE = 4, 17, 41, 47
 
@@ -21,16 +23,20 @@ _ERSPAN_2_SIZE, _ERSPAN_3_SIZE, _ERSPAN_PLATFORM_SIZE = 8, 12, 8
 _ERSPAN_3_IP = 2
 
 _VXLAN_PORTS = frozenset({4789, 8472})
-"""IANA's port, and the default of Linux, which is older."""
+"""Ports of VXLAN: the port that IANA assigned, and the older default port of Linux."""
 
 _VXLAN_FLAG = 0x08
-"""The flag of a valid network identifier, in the first byte. Extensions use other bits of the header."""
+"""Flag in the first byte of the VXLAN header: the network identifier is valid. Extensions use other bits of
+the header.
+"""
 
 _UDP_HEADER_SIZE, _VXLAN_SIZE = 8, 8
 
 
 def packet_in_tunnel(packet: IPPacket) -> IPPacket | None:
-    """Return the IP packet that a whole IP packet carries; None if it is no tunnel, or carries no IP."""
+    """Return the IP packet inside a whole IP packet; None if the outer packet is not a tunnel, or carries no
+    IP packet.
+    """
     payload = packet.payload
     if packet.protocol == _UDP:
         return _in_vxlan(payload)
@@ -55,10 +61,11 @@ def _in_gre(payload: bytes) -> IPPacket | None:
     offset = 4 + 4 * sum(bool(flags & flag) for flag in (_GRE_CHECKSUM, _GRE_KEY, _GRE_SEQUENCE))
     if kind in _IP_TYPES:
         return _ip_at(payload, offset)
-    if kind == _ERSPAN and flags & _GRE_SEQUENCE:  # type I has no sequence number and no header
+    # ERSPAN type I has no sequence number and no header of its own
+    if kind == _ERSPAN and flags & _GRE_SEQUENCE:
         offset += _ERSPAN_2_SIZE
     elif kind == _ERSPAN_3:
-        last = int.from_bytes(payload[offset + 10 : offset + 12])  # type of the content, …, a further header
+        last = int.from_bytes(payload[offset + 10 : offset + 12])  # last bit: a further header follows
         offset += _ERSPAN_3_SIZE + (_ERSPAN_PLATFORM_SIZE if last & 1 else 0)
         if last >> 10 & 0x1F == _ERSPAN_3_IP:
             return _ip_at(payload, offset)

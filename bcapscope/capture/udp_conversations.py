@@ -14,17 +14,18 @@ from bcapscope.capture.undecided_conversation import (
 )
 from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, parse_captured_datagram, parse_datagram
 from bcapscope.protocol.codec.frame_template import FrameTemplates
-from bcapscope.traffic.observation import Flow, Transport
+from bcapscope.traffic.observation import SERVER_PORT, Flow, Transport
 
 FLOWS_LIMIT = 65536
-"""Maximum number of flows to remember. A controller has at most twenty clients (orin_bcap
+"""Maximum number of flows to remember. A controller accepts at most twenty clients (orin_bcap
 C/src/bcap_server.c).
 
 If a client whose flow was dropped returns, its traffic becomes a new conversation."""
 
 UNDECIDED_LIMIT = 1024
-"""Maximum number of conversations whose server is unknown. Beyond this number, bcapscope guesses the server
-of the oldest of them."""
+"""Maximum number of conversations whose server is unknown. If there are more, bcapscope guesses the server of
+the oldest of these conversations.
+"""
 
 
 class UdpConversations:
@@ -38,7 +39,7 @@ class UdpConversations:
     def __init__(
         self, ports: Collection[int], counts: CaptureCounts, templates: FrameTemplates | None = None
     ) -> None:
-        """Start without conversations.
+        """Create an object that knows no conversation yet.
 
         An end whose port is in `ports` is a server; `counts` counts datagrams that are not b-CAP.
         """
@@ -51,7 +52,8 @@ class UdpConversations:
     def receive(
         self, addresses: bytes, segment: bytes, timed_item: TimedItem, note: Problem | None
     ) -> list[tuple[Flow, TimedItem]]:
-        """Accept a datagram with its 8-byte header, and return the items whose server is known by now.
+        """Accept a datagram with its 8-byte header, and return the items of conversations whose server is now
+        known.
 
         `timed_item` holds the datagram's times; its item is ignored. `note` is the reason why the datagram is
         incomplete; None for a whole datagram.
@@ -80,7 +82,9 @@ class UdpConversations:
         return found + self._release_items(key, talk, sender)
 
     def close(self) -> list[tuple[Flow, TimedItem]]:
-        """Guess the servers of all undecided conversations and return the held items."""
+        """Guess the server of each conversation whose server is unknown, and return the items that were
+        held.
+        """
         found: list[tuple[Flow, TimedItem]] = []
         while self._undecided:
             found += self._guess_oldest()
@@ -91,7 +95,7 @@ class UdpConversations:
         server = server_index_by_port(self._ports, source.port, destination.port)
         talk = UndecidedConversation((source, destination), Transport.UDP)
         if server is not None:
-            talk.set_server(server, f"port {(source, destination)[server].port}")
+            talk.set_server(server, SERVER_PORT)
         elif source.port not in self._ports and not is_whole_frames(payload):
             return None
         return talk
@@ -101,7 +105,7 @@ class UdpConversations:
     ) -> list[tuple[Flow, TimedItem]]:
         if conversation.flows is not None:
             other = reverse_key(key)
-            for each in {key, other}:  # equal keys in a forged packet from an end to itself
+            for each in {key, other}:  # both keys are equal if a forged packet goes from an end to itself
                 del self._undecided[each]
             self.flows[key], self.flows[other] = conversation.flows[sender], conversation.flows[1 - sender]
             while len(self.flows) > FLOWS_LIMIT:

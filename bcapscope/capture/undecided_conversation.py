@@ -7,16 +7,25 @@ from typing import NamedTuple
 
 from bcapscope.capture.role_detection import direction_evidence
 from bcapscope.protocol.codec.frame import Frame, Malformed
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
+from bcapscope.traffic.observation import (
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    ServerEvidence,
+    ServerEvidenceKind,
+    Transport,
+)
 
 HELD_ITEMS_LIMIT = 64
-"""Maximum number of items of a conversation to hold back while its server is unknown. If this many
-are held back, bcapscope guesses the server. A single S_OK reply or a single request identifies the
-server, so real traffic needs one or two items."""
+"""Maximum number of items of a conversation that bcapscope holds back while the conversation's server is
+unknown. When this number is reached, bcapscope guesses the server. A single S_OK reply or a single request
+identifies the server, so real traffic needs one or two items.
+"""
 
 
 def endpoints_of(key: bytes) -> tuple[Endpoint, Endpoint]:
-    """Return both ends of a key, which consists of both addresses and then both ports, as in a packet."""
+    """Return the two ends that a key names: both addresses and then both ports, as in a packet."""
     size = (len(key) - 4) // 2
     family = socket.AF_INET if size == 4 else socket.AF_INET6
     hosts = (socket.inet_ntop(family, key[:size]), socket.inet_ntop(family, key[size : 2 * size]))
@@ -30,13 +39,14 @@ def reverse_key(key: bytes) -> bytes:
 
 
 HELD_BYTES_LIMIT = 16 * 1024
-"""Maximum size in bytes of the items of a conversation to hold back while its server is unknown. At this
-size, bcapscope guesses the server. Frames of real sessions are below 10 KiB. Up to 2,048 conversations can be
-undecided at a time."""
+"""Maximum total size in bytes of the items of a conversation that bcapscope holds back while the server is
+unknown. When this size is reached, bcapscope guesses the server. Frames of real sessions are below 10 KiB. Up
+to 2,048 conversations can be undecided at a time.
+"""
 
 
 class TimedItem(NamedTuple):
-    """A frame, or bytes that are not a frame, with the arrival times.
+    """A frame, or bytes that are not a frame, with arrival times.
 
     Attributes:
         began: Arrival time of the item's first byte, ns since 1970.
@@ -64,19 +74,20 @@ class UndecidedConversation:
     ) -> None:
         """Create a conversation.
 
-        With `is_tentative`, the conversation is b-CAP only if its first frame is valid.
+        If `is_tentative` is True, the conversation counts as b-CAP only if its first frame is valid.
         """
         self._ends = ends
         self._transport = transport
         self.is_tentative = is_tentative
         self._held_items: list[tuple[int, TimedItem]] = []
         self._held_bytes = 0
-        self._closed: dict[tuple[int, bool], int] = {}  # time by (sender, was it a RST)
+        # time of each stream end; the key is the sender, and whether the end was a RST
+        self._closed: dict[tuple[int, bool], int] = {}
         self.flows: tuple[Flow, Flow] | None = None
 
-    def set_server(self, server: int, why: str) -> None:
-        """Set the index, 0 or 1, of the server, and the evidence as text for the user."""
-        conversation = Conversation(self._ends[1 - server], self._ends[server], self._transport, why)
+    def set_server(self, server: int, evidence: ServerEvidence) -> None:
+        """Set the index, 0 or 1, of the server, and what shows it."""
+        conversation = Conversation(self._ends[1 - server], self._ends[server], self._transport, evidence)
         request, response = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)
         self.flows = (response, request) if server == 0 else (request, response)
         for (sender, reset), time in self._closed.items():
@@ -86,7 +97,7 @@ class UndecidedConversation:
         """Guess the server if it is still unknown; usually, the end that sends first is the client."""
         if self.flows is None:
             client = self._held_items[0][0] if self._held_items else 0
-            self.set_server(1 - client, "a guess: the other end sent first, and no frame shows the roles")
+            self.set_server(1 - client, ServerEvidence(ServerEvidenceKind.GUESS))
 
     def record_close(self, sender: int, reset: bool, time: int) -> None:
         if self.flows is None:
@@ -96,7 +107,10 @@ class UndecidedConversation:
             flow.conversation.record_end(flow.direction, reset, time)
 
     def add_item(self, sender: int, timed_item: TimedItem) -> bool:
-        """Hold an item until `release_items`; return False if the item proves that this is not b-CAP."""
+        """Hold an item until `release_items` is called.
+
+        Return False if the item proves that the conversation is not b-CAP.
+        """
         if self.is_tentative:
             if isinstance(timed_item.item, Malformed) or timed_item.item.problems:
                 return False
@@ -109,9 +123,8 @@ class UndecidedConversation:
     def _check_evidence(self, sender: int, item: Frame | Malformed) -> None:
         found = direction_evidence(item)
         if found is not None:
-            direction, what = found
-            end = self._ends[sender]
-            self.set_server(sender if direction is Direction.RESPONSE else 1 - sender, f"{end} sent {what}")
+            direction, evidence = found
+            self.set_server(sender if direction is Direction.RESPONSE else 1 - sender, evidence)
             return
         self._held_bytes += len(item.raw)
         if len(self._held_items) >= HELD_ITEMS_LIMIT or self._held_bytes >= HELD_BYTES_LIMIT:

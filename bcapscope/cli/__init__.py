@@ -48,9 +48,8 @@ _DISK_FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 _LONGEST_MESSAGE = 2000  # maximum number of characters; an error message can quote the command line
 
 _GC_THRESHOLDS = (20_000, 20, 100)
-"""Thresholds for rare garbage collection.
-
-Frames and calls form no cycles; collecting took 5 % of the run time.
+"""Thresholds of Python's garbage collector, high so that it runs rarely. Frames and calls form no reference
+cycles, and collecting took 5 % of the run time.
 """
 
 
@@ -102,7 +101,7 @@ def main() -> None:
             click.echo("Error: standard output is closed", err=True)
         sys.exit(ExitCode.UNWRITABLE)
     try:
-        # cli.main() would exit with 1 when the reader of stdout closes it.
+        # `cli.main()` is not used: it would exit with 1 when the reader of stdout closes the pipe.
         with cli.make_context("bcapscope", sys.argv[1:]) as context:
             cli.invoke(context)
     except click.exceptions.Exit as end:
@@ -119,7 +118,7 @@ def main() -> None:
     except OSError as error:
         if error.filename is not None or error.errno not in _DISK_FULL:
             raise
-        discard_stdout()  # click was writing help or the version; commands handle their own errors
+        discard_stdout()  # click failed to write the help or the version; commands handle their own errors
         refused = StdoutWriteError(error)
         refused.show()
         sys.exit(refused.exit_code)

@@ -36,7 +36,9 @@ from bcapscope.traffic.observation import Direction, Observation
 
 
 class _ScriptFile(click.File):
-    """Parameter type of a text file or standard input. A closed standard input is a usage error."""
+    """Parameter type for a text file or standard input. If standard input is closed, the user gets a usage
+    error.
+    """
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> IO[Any]:
         if value == "-" and sys.stdin is None:
@@ -181,7 +183,7 @@ class _CallRunner:
     log: ArmedCallLogger | None = None
 
     async def run(self, requests: Sequence[PlannedCall]) -> ExitCode:
-        """Make the calls up to the first failure.
+        """Make the calls one after another, and stop at the first failure.
 
         With --arm, the action log records the calls that need arming.
         """

@@ -71,10 +71,10 @@ def command(
 ) -> None:
     """Show the calls in captures: each request with its retries, notices and reply.
 
-    A line shows number, start, client > controller, function, command, result and the time to the accepted
-    reply. The line ends with the retries, the cause of the retries if known, and the frame numbers of
-    requests > replies. A call is printed when it ends. Calls are numbered in the order in which they started.
-    On a terminal, long lines are folded.
+    Each line shows the number of a call, its start, client > controller, function, command, result and the
+    time to the accepted reply. The line ends with the retries, their cause if known, and the frame numbers of
+    requests > replies. A call is printed when it is complete. Calls are numbered in the order in which they
+    started. On a terminal, long lines are folded.
 
     Exit codes: as for `decode`.
     """
@@ -115,7 +115,7 @@ def command(
 
 def _check_display_filter(is_data: bool, interface: str | None) -> None:
     if is_data:
-        raise click.UsageError("--display-filter works with lines and --tree only")
+        raise click.UsageError("--display-filter cannot be combined with --json, --csv or --columns")
     if interface is not None:
         raise click.UsageError("--display-filter needs captures: leave out -i")
 
@@ -136,8 +136,8 @@ def _call_lines(
 
 
 class _ShownCalls(PipelineSubscriber):
-    """Collects the calls that the filter selects, with the object of each call's handle, and prints a
-    summary.
+    """Collects the calls that the filter selects, each with the object that its handle refers to, and prints
+    a summary.
     """
 
     needs_targets = True
@@ -164,7 +164,7 @@ class _ShownCalls(PipelineSubscriber):
             self._items.append((stray, None))
 
     def all_items(self) -> Iterator[tuple[PairingResult, TrackedObject | None]]:
-        """Yield the selected calls. Without a filter, stray replies follow among the calls."""
+        """Yield the selected calls. If there is no filter, also yield stray replies, between the calls."""
         return read_items(self._reader, self._reader.pipeline(self, handles=self._handles), self._items)
 
     def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:
@@ -174,15 +174,16 @@ class _ShownCalls(PipelineSubscriber):
                 yield item, subject
 
     def filter_lines(self, item: PairingResult) -> Iterator[str]:
-        """Yield the Wireshark display filter for the packets of a call, one line per capture."""
+        """Yield the Wireshark display filters that select the packets of a call, one line per capture."""
         reader = self._reader
         return display_filter_lines(
             map(reader.origin_of, packets_of(item)), len(reader.paths) > 1, reader.citing_words()
         )
 
     def print_summary(self, words: MessageFormatter) -> None:
-        """Print to stderr the numbers of stray replies and of packets that were captured twice, and the
-        sessions that did not release all objects."""
+        """Print to stderr how many stray replies there are, how many packets were captured twice, and which
+        sessions did not release all objects.
+        """
         if self._stray_count:
             replies = Count(self._stray_count, "reply")
             print_stderr(words("calls.strays", replies=replies, frame=FramePlace((self._first_stray,))))

@@ -51,13 +51,14 @@ def command(
 ) -> None:
     """Compare two captures by the figures of `stats` and `slave` and the findings of `diagnose`.
 
-    Notable differences come first. Notable means larger than the usual differences between two good runs.
-    Calls are compared by function and command, all clients together. Slave-mode sessions are compared in the
-    order in which they began.
+    Notable differences come first. A difference is notable if it is larger than usual between two good runs.
+    Calls are compared by function and command; the calls of all clients are counted together. Slave-mode
+    sessions are compared in the order in which they began.
 
     --filter selects calls in both captures, as for `stats`, `slave` and `diagnose`.
 
-    Exit codes: as for `decode`, the higher code of the two captures; 4: one of them could not be read.
+    Exit codes: as for `decode`, the higher of the codes for the two captures; 4: one of the captures could
+    not be read.
     """
     if good == bad == "-":
         raise click.UsageError("both captures are standard input (-): give a file for one of them")

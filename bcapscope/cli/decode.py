@@ -16,7 +16,7 @@ from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.column_options import columns_option, frame_columns, wide_option
 from bcapscope.cli.common.data_output import folded_lines
 from bcapscope.live.standard_streams import choose_palette
-from bcapscope.messages import MessageFormatter
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.csv_table import CsvTableRenderer, csv_cell, csv_row
 from bcapscope.render.escape import printable
@@ -55,7 +55,8 @@ def _format_option(style: FrameFormat, text: str) -> Callable[[F], F]:
 @click.option(
     "--text",
     metavar="FILE",
-    help="Read frames from hex text, pasted from a mail, a document or a tool; - is standard input.",
+    help="Read frames from a file of hex text, such as text copied from a mail or document; - is standard "
+    "input.",
 )
 @options.ports
 @_format_option(FrameFormat.TREE, "Show every field with its bytes.")
@@ -92,16 +93,17 @@ def command(
     PATH is a capture (pcap or pcapng, plain or gzipped), a folder of captures, or - for standard input.
     Several captures are read as one, in the order of their first packets.
 
-    A line shows number, time, source > destination, transport, direction, serial and reserved. The line
-    continues with the function or the result, the command and the arguments. After !!, the line describes
-    problems with the bytes. On a terminal, long lines are folded.
+    Each line shows the number of a frame, its time, source > destination, transport, direction, serial and
+    reserved. The line continues with the function or the result, the command and the arguments. If the frame
+    is damaged, the line ends with !! and the problems. On a terminal, long lines are folded.
 
     Exit codes: 0: everything was read; 2: invalid command line; 3: a capture is damaged or incomplete, and
     everything before the damage was printed; 4: nothing could be read; 6: the output could not be written;
     130: Ctrl-C.
     """
     style = _choose_format(styles, columns is not None, dump, full)
-    reading = CaptureReader(paths, ports, interface, text, words, side=side)
+    translated = words if columns is None and style in (None, FrameFormat.TREE) else ENGLISH_WORDS
+    reading = CaptureReader(paths, ports, interface, text, words, side=side, comment_words=translated)
     palette = choose_palette(color)
     if columns is not None:
         renderer = frame_columns(reading, columns, palette, wide)
@@ -118,12 +120,10 @@ def command(
         line = FrameLineRenderer(TimeFormat(clock), palette, brief=text is not None, words=words)
         reading.on_first_time = line.set_time_origin
         write_line = _citing(reading, line.line, partial(_line_with_origin, words))
-        if style is FrameFormat.TREE:
-            tree = FrameTreeRenderer(palette, full, dump, words)
-            lines = _with_details(_frames_with_context(reading, wanted), write_line, tree.lines)
-        elif dump:
-            dumped = partial(_hexdump_lines, palette)
-            lines = _with_details(_frames_with_context(reading, wanted), write_line, dumped)
+        if style is FrameFormat.TREE or dump:
+            tree = FrameTreeRenderer(palette, full, dump, words) if style else None
+            details = partial(_hexdump_lines, palette) if tree is None else tree.lines
+            lines = _with_details(_frames_with_context(reading, wanted), write_line, details)
         elif text is not None:
             lines = _with_remarks(_frames_with_context(reading, wanted), line)
         else:
@@ -135,7 +135,7 @@ def command(
 def _choose_format(
     styles: tuple[FrameFormat, ...], has_columns: bool, dump: bool, full: bool
 ) -> FrameFormat | None:
-    """Return the chosen format; None for lines.
+    """Return the chosen output format; None for one line per frame.
 
     Raises:
         click.UsageError: the options contradict each other.
@@ -146,14 +146,16 @@ def _choose_format(
     if full and style is not FrameFormat.TREE:
         raise click.UsageError("--full has no effect without --tree: add --tree")
     if dump and style in (FrameFormat.CSV, FrameFormat.JSON):
-        raise click.UsageError("--hex works with lines and --tree only: leave out --csv and --json")
+        raise click.UsageError("--hex cannot be combined with --csv or --json: leave them out")
     if has_columns and (dump or style is FrameFormat.TREE):
         raise click.UsageError("--columns excludes --tree and --hex")
     return style
 
 
 def _csv_lines(reader: CaptureReader, wanted: Filter | None) -> Iterator[str]:
-    """Yield a header and a row per frame; with several captures, rows end with capture and packet."""
+    """Yield a CSV header and a row per frame. If there are several captures, each row ends with the capture
+    and packet of the frame.
+    """
     table, several = CsvTableRenderer(), len(reader.paths) > 1
 
     def row(seen: Observation, call_kind: CallKind | None, comments: tuple[str, ...]) -> str:
@@ -172,9 +174,10 @@ def _citing(
     render: Callable[[Observation, CallKind | None, tuple[str, ...]], T],
     cite: Callable[[T, PacketOrigin], T],
 ) -> Callable[[Observation, CallKind | None, tuple[str, ...]], T]:
-    """Return `render`; with several captures, return a function that passes its result to `cite`.
+    """Return `render`. If there are several captures, return a function that passes the result of `render` to
+    `cite`.
 
-    `cite` adds the origin of the frame.
+    `cite` adds the name of the capture and the packet number of the frame.
     """
     if len(reader.paths) < 2:
         return render

@@ -68,7 +68,7 @@ def _known_rules(
 @click.option(
     "--fail-on",
     type=_SEVERITY,
-    help="Exit with 1 if a finding of this severity or a worse one is shown.",
+    help="Exit with 1 if `diagnose` shows a finding of this severity or worse.",
 )
 @options.display_filter_option("finding")
 @options.filter_option(RecordKind.CALL)
@@ -96,18 +96,18 @@ def command(
     what to do, and what the source of the rule is. Consequences are indented below their root cause.
     docs/rules.md lists the rules.
 
-    With -i, or on a pipe (-), each new finding is printed to stderr when it is made, and the report follows
-    at the end. With --json, new findings go to stdout, with "final": false.
+    With -i, or on a pipe (-), each new finding is printed to stderr at once. The report follows at the end.
+    With --json, new findings go to stdout, with "final": false.
 
     --filter selects calls: `diagnose` shows only findings about the selected calls, and their causes. The
-    rules still read all calls, because most of them depend on earlier or missing calls. --rule and
-    --severity select among these findings.
+    rules still read all calls, because most of them depend on earlier or missing calls. --rule and --severity
+    then select among the findings that remain.
 
     Exit codes: 0: everything was read, with or without findings; 1: everything was read, and a finding is as
-    severe as --fail-on or worse; the others as for `decode`.
+    severe as --fail-on or worse; other codes as for `decode`.
     """
     if display_filter and (as_json or interface is not None):
-        raise click.UsageError("--display-filter needs captures, and no --json")
+        raise click.UsageError("--display-filter needs captures, and cannot be combined with --json")
     reading = CaptureReader(paths, ports, interface, words=words, side=side, taken_at=taken_at)
     diagnosis = Diagnosis(call_test(wanted, reading))
     width = shutil.get_terminal_size((_PIPE_WIDTH, 24)).columns if sys.stdout.isatty() else _PIPE_WIDTH
@@ -137,7 +137,7 @@ def command(
 
 
 def _filter_lines(reader: CaptureReader, finding: Finding) -> Iterator[str]:
-    """Yield the Wireshark display filter for the packets of a finding, one line per capture."""
+    """Yield the Wireshark display filters that select the packets of a finding, one line per capture."""
     origins = map(reader.frame_origins.origin_of, finding.frames)
     return display_filter_lines(origins, len(reader.paths) > 1, reader.citing_words())
 
@@ -148,7 +148,9 @@ def _read_live(
     is_shown: Callable[[Finding], bool],
     renderer: FindingsRenderer | None,
 ) -> None:
-    """Read traffic to its end, and print each new finding as text; without `renderer`, as JSON."""
+    """Read traffic to its end, and print each new finding at once: as text by `renderer`, or as JSON if
+    `renderer` is None.
+    """
     pipeline, numbers = reader.pipeline(diagnosis), count(1)
 
     def print_new() -> None:

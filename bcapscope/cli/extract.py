@@ -153,7 +153,7 @@ class _TrajectoryFile:
 class _TrajectoryFiles(ExitStack):
     """The output files of all slave-mode sessions.
 
-    A single file gets no number in its name, so the files are named when all sessions are known.
+    If there is only one file, its name gets no number. Files are therefore named when all sessions are known.
     """
 
     def __init__(self, path: Path, overwrite: bool, words: MessageFormatter) -> None:

@@ -14,9 +14,9 @@ _KIND_NAMES: dict[tuple[RecordKind, ...], str] = {(RecordKind.FRAME,): "frames",
 
 @click.command(short_help="List the fields of --filter and explain its syntax.")
 def command() -> None:
-    """List the fields that --filter can use, with their types, and explain its syntax.
+    """List the fields that --filter can use, with their types, and explain the syntax of filters.
 
-    Each line shows the name, the records that have the field (frames, calls or both), the type and the
+    Each line shows the name of a field, whether frames, calls or both have the field, its type and its
     meaning.
     """
     output = DataOutput()

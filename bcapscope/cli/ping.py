@@ -68,19 +68,19 @@ class _PingResult:
     type=options.NumberRange(0),
     default=8.0,
     show_default=True,
-    help="Start a call every this many ms.",
+    help="Make a call every this many ms.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @options.language
 def command(
     *, target: ControllerTarget, count: int, interval: float, as_json: bool, words: MessageFormatter
 ) -> None:
-    """Check that a controller answers, identify it, and measure round trips.
+    """Check that a controller answers, identify the controller, and measure round trips.
 
-    `ping` connects and makes calls that only read. `ping` sends each call once, without retries. Then `ping`
-    judges whether the network is fit for set points every 8 ms (Sync) and every 1 ms (Async). The network is
-    fit if nearly all replies arrive within this time and retries make up for losses. If nothing listens on
-    the port, `ping` says so at once.
+    `ping` connects and makes calls that only read. `ping` sends each call once, without retries. At the end,
+    `ping` judges whether the network is fit for set points every 8 ms (Sync) and every 1 ms (Async). The
+    network is fit if nearly all replies arrive within 8 ms or 1 ms, and retries make up for losses. If
+    nothing listens on the port, `ping` reports this at once.
 
     After Ctrl-C, `ping` prints the results so far and ends.
 
@@ -129,7 +129,8 @@ async def _read_facts(opener: ObjectOpener, found: _PingResult) -> None:
             value = await read_variable_once(await opener.open_remote(owner), variable)
         except ControllerError:
             continue
-        if value is not None and value.value is not None:  # EMPTY: the variable has no value
+        # a value of type EMPTY means that the variable has no value
+        if value is not None and value.value is not None:
             found.facts[name] = value.value
 
 
@@ -142,7 +143,7 @@ async def _measure(session: Session, handle: int, count: int, interval: float, f
         for _ in range(count):
             await asyncio.sleep(due - loop.time())
             settled = await session.perform_call(_GET_ATTRIBUTE, (Variant(VT.I4, handle),))
-            due = max(due + interval, loop.time())  # after a slow call, avoid a burst of calls
+            due = max(due + interval, loop.time())  # so that no burst of calls follows a slow call
             if isinstance(settled, CallTimedOut):
                 found.lost += 1
             else:

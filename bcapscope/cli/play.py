@@ -35,7 +35,7 @@ def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) 
         return SlaveModePacing(text)
     number = parse_integer(text, 1, _HIGHEST_MODE)
     if number is None:
-        reason = f"{shortened(value, 40)!r} is not a mode. Give sync, async, or a number up to 0x303"
+        reason = f"{shortened(value, 40)!r} is not a slave mode. Give sync, async, or a number up to 0x303"
         raise click.BadParameter(reason)
     return number
 
@@ -52,7 +52,7 @@ def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) 
     "controllers). async: `play` sets the pace. Or give the number for slvChangeMode, such as 0x202.",
 )
 @click.option("--robot", default=DEFAULT_ROBOT, help="Open the robot with this name.")
-@click.option("--task", default=ROBSLAVE, help="Start this task, which RC7 needs for slave mode.")
+@click.option("--task", default=ROBSLAVE, help="Start this task. On RC7, slave mode needs it.")
 @click.option("--move-to-start", is_flag=True, help="Move to the first set point without confirmation.")
 @click.option(
     "--approach",
@@ -97,18 +97,18 @@ def command(
     FILE is a control log or other CSV table, a ROS JointTrajectory as JSON or YAML, output of `extract`, a
     capture, or a WINCAPS III project.
 
-    `play` first shows how it read the file, and the problems that it found. Then a separate process starts
-    RobSlave (RC7), takes the arm and switches the motor on. The process moves the robot to the first set
-    point, enters slave mode and sends the set points. At the end, the process restores the original state.
-    The action log records the calls that energise or move a robot.
+    `play` first shows how it understood the file, and the problems that the pre-flight check found. A
+    separate process then starts RobSlave (RC7), takes the arm and switches the motor on. The process moves
+    the robot to the first set point, enters slave mode and sends the set points. At the end, the process
+    restores the original state. The action log records the calls that energise or move a robot.
 
     While `play` runs, press s, space, Ctrl-C or Ctrl-Z to bring the robot to rest on its path. Press h,
     Escape twice or Ctrl-C twice to halt the robot at once.
 
-    Exit codes: 0: played to the end, or with --loop 0, stopped by you; 2: invalid command line; 4: the file
-    cannot be read; 6: a file was not written; 8: the controller refused a call; 9: no answer; 10: the motion
-    was not confirmed, or another client moves the robot; 11: the trajectory failed the pre-flight check; 130:
-    stopped or halted.
+    Exit codes: 0: the trajectory was played to its end, or you stopped it with --loop 0; 2: invalid command
+    line; 4: the file cannot be read; 6: a file was not written; 8: the controller refused a call; 9: no
+    answer; 10: the motion was not confirmed, or another client moves the robot; 11: the trajectory failed the
+    pre-flight check; 130: stopped or halted.
     """
     _check_platform_and_files(log, record)
     trajectory = motion.read_trajectory()
@@ -145,7 +145,7 @@ def _check_platform_and_files(*new_files: Path | None) -> None:
 
 
 def _check_motion(trajectory: Trajectory, motion: TrajectoryOptions, view: PlayOutput) -> None:
-    """Exit if the set points fail the pre-flight check with only the limits from --limit."""
+    """Exit if the set points fail the pre-flight check. This check knows only the limits from --limit."""
     before = run_preflight(
         trajectory, motion.interval / 1000, with_limits(UNKNOWN_ARM, motion.limits), loop=motion.rounds != 1
     )

@@ -47,8 +47,8 @@ if TYPE_CHECKING:
     "--listen",
     metavar="HOST:PORT",
     multiple=True,
-    help="Listen on this address. Prefix udp: or tcp: for one transport only; port 0 chooses a free port. "
-    "Repeat --listen and --to together for several controllers.",
+    help="Listen on this address. With the prefix udp: or tcp:, listen on this transport only. Port 0 "
+    "chooses a free port. For several controllers, repeat --listen and --to together.",
 )
 @click.option("--to", metavar="HOST:PORT", multiple=True, help="Forward to this controller.")
 @click.option(
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     multiple=True,
     help="Accept only clients at this address or in this network; may be repeated. Default: all.",
 )
-@options.record_option("Record the traffic of both sides to a new capture.")
+@options.record_option("Record the traffic of both legs to a new capture.")
 @click.option(
     "--ring",
     metavar="RING",
@@ -75,7 +75,7 @@ if TYPE_CHECKING:
     metavar="SECONDS",
     type=options.NumberRange(1),
     default=600.0,
-    help="Forget UDP clients that were silent for this many seconds.",
+    help="Forget a UDP client that was silent for this many seconds.",
 )
 @click.option(
     "--low-latency",
@@ -103,7 +103,8 @@ if TYPE_CHECKING:
     "--filter",
     "wanted",
     metavar="EXPRESSION",
-    help="Show only what matches this filter; `bcapscope fields` lists the fields.",
+    help="Show only frames, or with --calls only calls, that match this filter. `bcapscope fields` lists the "
+    "fields.",
 )
 @options.time_format
 @options.color
@@ -137,7 +138,7 @@ def command(
 ) -> None:
     """Forward traffic between b-CAP clients and controllers: watch, record and disturb it.
 
-    Without rules, the proxy forwards bytes at once and unchanged. Another process records and shows the
+    Without rules, the proxy forwards bytes at once and unchanged. A separate process records and shows the
     traffic.
 
     Ctrl-C ends the open sessions, closes the recording and prints a summary. A second Ctrl-C ends at once.
@@ -154,8 +155,8 @@ def command(
     never wait. All scripts are switched off if one of them exceeds --script-timeout, or if their process
     ends.
 
-    Exit codes: 0: you ended it; 2: invalid command line; 4: the proxy cannot listen on an address, or cannot
-    use a script; 6: the recording cannot be written, or is incomplete because the disk was full or the
+    Exit codes: 0: you ended the proxy; 2: invalid command line; 4: the proxy cannot listen on an address, or
+    cannot use a script; 6: the recording cannot be written, or is incomplete because the disk was full or the
     recorder stopped; 9: the name of a controller is unknown.
     """
     if context.invoked_subcommand is not None:
@@ -217,7 +218,7 @@ class _ProxyRun:
     def _open(
         self, opened: ExitStack, proxy_options: ProxyOptions
     ) -> tuple[ProxySupervisor, Callable[[], None]]:
-        """Start the proxy. Return the proxy, and a function that reports the addresses of the proxy."""
+        """Start the proxy. Return the proxy, and a function that reports the proxy's addresses."""
         listening: list[str] = []
         scripts = self.rules.start_scripts(opened)
         policy = self.rules.build_rules(scripts)
@@ -250,7 +251,9 @@ class _ProxyRun:
 
 
 def _print_greetings(proxy: ProxySupervisor, greetings: list[Message]) -> None:
-    """Print the greetings through the watcher, which from now on controls the last line of the terminal."""
+    """Let the watcher print the greetings. From now on, the watcher controls the last line of the
+    terminal.
+    """
     for greeting in greetings:
         proxy.relay.notify(greeting)
 
@@ -258,7 +261,9 @@ def _print_greetings(proxy: ProxySupervisor, greetings: list[Message]) -> None:
 def _announce_to_parent(
     proxy: ProxySupervisor, greetings: list[str], listening: list[str], control: str
 ) -> None:
-    """Report to the parent process that the proxy is ready, and let the proxy end when the parent ends."""
+    """Report to the parent process that the proxy is ready, and end the proxy when the parent process
+    ends.
+    """
     print_stderr("\n".join(greetings))
     announce_ready(listening, control)
     proxy.end_with_parent()

@@ -29,7 +29,8 @@ from bcapscope.traffic.observation import Observation
 R = TypeVar("R", bound=control.DoneResponse)
 
 _INDENTED = re.compile(r"\n(?=  )")
-"""Matches the line breaks before the indented lines of an error message, which show the position in a rule.
+"""Matches each line break before an indented line of an error message. Indented lines show the position of
+the error in a rule.
 """
 
 _NAME = click.argument("name")
@@ -44,8 +45,8 @@ _NUMBER = click.argument("number", type=options.IntegerRange(1, options.LARGEST_
 def command(context: click.Context, address: str, as_json: bool, words: MessageFormatter) -> None:
     """Control the running proxy that was started with `--control ADDRESS`.
 
-    Exit codes: 0: done; 2: invalid command line; 4: no proxy listens on ADDRESS; 8: the proxy rejected
-    the command.
+    Exit codes: 0: done; 2: invalid command line; 4: no proxy listens on ADDRESS; 8: the proxy refused the
+    command.
     """
     context.obj = _ControlCommand(address, as_json, words)
 
@@ -59,9 +60,10 @@ class _ControlCommand:
         self._as_json = as_json
 
     def request(self, request: control.ControlRequest, kind: type[R]) -> R | None:
-        """Send a request and return the response, or None with --json.
+        """Send a request to the proxy and return the response. With --json, print the response and return
+        None.
 
-        If the proxy refuses, print why and exit.
+        If the proxy refuses the request, print the reason and exit.
         """
         with self._connected() as proxy:
             if not self._as_json:
@@ -95,7 +97,7 @@ def _json_text(line: bytes) -> str:
 def _json_character(char: str) -> str:
     if char.isprintable():
         return char
-    if char in "\t\r\n":  # JSON contains these characters only between tokens
+    if char in "\t\r\n":  # JSON contains these unescaped characters only between tokens
         return " "
     return "".join(f"\\u{unit:04x}" for unit in memoryview(char.encode("utf-16-le")).cast("H"))
 
@@ -129,18 +131,20 @@ def _add(ctl: _ControlCommand, rule: str) -> None:
     "--hold",
     metavar="TIME",
     callback=options.parsed_by(lambda text: DurationQuantity.read(text).text),
-    help="Hold messages at most this long, such as 60s (default: as before); see `proxy --hold`.",
+    help="Hold messages at most this long, such as 60s (default: no change); see `proxy --hold`.",
 )
 @click.pass_obj
 def _intercept(ctl: _ControlCommand, expression: str | None, hold: str | None) -> None:
-    """From now on, hold messages that match the filter EXPRESSION. Without EXPRESSION, hold none."""
+    """From now on, hold messages that match the filter EXPRESSION. Without EXPRESSION, hold no more
+    messages.
+    """
     ctl.request(control.SetIntercept(expression or None, hold or None), control.DoneResponse)
 
 
 @command.command("held", short_help="List the held messages.")
 @click.pass_obj
 def _held(ctl: _ControlCommand) -> None:
-    """List the held messages with number, seconds held, and content."""
+    """List the held messages, each with its number, the seconds that it was held, and its content."""
     response = ctl.request(control.ListHeld(), control.HeldResponse)
     for held in response.held if response else ():
         for line in _held_lines(held, ctl.words):
@@ -171,14 +175,16 @@ def _held_lines(held: control.HeldStatus, words: MessageFormatter) -> list[str]:
 )
 @click.pass_obj
 def _edit(ctl: _ControlCommand, number: int, changes: tuple[str, ...], data: str | None) -> None:
-    """Send a held message with CHANGES, in the notation of the fault `rewrite`: set arg[2][0]=10."""
+    """Send a held message with CHANGES. Write them as for the fault `rewrite`, such as: set arg[2][0]=10."""
     ctl.request(control.EditHeld(number, data or "", " ".join(changes)), control.DoneResponse)
 
 
 @command.command("clients", short_help="List the clients.")
 @click.pass_obj
 def _clients(ctl: _ControlCommand) -> None:
-    """List the clients: connection time, messages in each direction, connection to the controller."""
+    """List the clients, each with its connection time, messages in each direction, and connection to the
+    controller.
+    """
     response = ctl.request(control.ListClients(), control.ClientsResponse)
     for client in response.clients if response else ():
         route = f"{client.client} > {client.server} {client.transport} {client.upstream}"
@@ -209,7 +215,7 @@ def _figure_text(value: object) -> str:
 def _add_change_command(
     name: str, help_: str, argument: options.Decorator, make: Callable[..., control.ControlRequest]
 ) -> None:
-    """Add a command that sends the request `make(ARGUMENT)` and prints nothing."""
+    """Add a subcommand that sends the request `make(ARGUMENT)` to the proxy and prints nothing."""
 
     @command.command(name, help=help_)
     @argument

@@ -72,31 +72,31 @@ _MAX_LISTED = 8
     "side",
     type=click.Choice(["client", "server"]),
     required=True,
-    help="client: make the calls of the recorded client to HOST. server: answer clients as the recorded "
-    "controller did.",
+    help="client: make the calls of the recorded client to HOST. server: give clients the replies of the "
+    "recorded controller.",
 )
 @click.option(
     "--client", metavar="ADDRESS", help="Play the calls of this client, given as address or address:port."
 )
 @options.filter_option(RecordKind.CALL)
 @click.option("--arm", is_flag=True, help="As client: energise and move a robot without confirmation.")
-@options.limit_option("As client: check against this limit of the arm")
+@options.limit_option("As client: check the set points against this limit of the arm")
 @click.option(
     "--anywhere",
     is_flag=True,
-    help="As client: enter slave mode even if the robot is not at the first set point.",
+    help="As client: enter slave mode wherever the robot is, even away from the first set point.",
 )
 @click.option(
     "--keep-going",
     is_flag=True,
-    help="As client: continue after a call that fails and did not fail in the recording.",
+    help="As client: continue if a call fails that did not fail in the recording.",
 )
 @click.option(
     "--longest-pause",
     metavar="SECONDS",
     type=options.NumberRange(0),
     default=5.0,
-    help="As client: shorten pauses between calls to this many seconds.",
+    help="As client: shorten long pauses between calls to this many seconds.",
 )
 @click.option(
     "--no-delay", is_flag=True, help="As server: answer immediately instead of after the recorded time."
@@ -132,31 +132,31 @@ def command(
     color: str,
     words: MessageFormatter,
 ) -> None:
-    """Play one side of a recording: make the client's calls to HOST, or answer clients as the controller did.
+    """Play one side of a recording: make the client's calls to HOST, or give clients the controller's
+    replies.
 
-    As client, `replay` makes each call at its recorded time, with the handles that this controller gives, and
-    compares the result with the recorded one. `replay` retries a call only if no reply comes; recorded
-    retries are not repeated. First, `replay` opens objects that the recording uses but does not open. At the
-    end, `replay` leaves slave mode and releases everything that is still open.
+    As client, `replay` opens objects that the recording uses but does not open. It makes each call at its
+    recorded time, with the handles that HOST gives, and compares each result with the recorded result.
+    Recorded retries are not repeated. At the end, `replay` leaves slave mode and releases open objects.
 
-    Before `replay` sends anything, the set points go through the pre-flight check of `play`. A recording that
-    may energise or move a robot needs --arm or your confirmation, except with bcapscope's own simulator. The
-    action log records armed calls. `replay` enters slave mode only if the robot is at the first set point;
-    --anywhere skips this check.
+    Before `replay` sends anything, it checks the set points as the pre-flight check of `play` does. A
+    recording that may energise or move a robot needs --arm or your confirmation, except with bcapscope's own
+    simulator. The action log records armed calls. `replay` enters slave mode only if the robot is at the
+    first set point; --anywhere skips this check.
 
     As server, `replay` gives each call the reply that the next equal call got in the recording, until Ctrl-C.
-    In a script, end it with SIGTERM, as in kill $!: shells start background jobs of scripts with Ctrl-C
+    In a script, end `replay` with SIGTERM, as in kill $!: shells start background jobs of scripts with Ctrl-C
     (SIGINT) ignored.
 
     Exit codes: 0: all results were as recorded; 2: invalid command line; 3: the capture is damaged and
     contains no calls to play; 4: the capture cannot be read, or replay cannot listen on the address; 5: there
-    are no calls to play; 6: the recording cannot be written, or is incomplete; 8: a result differs; 9: no
-    answer; 10: the motion was not confirmed; 11: the set points failed the pre-flight check.
+    are no calls to play; 6: the recording cannot be written, or is incomplete; 8: a result differs from the
+    recording; 9: no answer; 10: the motion was not confirmed; 11: the set points failed the pre-flight check.
     """
     if side == "client" and not target.host:
         raise click.UsageError("--as client needs a controller: give HOST")
     if side == "server" and target.host:
-        raise click.UsageError("--as server takes no HOST: leave it out. --listen sets the address")
+        raise click.UsageError("--as server takes no HOST: leave HOST out. --listen sets the address")
     script = _choose_script(CaptureReader([capture], (), words=words), wanted, client, words)
     if side == "server":
         serving = ServerRunner(quiet=quiet, record=record, words=words)
@@ -244,9 +244,9 @@ class _PreflightCheck:
             raise click.UsageError(str(error)) from None
 
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
-        """Check all set points, and exit if some are unfit.
+        """Check all set points, and exit if the check fails.
 
-        The results of unfit set points are printed; with `shown`, all results are printed.
+        Print the results of set points that fail the check; if `shown` is True, print all results.
         """
         found = [preflight_run(run, with_limits(limits, self._limits)) for run in self.runs]
         bad = [each for each in found if not each.is_playable]
@@ -278,7 +278,7 @@ class _ReplayRunner:
     async def play(self, target: ControllerTarget, armed: bool, longest_pause: int) -> ExitCode:
         """Make the recorded calls and return the exit code.
 
-        No event loop is used: its timers are too coarse.
+        The calls are made without an event loop, because the timers of an event loop are too coarse.
         """
         simulated = False
         needs_arm = any(needs_arming(each.kind.function_id, each.arguments) for each in self.script.calls)

@@ -62,7 +62,7 @@ from bcapscope.simulator.simulator_server import SimulatorServer
 @click.option(
     "--seed",
     type=options.IntegerRange(0, options.LARGEST_SEED),
-    help="Random seed; replaces the seed of the scenario.",
+    help="Use this random seed instead of the seed of the scenario.",
 )
 @click.option(
     "--defect",
@@ -111,16 +111,17 @@ def command(
 ) -> None:
     """Simulate a DENSO controller: answer b-CAP clients over UDP and TCP until Ctrl-C.
 
-    `sim` prints one line per call. While `sim` runs, you can type commands. reset forgets all clients, like
-    the button on the pendant. stop presses the emergency stop, and go releases it. detector switches whether
-    a late set point is an error in the Async modes of RC7. quit ends `sim`.
-    In a script, end a `sim` in the background with SIGTERM, as in kill $!: shells start background jobs of
-    scripts with Ctrl-C (SIGINT) ignored.
+    `sim` prints one line per call. While `sim` runs, you can type commands. "reset" forgets all clients, like
+    the button on the pendant. "stop" presses the emergency stop, and "go" releases it. "detector" switches
+    whether a late set point is an error in the Async modes of RC7. "quit" ends `sim`. In a script, end a
+    `sim` in the background with SIGTERM, as in kill $!: shells start background jobs of scripts with Ctrl-C
+    (SIGINT) ignored.
 
-    --scenario simulates a controller with a known problem, whose root cause `diagnose` finds in a capture.
-    Lines that begin with # show what the scenario does.
+    --scenario simulates a controller with a known problem. `diagnose` finds the root cause in a capture of
+    the traffic. Lines that begin with # show what the scenario does.
 
-    Exit codes: 0: you ended it; 2: invalid command line or scenario; 4: `sim` cannot listen on the address;
+    Exit codes: 0: you ended `sim`; 2: invalid command line or scenario; 4: `sim` cannot listen on the
+    address;
     6: the recording cannot be written, or is incomplete.
     """
     played = _played_scenario(scenario, profile, defects, no_argument)
@@ -163,7 +164,7 @@ def _print_introduction(
 def _played_scenario(
     scenario: Scenario | None, profile: str | None, defects: tuple[str, ...], no_argument: str | None
 ) -> Scenario:
-    """Return the scenario to play; an error of the profile is an error of the command line."""
+    """Return the scenario to play. If the profile does not fit it, the user gets a usage error."""
     try:
         return played_scenario(
             scenario,
@@ -246,7 +247,7 @@ class _TypedCommands:
 
 
 def _can_be_read() -> bool:
-    """Return whether stdin can be polled. On Windows and in a background job, it cannot."""
+    """Return whether stdin can be polled. On Windows and in a background job, this is not possible."""
     if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
         return False
     try:

@@ -19,8 +19,8 @@ from bcapscope.render.statistics_text import statistics_lines, statistics_record
 def command(arguments: FigureArguments) -> None:
     """Show figures about the calls in captures, by client and by command.
 
-    Line time is the share of the total time in which the client waited for replies to the calls of a row.
-    Latency runs from the first request to the accepted reply.
+    Each row shows the figures of a group of calls. Line time is the share of the total time in which the
+    client waited for replies to these calls. Latency runs from the first request to the accepted reply.
 
     Exit codes: as for `decode`.
     """

@@ -20,7 +20,7 @@ from bcapscope.messages import MessageFormatter
 from bcapscope.render.escape import printable
 
 _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
-"""File suffixes: an argument that ends in one of them is a file, not a host name."""
+"""File suffixes. An argument that ends in one of these suffixes is a file, not a host name."""
 
 
 @click.command(short_help="Open the screen: test a controller, show live traffic or a capture.")
@@ -56,13 +56,13 @@ _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
     "--option",
     metavar="TEXT",
     default="",
-    help="Connect with these options, such as Timeout=300.",
+    help="Connect with this option string, such as Timeout=300.",
 )
 @click.option(
     "--profile",
     type=click.Choice(["rc7", "rc8", "rc9", "cserver"]),
-    help="Let the built-in simulator, or that of --sim, imitate this kind of controller. Default: as for "
-    "`bcapscope sim`.",
+    help="Let the built-in simulator, or the simulator of --sim, imitate this kind of controller. Default: "
+    "as for `bcapscope sim`.",
 )
 @click.option(
     "--requests",
@@ -96,19 +96,19 @@ def command(
 ) -> None:
     """Open the screen: test a controller, or show the traffic of a capture, interface, proxy or simulator.
 
-    HOST opens the Tester: connect, execute, robots, variables, tasks, slave mode, and every byte. -p is then
-    the port of the controller. Without arguments, the Tester connects to a built-in simulator.
+    With HOST, the screen opens the Tester, in which you connect, execute functions and see every byte. -p is
+    then the port of the controller. Without arguments, the Tester connects to a built-in simulator.
 
-    FILE or -i shows frames, calls, findings, slave mode and statistics. --proxy shows the
+    With FILE or -i, the screen shows frames, calls, findings, slave mode and statistics. --proxy shows the
     traffic of a proxy; a second screen shows the proxy's clients, rules and held messages. --sim shows the
     traffic of a simulator.
 
     F1 shows the keys, Ctrl-P finds actions by name, F12 halts the robot, Ctrl-Q quits. Labels are in English
     or Japanese. --lang chooses the language; without --lang, your settings decide.
 
-    Exit codes: 0: you ended it; 2: invalid command line; 4: the capture cannot be opened, an address cannot
-    be used for listening, or no proxy was found; 6: a recording or temporary file cannot be written; 9: the
-    name of the controller is unknown.
+    Exit codes: 0: you closed the screen; 2: invalid command line; 4: the capture cannot be opened, an address
+    cannot be used for listening, or no proxy was found; 6: a recording or temporary file cannot be written;
+    9: the name of the controller is unknown.
     """
     if sum((bool(path), bool(interface), proxy is not None, sim)) > 1:
         raise click.UsageError("give only one of HOST, FILE, -i, --proxy and --sim")
@@ -139,7 +139,8 @@ def command(
 def _server_port(ports: tuple[int, ...]) -> int:
     """Return the given port, or the default port of b-CAP."""
     from bcapscope.client.controller_target import (
-        DEFAULT_PORT,  # imported here, because this import loads the client, which a capture does not need
+        # imported here, because this import loads the client, and showing a capture does not need the client
+        DEFAULT_PORT,
     )
 
     return ports[0] if ports else DEFAULT_PORT
@@ -147,7 +148,7 @@ def _server_port(ports: tuple[int, ...]) -> int:
 
 @contextmanager
 def _exit_without_folder() -> Iterator[None]:
-    """Exit if the block fails to create the temporary folder of the screen."""
+    """If the block cannot create the temporary folder of the screen, print the error and exit."""
     from bcapscope.tui.reader_language import full_error_text
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
 
@@ -190,7 +191,7 @@ def _show_tester(
 
 
 def _show_traffic(path: str, interface: str, ports: tuple[int, ...]) -> None:
-    # TrafficFeed starts a separate process that reads, while this process loads the screen.
+    # TrafficFeed starts a separate process that reads traffic. Meanwhile, this process loads the screen.
     from bcapscope.tui.traffic_processes.process_messages import ReadJob
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 

@@ -1,11 +1,12 @@
-"""Client: sessions, the controller's objects with typed methods, and a synchronous wrapper.
+"""The client: sessions with a controller, the controller's objects with typed methods, and a synchronous
+wrapper.
 
     async with connect(over_udp("192.168.0.1")) as service:
         controller = await service.connect("", "CaoProv.DENSO.VRC", "localhost")
         robot = await controller.get_robot("Arm")
         print(await robot.execute("CurJnt"))
 
-The block releases everything that it opened, newest first, even after an error.
+At its end, the block releases all objects that were opened in it, newest first, even after an error.
 """
 
 from bcapscope.client.blocking import Blocking

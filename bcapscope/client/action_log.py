@@ -1,8 +1,8 @@
 """The action log: what bcapscope's own clients send to a controller, one JSON object per line.
 
 `call`, `replay`, `play` and the Tester write the same lines to the same files. A separate thread writes the
-lines, so a slow disk never delays a stop. A call that needs arming waits for its line, but at most for
-`LINE_TIMEOUT`. If the log fails, operators get a warning, and the robot still obeys commands.
+lines, so a slow disk never delays a stop. A call that needs arming waits until its line is written, but at
+most for `LINE_TIMEOUT`. If the log fails, operators get a warning, and calls are still made.
 """
 
 from __future__ import annotations
@@ -38,15 +38,17 @@ class LogFiles:
 
     Attributes:
         path: Path of the file with the last line; path of the folder if no line was written yet.
-        max_file_size: Size limit of a file in bytes. Beyond this size, the next file of the day begins.
-        max_total_size: Size limit of all files in bytes. Before a new file begins, the oldest are deleted.
+        max_file_size: Size limit of a file in bytes. A line that would exceed this size begins the next file
+            of the day.
+        max_total_size: Size limit of all files in bytes. Before a new file begins, the oldest files are
+            deleted.
     """
 
     max_file_size = 16 << 20
     max_total_size = 128 << 20
 
     def __init__(self, folder: Path) -> None:
-        """Set up the log files; the first line creates the folder."""
+        """Prepare the log files. `folder` is created with the first line."""
         self.path = folder
         self._folder = folder
         self._is_torn = False
@@ -54,7 +56,7 @@ class LogFiles:
     def append(self, line: bytes) -> None:
         """Append a line with a single write, so that other processes can append to the same file.
 
-        Raises OSError if the line was not written, or only in part.
+        Raises OSError if the line was not written completely.
         """
         self.path = self._current(datetime.now().strftime("%Y-%m-%d"))
         data = b"\n" + line if self._is_torn else line
@@ -89,7 +91,7 @@ class LogFiles:
         return self._folder / f"actions-{day}{f'.{number}' if number > 1 else ''}.jsonl"
 
     def _delete_oldest(self) -> None:
-        """Delete the oldest files until a new file fits into the limit, or a file cannot be deleted."""
+        """Delete the oldest files until a new file fits into the limit. Stop if a file cannot be deleted."""
         with suppress(OSError):
             found = [(path.stat(), path) for path in self._folder.glob("actions-*.jsonl")]
             left = sum(stat.st_size for stat, _ in found) + self.max_file_size
@@ -112,16 +114,20 @@ CLOSE_TIMEOUT = 2.0
 """Maximum time in s that `ActionLog.close` waits for unwritten lines."""
 
 MAX_WAITING = 4096
-"""Maximum number of lines that wait for the disk, and of requests that wait for a reply."""
+"""Maximum number of lines that wait to be written. The same limit applies to requests that wait for a
+reply.
+"""
 
 _MAX_TEXT, _MAX_VALUES, _MAX_BYTES = 512, 128, 1024
 
 ErrorCallback: TypeAlias = Callable[[Path, OSError], None]
-"""Function that gets the file that cannot be written and the reason; may be called from any thread."""
+"""Function that receives the path of a file that cannot be written, and the reason. Any thread may call the
+function.
+"""
 
 
 class LoggedConnection(NamedTuple):
-    """A connection to a controller over "udp" or "tcp"; the `client_port` is 0 if unknown."""
+    """A connection to a controller over "udp" or "tcp". `client_port` is 0 if the port is unknown."""
 
     host: str
     port: int
@@ -130,13 +136,15 @@ class LoggedConnection(NamedTuple):
 
     @classmethod
     def of_target(cls, target: ControllerTarget) -> LoggedConnection:
-        """Return the connection to a target, with the host as the user typed it."""
+        """Return the connection to a target. The host of the connection is the text that the user typed."""
         transport = Transport.TCP if target.tcp else Transport.UDP
         return cls(target.host, target.port, transport.value)
 
     @classmethod
     def of_conversation(cls, conversation: Conversation) -> LoggedConnection:
-        """Return the connection of a conversation, with the address of the controller as host."""
+        """Return the connection of a conversation. The host of the connection is the address of the
+        controller.
+        """
         server = conversation.server
         return cls(server.host, server.port, conversation.transport.value, conversation.client.port)
 
@@ -149,10 +157,10 @@ class ActionLog:
     """Writes the action log. Any thread may call the methods of an `ActionLog`."""
 
     def __init__(self, folder: Path, program: str, on_error: ErrorCallback) -> None:
-        """Set up the log; the first line creates the files.
+        """Prepare the log. The log files are created with the first line.
 
         `program` is the name of the sending program, such as "call". If writing fails, `on_error` is called
-        once, and again only if writing has succeeded in the meantime.
+        once. `on_error` is called again only if writing succeeded in between.
         """
         self.folder = folder
         self._program = program
@@ -172,8 +180,8 @@ class ActionLog:
         who: str,
         is_logged: bool = True,
     ) -> None:
-        """Log a request that `who` sent at `time`, ns since 1970-01-01 UTC, so that `log_reply` logs its
-        reply.
+        """Log a request that `who` sent at `time`, ns since 1970-01-01 UTC. `log_reply` then logs the reply
+        to this request.
 
         If `is_logged` is False, log neither the request nor its reply.
         """
@@ -213,7 +221,9 @@ class ActionLog:
         )
 
     def close(self) -> None:
-        """Wait at most `CLOSE_TIMEOUT` until all lines are written. A later line starts a new thread."""
+        """Wait until all lines are written, but at most `CLOSE_TIMEOUT`. If a line is logged later, a new
+        thread writes it.
+        """
         with self._lock:
             thread, self._thread = self._thread, None
         if thread is None:
@@ -277,7 +287,9 @@ def _json(fields: dict[str, object]) -> bytes:
 
 
 def _hex(raw: bytes) -> dict[str, object]:
-    """Return the first bytes of a frame as hex, and the frame's size if bytes are left out."""
+    """Return the first bytes of a frame as hex. If bytes are left out, the text also states the frame's
+    size.
+    """
     shown: dict[str, object] = {"hex": raw[:_MAX_BYTES].hex()}
     return shown if len(raw) <= _MAX_BYTES else {**shown, "bytes": len(raw)}
 
@@ -315,10 +327,10 @@ _FUNCTION_ID = 9
 
 
 class ArmedCallLogger:
-    """Logs the calls that need arming, from all frames of a connection.
+    """Receives all frames of a connection, and logs the calls that need arming.
 
-    Of consecutive set points, the logger logs the first set point like any other call, and later their
-    number. A set point that is sent again before any reply is a retry.
+    Of consecutive set points, only the first one is logged like any other call. Later, one line states the
+    number of set points. A set point that is sent again before a reply arrives counts as a retry.
     """
 
     def __init__(self, log: ActionLog, connection: LoggedConnection) -> None:
@@ -354,11 +366,14 @@ class ArmedCallLogger:
         self._log.log_request(self._connection, frame, timestamp, _WHO, wanted)
 
     def add_set_points(self, count: int) -> None:
-        """Count set points that were sent without `add_frame`."""
+        """Count set points that were sent, but not passed to `add_frame`."""
         self._set_points += count
 
     def end_set_points(self, timestamp: int | None = None) -> None:
-        """Log the number of set points since the last call, if any; `timestamp` is in ns, None means now."""
+        """Log how many set points were counted since the previous such line, if there were any.
+
+        `timestamp` is the time of the line in ns; None means now.
+        """
         count, self._set_points = self._set_points, 0
         if count:
             self._log.log_set_points(

@@ -1,4 +1,4 @@
-"""Synchronous use of the client: run each coroutine to its end."""
+"""Use the client from code without asyncio: run each coroutine of the client to its end."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ R = TypeVar("R")
 
 
 class Blocking:
-    """Runs coroutines to their end, and exits all entered context managers at the end of its own block.
+    """Runs coroutines to their end. When its own block ends, it exits all context managers that were entered
+    with `enter`.
 
         with Blocking() as wait:
             service = wait.enter(connect(over_udp("192.168.0.1")))
             controller = wait(service.connect())
 
-    Results have the types of the asynchronous methods, which `Blocking` calls directly.
+    A result has the type that the coroutine returns.
     """
 
     def __init__(self, runner: asyncio.Runner | None = None) -> None:
@@ -31,7 +32,9 @@ class Blocking:
         return self._runner.run(step)
 
     def enter(self, context: AbstractAsyncContextManager[R]) -> R:
-        """Enter an asynchronous context manager, which the end of the `Blocking` block exits."""
+        """Enter an asynchronous context manager. The context manager is exited when the block of this
+        `Blocking` ends.
+        """
         return self._runner.run(self._stack.enter_async_context(context))
 
     def __enter__(self) -> Self:

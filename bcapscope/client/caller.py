@@ -1,4 +1,4 @@
-"""Asyncio wrapper of `Requester`, with a link and a timer, for one call at a time."""
+"""Connects a `Requester` with a link and a timer of asyncio, and makes one call at a time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,15 @@ from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.retry.requester import Requester, RequesterEvent, RequesterOutcome, RetryPolicy
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PARTICIPANT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    Transport,
+)
 from bcapscope.transport.loop_clock import LoopClock
 from bcapscope.transport.peer_link import Link
 
@@ -27,7 +35,8 @@ EventListener: TypeAlias = Callable[[RequesterEvent], None]
 class Caller:
     """Makes calls over a link, one after the other, and shows every frame to an observer.
 
-    After each input, the caller sends the requester's frames, sets the timer and reports the events.
+    After each input, such as a received frame, it sends the requester's frames, sets the timer and reports
+    events.
     """
 
     def __init__(
@@ -36,10 +45,11 @@ class Caller:
         listener: EventListener | None = None,
         fails_if_refused: bool = False,
     ) -> None:
-        """Start without a link, because a link needs the caller as its receiver.
+        """Create a caller without a link. The link is set later, because a link needs the caller as its
+        receiver.
 
-        With `fails_if_refused`, a call over UDP fails at the first error that the operating system reports
-        for sent data, unless the controller has already sent data.
+        If `fails_if_refused` is True, a call over UDP fails at the first error that the operating system
+        reports for sent data. Errors are ignored once the controller has sent data.
         """
         self._fails_if_refused = fails_if_refused
         self._observer = observer
@@ -59,7 +69,7 @@ class Caller:
         self._requester = Requester(convention)
         transport = Transport.UDP if link.datagrams else Transport.TCP
         conversation = Conversation(
-            Endpoint(*link.local), Endpoint(*link.peer), transport, "bcapscope is the client"
+            Endpoint(*link.local), Endpoint(*link.peer), transport, SERVER_PARTICIPANT
         )
         self._request_flow = Flow(conversation, Direction.REQUEST)
         self._reply_flow = Flow(conversation, Direction.RESPONSE)
@@ -70,7 +80,7 @@ class Caller:
         """Make a call and return its outcome.
 
         Raises LocalProtocolError as `Requester.start_call` does, and ConnectionError if the link is lost.
-        With `fails_if_refused`, a closed port of the controller also raises ConnectionError.
+        If `fails_if_refused` is True, a closed port of the controller also raises ConnectionError.
         """
         async with self._one_at_a_time:
             if self._lost_reason is not None:
@@ -86,9 +96,11 @@ class Caller:
                 self._after_input()
 
     async def send_raw(self, raw: bytes, timeout: float) -> bool:
-        """Send bytes unchanged and without retries, even invalid bytes; return whether data arrived in time.
+        """Send bytes, even invalid ones, unchanged and without retries; return whether the controller sent
+        data in time.
 
-        `raw` is one datagram, or bytes of a stream. `timeout` is in s. Raises ConnectionError.
+        `raw` is one datagram, or bytes of a stream. `timeout` is in s. Raises ConnectionError if the link is
+        lost.
         """
         async with self._one_at_a_time:
             if self._lost_reason is not None:

@@ -1,4 +1,4 @@
-"""The short way to a controller: host in, controller object out, for programs with and without asyncio."""
+"""Connect to a controller by its host in one step, in programs with and without asyncio."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from bcapscope.client.session import open_target_session
 
 
 class ControllerConnection:
-    """A connection that opens and closes with a `with` or an `async with` block.
+    """A connection that a `with` or `async with` block opens at its start and closes at its end.
 
-    `async with` gives the controller, whose methods are coroutines. `with` gives a `Blocking` too, which runs
-    a coroutine to its end. The end of the block releases everything that the block opened, newest first.
+    `async with` returns the controller, whose methods are coroutines. `with` returns a `Blocking`, which runs
+    a coroutine to its end, and the controller. At its end, the block releases all objects that were opened in
+    it, newest first.
     """
 
     def __init__(self, target: ControllerTarget) -> None:
@@ -44,7 +45,7 @@ class ControllerConnection:
         await self._stack.__aexit__(kind, error, trace)
 
     def __enter__(self) -> tuple[Blocking, Controller]:
-        """Connect as `async with` does; call this outside of a running event loop."""
+        """Connect as `async with` does. Do not use `with` while an event loop runs."""
         wait = Blocking()
         try:
             controller = wait.enter(self)
@@ -82,13 +83,14 @@ def connect_controller(
 
     Args:
         host: Name or address of the controller.
-        port: Port of the controller.
+        port: Port of the controller; 5007 by default.
         tcp: Whether to use TCP instead of UDP.
-        provider: Provider of Controller_Connect; `CaoProv.DENSO.VRC9` for RC9 and COBOTTA PRO.
-        name: Name of the connection; "" lets the controller choose one.
+        provider: Provider name for Controller_Connect; RC9 and COBOTTA PRO need `CaoProv.DENSO.VRC9`.
+        name: Name of the connection; if it is "", the controller chooses a name.
         option: Option of Service_Start, such as `,WDT=400`.
-        timeout: Time to wait for a reply before each retry, in ms.
-        retries: Maximum number of retries of a call.
+        timeout: Time to wait for a reply before each retry, in ms; 1000 by default. Over UDP, slvMove has a
+            shorter one.
+        retries: Maximum number of retries of such a call over UDP; 4 by default.
     """
     return ControllerConnection(
         ControllerTarget(

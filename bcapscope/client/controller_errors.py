@@ -1,6 +1,6 @@
 """Read and clear the active errors of a controller.
 
-Read the errors before you clear them, since clearing destroys the evidence.
+Read the errors before you clear them, because the controller forgets cleared errors.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ MAX_ERRORS = 20
 
 
 async def read_errors(controller: Controller) -> tuple[tuple[int, str], ...]:
-    """Return the active errors as result code and text, newest first; raise the errors of `Session.call`."""
+    """Return the active errors as result code and text, newest first. Raises what `Session.call` raises."""
     found: list[tuple[int, str]] = []
     try:
         count = await controller.execute("GetCurErrorCount")
@@ -31,7 +31,7 @@ async def read_errors(controller: Controller) -> tuple[tuple[int, str], ...]:
 
 
 async def clear_errors(controller: Controller) -> None:
-    """Clear the active errors; raise the errors of `Session.call`."""
+    """Clear the active errors of a controller. Raises what `Session.call` raises."""
     await controller.execute("ClearError")
 
 

@@ -25,9 +25,10 @@ class RetryPolicies(NamedTuple):
     """Timeouts and numbers of retries (DENSO Wave 2009, How to use the Slave mode).
 
     Attributes:
-        others: Policy for all calls but slvMove. In an Async mode, the default policy has one retry fewer.
-        sync: Policy for slvMove in a mode that is not Async: 2 ms and 7 retries, together two cycle times.
-        asynchronous: Policy for slvMove in an Async mode: no retry, because the next set point follows.
+        others: Policy for all calls except slvMove. In an Async mode, the default policy has one retry fewer.
+        sync: Policy for slvMove in a mode that is not Async: a timeout of 2 ms and 7 retries. All attempts
+            together take two cycle times.
+        asynchronous: Policy for slvMove in an Async mode: no retry, because the next set point follows soon.
     """
 
     others: RetryPolicy = RetryPolicy(1000 * _MS, 4)
@@ -39,7 +40,7 @@ DEFAULT_RETRY_POLICIES = RetryPolicies()
 """Policies that DENSO recommends."""
 
 OTHERS_IN_ASYNC_MODE = RetryPolicy(1000 * _MS, 3)
-"""Policy that DENSO recommends in an Async mode for all calls but slvMove."""
+"""Policy that DENSO recommends in an Async mode for all calls except slvMove."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +48,11 @@ class ControllerTarget:
     """Address of a controller and the options for connecting to it.
 
     Attributes:
-        timeout: Timeout of each attempt, ms, for all calls but slvMove.
-        retries: Number of retries, for all calls but slvMove.
-        convention: Convention of the reserved field; None for the default.
-        service: Option string of Service_Start.
-        name: Argument of Controller_Connect, like `provider`, `machine` and `connect_option`.
+        timeout: Timeout in ms of each attempt, for all calls except slvMove.
+        retries: Maximum number of retries, for all calls except slvMove.
+        convention: Convention of the reserved field; None for the default convention of the transport.
+        service: Option string that is sent with Service_Start.
+        name: Argument of Controller_Connect; so are `provider`, `machine` and `connect_option`.
     """
 
     host: str

@@ -1,4 +1,4 @@
-"""The objects that a session has open in the controller, by handle."""
+"""Tracks the objects that a session has opened in the controller, by handle."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bcapscope.protocol.tables.function_table import Function, ObjectClass
 class ObjectHandle(NamedTuple):
     """An object in the controller for which the client holds a handle; `parent` is None for a controller.
 
-    `opened_with` are the string arguments of the opening call, such as name and option.
+    `opened_with` holds the string arguments of the call that opened the object, such as name and option.
     """
 
     kind: ObjectClass
@@ -28,14 +28,16 @@ class ObjectHandle(NamedTuple):
 
 
 class HandleTable:
-    """Tracks the open objects of one session, and whether the service is started, from successful calls."""
+    """Tracks from successful calls which objects of one session are open, and whether the service is
+    started.
+    """
 
     def __init__(self) -> None:
         self.is_service_started = False
         self._unreleased: dict[tuple[ObjectClass, int], ObjectHandle] = {}
 
     def record_call(self, function: Function, arguments: Sequence[Variant], reply: Frame) -> None:
-        """Record a successful call. Further records of the same call change nothing."""
+        """Record a successful call. Recording the same call again changes nothing."""
         handle = first_number(arguments)
         if function.creates is ObjectClass.SERVICE:
             self.is_service_started = True
@@ -66,7 +68,7 @@ class HandleTable:
     def unreleased_handles(self) -> tuple[ObjectHandle, ...]:
         """List the objects that the client must still release, newest first.
 
-        Objects of a disconnected controller are no longer open, but still unreleased.
+        After a controller was disconnected, its objects are no longer open, but still unreleased.
         """
         return tuple(reversed(self._unreleased.values()))
 

@@ -1,4 +1,4 @@
-"""Open what a function needs: the service, the controller, and the object of the function's handle."""
+"""Open what a function needs: the service, the controller, and the object whose handle the function takes."""
 
 from __future__ import annotations
 
@@ -26,15 +26,17 @@ DEFAULT_OBJECT_NAMES: Mapping[ObjectClass, str] = {
     ObjectClass.ROBOT: DEFAULT_ROBOT,
     ObjectClass.TASK: ROBSLAVE,
 }
-"""Names of objects on most controllers, by class."""
+"""For each class, the name that an object of this class has on most controllers."""
 
 
 _UNKNOWN_PROVIDER_CODES = (E_INVALIDARG, 0x80000201)
-"""Refusals of a provider name by RC8 and the CAO engine (orin_bcap C/include/bcap_common.h)."""
+"""Result codes with which RC8 and the CAO engine refuse a provider name (orin_bcap
+C/include/bcap_common.h).
+"""
 
 
 class ObjectOpener:
-    """Opens missing objects before a call, and uses those that earlier calls of the session opened.
+    """Opens the objects that a call needs, unless earlier calls of the session have opened them.
 
     Every method raises what `Session.call` raises.
     """
@@ -45,7 +47,9 @@ class ObjectOpener:
         target: ControllerTarget,
         names: Mapping[ObjectClass, str] = DEFAULT_OBJECT_NAMES,
     ) -> None:
-        """Set the target's options, and object names other than `DEFAULT_OBJECT_NAMES`; send nothing yet."""
+        """Prepare to open objects of `target`; send nothing yet. `names` replaces names in
+        `DEFAULT_OBJECT_NAMES`.
+        """
         self.session = session
         self._target = target
         self._names = {**DEFAULT_OBJECT_NAMES, **names}
@@ -75,7 +79,9 @@ class ObjectOpener:
             await self.session.invoke("Service_Start", self._target.service)
 
     async def connect_controller(self, providers: Sequence[str]) -> str:
-        """Connect with the first of `providers` that the controller knows; return the provider's name."""
+        """Connect with the first of `providers` that the controller knows; return the name of this
+        provider.
+        """
         for provider in providers[:-1]:
             try:
                 await self._connect_with(provider)
@@ -95,14 +101,16 @@ class ObjectOpener:
         return handle_of(await self.session.invoke(f"{parent.kind}_Get{kind}", parent.handle, name, ""))
 
     async def read_variable(self, owner: ObjectClass, name: str) -> Variant:
-        """Read a variable of the latest object of a class; the variable stays open for the next reading."""
+        """Read a variable of the latest open object of a class. The variable stays open, so that it can be
+        read again.
+        """
         parent = self.session.handles.find(owner, await self.handle_for(owner))
-        assert parent is not None  # the session has recorded the new object
+        assert parent is not None  # found, because the session has recorded the new object
         variable = await self.open_child(parent, ObjectClass.VARIABLE, name)
         return required_variant(await self.session.invoke("Variable_GetValue", variable), name)
 
     async def is_simulator(self) -> bool:
-        """Return whether the controller is bcapscope's simulator, which has a special variable."""
+        """Return whether the controller is bcapscope's simulator, which alone has a certain variable."""
         value = await read_variable_once(await self.open_remote(Controller), SIMULATOR_VARIABLE)
         return value is not None and value.value == SIMULATOR_TEXT
 
@@ -136,8 +144,9 @@ class ObjectOpener:
 
 
 async def read_variable_once(owner: Controller | Robot, name: str) -> Variant | None:
-    """Open, read and release a variable. Return EMPTY if the reply has no value, None if the controller
-    refuses."""
+    """Open, read and release a variable. Return EMPTY if the reply has no value, and None if the controller
+    refuses a call.
+    """
     try:
         variable = await owner.get_variable(name)
     except ControllerError:

@@ -1,4 +1,6 @@
-"""Base of the controller's objects: calls a function of an object and converts the value in the reply."""
+"""Base class of the controller's objects. The base class calls a function of an object and converts the value
+in the reply.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +20,14 @@ R = TypeVar("R")
 
 
 def handle_of(reply: Frame) -> int:
-    """Return the handle in the reply to an opening call, or raise RemoteProtocolError."""
+    """Return the handle in the reply to a call that opened an object; raise RemoteProtocolError if it holds
+    no handle.
+    """
     return expect_value(reply, int, "reply.a-handle")
 
 
 def first_variant(reply: Frame) -> Variant | None:
-    """Return the value in a reply; None for a reply without value."""
+    """Return the value in a reply; None if the reply has no value."""
     arguments = reply.arguments
     return arguments[0].variant if arguments else None
 
@@ -31,7 +35,7 @@ def first_variant(reply: Frame) -> Variant | None:
 def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
     """Return the value in a reply, or raise RemoteProtocolError if the value is not of type `kind`.
 
-    `wanted` is the message id of the type's name.
+    `wanted` is the id of the message that names the type.
     """
     variant = first_variant(reply)
     if variant is not None and isinstance(variant.value, kind):
@@ -50,7 +54,14 @@ def required_variant(reply: Frame, name: str) -> Variant:
 
 
 class RemoteObject:
-    """An object in the controller that a handle refers to; `async with` releases it at the end."""
+    """An object in the controller that a handle refers to. An `async with` block releases the object at its
+    end.
+
+    Attributes:
+        owner: Class of the object; the names of the object's functions begin with this class.
+        session: Session that makes the calls.
+        handle: Number with which the controller identifies the object.
+    """
 
     owner: ClassVar[ObjectClass]
 

@@ -1,9 +1,9 @@
 """The objects of a controller, with each b-CAP function as a method.
 
-A method has the vendor's name in lower case. The class completes the name of the function:
-`Robot.get_attribute` calls Robot_GetAttribute. Types and order of the arguments are those of
-`protocol.tables.function_table`. Every method raises what `Session.call` raises. A method also raises
-RemoteProtocolError if the value in the reply has a wrong type. Dates are in the controller's time zone.
+The names of class and method together are DENSO's name of the function: `Robot.get_attribute` calls
+Robot_GetAttribute. Types and order of the arguments are those of `protocol.tables.function_table`. Every
+method raises what `Session.call` raises. A method also raises RemoteProtocolError if the value in the reply
+has a wrong type. Dates are in the controller's time zone.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ ONE_CYCLE = 1
 def _getter(
     invoke: Callable[[RemoteObject, str], Coroutine[Any, Any, R]], verb: str
 ) -> Callable[[RemoteObject], Coroutine[Any, Any, R]]:
-    """Return a method for a function whose only argument is the handle."""
+    """Return a method that calls a function whose only argument is the handle."""
 
     async def get(self: RemoteObject) -> R:
         return await invoke(self, verb)
@@ -41,7 +41,7 @@ def _getter(
 
 
 class _DescribedObject(RemoteObject):
-    """Functions of all classes but ControllerMessage."""
+    """Functions that all classes except ControllerMessage have."""
 
     get_attribute = _getter(RemoteObject._invoke_int, "GetAttribute")  # bits
     get_help = _getter(RemoteObject._invoke_text, "GetHelp")
@@ -59,8 +59,6 @@ class _DescribedObject(RemoteObject):
 
 
 class _ObjectWithVariables(RemoteObject):
-    """Functions of objects that have variables."""
-
     async def get_variable(self, name: str, option: str = "") -> Variable:
         """Open a variable, such as ``@CURRENT_ANGLE`` of a robot or ``I1`` of a controller."""
         return Variable(self.session, await self._invoke_handle("GetVariable", name, option))
@@ -70,10 +68,10 @@ class _ObjectWithVariables(RemoteObject):
 
 
 class _ExecutingObject(RemoteObject):
-    """Functions of objects that execute commands."""
-
     async def execute(self, command: str, param: object = None) -> Value:
-        """Execute a command; a Variant keeps its type, and `variant_of` converts other parameters."""
+        """Execute a command. A parameter that is a Variant keeps its type; `variant_of` converts any other
+        value.
+        """
         return await self._invoke_value("Execute", command, param)
 
 
@@ -83,7 +81,7 @@ class Controller(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
     owner = ObjectClass.CONTROLLER
 
     async def release(self) -> None:
-        """Call Controller_Disconnect. The end of the session's block does this automatically."""
+        """Call Controller_Disconnect. At the end of its block, the session disconnects automatically."""
         await self._invoke("Disconnect")
 
     async def get_extension(self, name: str, option: str = "") -> Extension:
@@ -91,7 +89,7 @@ class Controller(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         return Extension(self.session, await self._invoke_handle("GetExtension", name, option))
 
     async def get_file(self, name: str, option: str = "") -> File:
-        """Open a file; option ``@Create=1`` creates it."""
+        """Open a file. The option ``@Create=1`` creates the file."""
         return File(self.session, await self._invoke_handle("GetFile", name, option))
 
     async def get_robot(self, name: str, option: str = "") -> Robot:
@@ -137,11 +135,11 @@ class File(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
     owner = ObjectClass.FILE
 
     async def get_file(self, name: str, option: str = "") -> File:
-        """Open a file in this folder."""
+        """Open a file in this folder. The object must be a folder."""
         return File(self.session, await self._invoke_handle("GetFile", name, option))
 
     async def get_file_names(self, option: str = "") -> tuple[str, ...]:
-        """List the names of the files in this folder."""
+        """List the names of the files in this folder. The object must be a folder."""
         return await self._invoke_names("GetFileNames", option)
 
     async def copy(self, name: str, option: str = "") -> None:
@@ -178,7 +176,7 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
     owner = ObjectClass.ROBOT
 
     async def accelerate(self, axis: int, accel: float, decel: float) -> None:
-        """Set internal acceleration and deceleration, %; axis -1 is the tool tip."""
+        """Set the internal acceleration and deceleration in percent. Axis -1 means the tool tip."""
         await self._invoke("Accelerate", axis, accel, decel)
 
     async def change(self, name: str) -> None:
@@ -190,14 +188,14 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Chuck", option)
 
     async def drive(self, axis: int, distance: float, option: str = "") -> None:
-        """Move one axis by a distance, degrees or mm."""
+        """Move one axis by a distance in degrees or mm."""
         await self._invoke("Drive", axis, distance, option)
 
     async def go_home(self) -> None:
         await self._invoke("GoHome")
 
     async def halt(self, option: str = "") -> None:
-        """Stop the motion; it cannot be resumed."""
+        """Stop the motion at once. A motion that was halted cannot be resumed."""
         await self._invoke("Halt", option)
 
     async def hold(self, option: str = "") -> None:
@@ -213,7 +211,7 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Rotate", plane, angle, pivot, option)
 
     async def speed(self, axis: int, speed: float) -> None:
-        """Set the internal speed, %; axis -1 is the tool tip."""
+        """Set the internal speed in percent. Axis -1 means the tool tip."""
         await self._invoke("Speed", axis, speed)
 
     async def unchuck(self, option: str = "") -> None:
@@ -233,8 +231,9 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         return expect_value(await self._invoke("Execute", "slvGetMode", None), int, "reply.a-mode")
 
     async def slv_move(self, point: object) -> Value:
-        """Send a set point and return the position of the robot. A list is sent as R8, a Variant with its own
-        type."""
+        """Send a set point and return the position of the robot. A list is sent as an array of R8; a Variant
+        is sent with its own type.
+        """
         return await self._invoke_value("Execute", "slvMove", point)
 
 
@@ -244,13 +243,13 @@ class Task(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
     owner = ObjectClass.TASK
 
     async def start(self, mode: int, option: str = "") -> None:
-        """Start the task. Modes: 1 = one cycle, 2 = repeat, 3 = one step."""
+        """Start the task. Values of `mode`: 1 = one cycle, 2 = repeat, 3 = one step."""
         await self._invoke("Start", mode, option)
 
     async def stop(self, mode: int, option: str = "") -> None:
         """Stop the task.
 
-        Modes: 0 = default, 1 = at once, 2 = after the step, 3 = after the cycle, 4 = initialise.
+        Values of `mode`: 0 = default, 1 = at once, 2 = after the step, 3 = after the cycle, 4 = initialise.
         """
         await self._invoke("Stop", mode, option)
 
@@ -281,7 +280,7 @@ class Command(_DescribedObject):
     owner = ObjectClass.COMMAND
 
     async def execute(self, mode: int) -> Value:
-        """Execute the command; some controllers return a value."""
+        """Execute the command. With some controllers, the reply has a value."""
         return await self._invoke_value("Execute", mode)
 
     async def cancel(self) -> None:
@@ -333,7 +332,7 @@ class Service:
         await self.session.invoke("Service_Start", option)
 
     async def stop(self) -> None:
-        """Call Service_Stop. The end of the session's block does this automatically."""
+        """Call Service_Stop. At the end of its block, the session stops the service automatically."""
         await self.session.invoke("Service_Stop")
 
     async def connect(
@@ -342,7 +341,8 @@ class Service:
         """Call Controller_Connect. RC7 ignores all four arguments; RC8 and later need the provider.
 
         The provider is ``CaoProv.DENSO.VRC``, or ``CaoProv.DENSO.VRC9`` on RC9 and COBOTTA PRO; the machine
-        is ``localhost``. For an empty name, the controller chooses a name. An option is ``@IfNotMember``.
+        is ``localhost``. If the name is empty, the controller chooses one. An example of an option is
+        ``@IfNotMember``.
         """
         reply = await self.session.invoke("Controller_Connect", name, provider, machine, option)
         return Controller(self.session, handle_of(reply))
@@ -358,7 +358,7 @@ async def connect(
     observer: Observer | None = None,
     listener: EventListener | None = None,
 ) -> AsyncIterator[Service]:
-    """Open a session like `open_session`, and start the service in it with `option`."""
+    """Open a session as `open_session` does, and start the service with `option`."""
     async with open_session(
         open_link, convention=convention, retry_policies=retry_policies, observer=observer, listener=listener
     ) as session:

@@ -37,7 +37,7 @@ _ASYNC = 0x100
 _TRY_ONCE = RetryPolicy(_MS, 0)
 
 HALT_RETRY_POLICY = RetryPolicy(16_000_000, 60)
-"""Retry policy of one Robot_Halt call: an attempt every 16 ms, for about a second."""
+"""Retry policy of a Robot_Halt call: one attempt every 16 ms, for about a second."""
 
 _MAX_CALLS, _BUSY_PAUSE = 50, 10_000_000
 
@@ -59,7 +59,7 @@ class BaseCaller(Protocol):
     async def perform_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy
     ) -> RequesterOutcome:
-        """Make a call and return its outcome; raises as `Caller.perform_call`."""
+        """Make a call and return its outcome. Raises what `Caller.perform_call` raises."""
 
     def close(self) -> None:
         """Close the link."""
@@ -68,11 +68,12 @@ class BaseCaller(Protocol):
 class Session:
     """Makes calls and remembers the objects that these calls opened.
 
-    On TCP, a call has one attempt, whose timeout is that of all UDP attempts together. On TCP, slvMove has
-    the timeout of other calls, because TCP needs longer than a cycle time to retransmit lost data.
+    On TCP, a call has one attempt. The timeout of this only attempt is as long as that of all attempts on UDP
+    together. slvMove on TCP has the timeout of other calls, because TCP needs longer than a cycle time to
+    retransmit lost data.
 
     Attributes:
-        retry_policies: Retry policies of the following calls.
+        retry_policies: Retry policies for all further calls.
         handles: Objects that the calls have opened.
         check_armed: Function called before each call that needs arming; if it raises, the call is not made.
     """
@@ -93,7 +94,7 @@ class Session:
         mode = requested_slave_mode(function_id, arguments)
         robot = _first_handle(arguments)
         before = self._slave_modes.get(robot, 0)
-        # The controller may still execute a call that is cancelled here, so note its effect before the call.
+        # Record the effect before the call: the controller may execute even a call that is cancelled here.
         self._is_starting = function_id == _SERVICE_START
         if mode:
             self._slave_modes[robot] = mode
@@ -130,15 +131,15 @@ class Session:
         """Leave slave mode, release the open objects, newest first, and close the link.
 
         If the controller no longer replies, the session sends Service_Stop once and releases no further
-        objects. A controller that is busy with an abandoned motion reads Service_Stop when the motion ends.
-        The controller itself must release the remaining objects.
+        objects. If the controller is busy with a motion, it reads Service_Stop when the motion ends. The
+        controller must release the remaining objects on its own.
         """
         try:
             if self._is_starting:
                 patience = min(self.retry_policies.others.timeout, DEFAULT_RETRY_POLICIES.others.timeout)
                 self.retry_policies = self.retry_policies._replace(
                     others=RetryPolicy(patience, 0)
-                )  # one attempt, since there may be no controller at this address
+                )  # only one attempt, because there may be no controller at this address
                 await self._call_ignoring_refusal(_SERVICE_STOP, ())
             robots = [handle for handle, mode in self._slave_modes.items() if mode]
             objects = [(opened.kind, opened.handle) for opened in self.handles.unreleased_handles()]
@@ -164,7 +165,8 @@ class Session:
         except CallTimeout:
             raise
         except BcapError:
-            pass  # The controller may have released the object with its parent.
+            # A refusal is no problem: the controller may have released the object together with its parent.
+            pass
 
     def retry_policy_for(self, function_id: int, arguments: Sequence[Variant]) -> RetryPolicy:
         """Return the timeout and number of retries of a call, which depend on the robot's slave mode."""
@@ -181,13 +183,16 @@ class Session:
         )
 
     def needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
-        """Return whether a call may energise or move the robot; for a write, this depends on the variable."""
+        """Return whether a call may energise or move the robot. For a call that writes a variable, the
+        variable decides.
+        """
         variable = self.handles.find(ObjectClass.VARIABLE, first_number(arguments))
         return needs_arming(function_id, arguments, "" if variable is None else variable.label)
 
     def record_call(self, function_id: int, arguments: Sequence[Variant], reply: Frame) -> None:
-        """Record what a successful call opened, released or changed. Further records of the same call change
-        nothing."""
+        """Record what a successful call opened, released or changed. Recording the same call again changes
+        nothing.
+        """
         function = FUNCTIONS.get(function_id)
         if function is None:
             return
@@ -198,7 +203,8 @@ class Session:
 
 
 async def halt_robot(session: Session, robot: int, pause: Callable[[int], Awaitable[None]]) -> None:
-    """Stop the arm at once, or raise the errors of `Session.call`; `pause` waits for a number of ns.
+    """Stop the robot at once. Raises what `Session.call` raises. `pause` is a function that waits for a
+    number of ns.
 
     While another call of the connection runs, the controller replies that it is busy, or does not reply
     (orin_bcap C/src/bCAPServer/bcap_server.c).
@@ -224,7 +230,7 @@ def command_of(function_id: int, arguments: Sequence[Variant]) -> str:
 
 
 def requested_slave_mode(function_id: int, arguments: Sequence[Variant]) -> int | None:
-    """Return the slave mode that a call requests; None if it requests none."""
+    """Return the slave mode that a call requests; None if the call does not change slave mode."""
     if command_of(function_id, arguments) != "slvchangemode" or len(arguments) < 3:
         return None
     return integer_value(arguments[2]) or 0
@@ -244,11 +250,12 @@ async def open_session(
     listener: EventListener | None = None,
     fails_if_refused: bool = False,
 ) -> AsyncIterator[Session]:
-    """Open a link, or raise OSError. The end of the block releases all objects that calls have opened.
+    """Open a link, or raise OSError. At the end of the block, the session releases all objects that its calls
+    opened.
 
     `open_link` is the result of `over_udp` or `over_tcp`. By default, the reserved field follows DENSO's
-    slides on UDP, and is 0 on TCP. `observer` gets every frame, and `listener` gets every event.
-    `fails_if_refused`: see `Caller`.
+    slides on UDP, and is 0 on TCP. `observer` receives every frame, and `listener` every event. `Caller`
+    explains `fails_if_refused`.
     """
     caller = Caller(observer, listener, fails_if_refused)
     link = await open_link(caller)

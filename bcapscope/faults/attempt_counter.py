@@ -1,4 +1,4 @@
-"""Counts attempts: which attempt of its call a request is, and which attempt a response answers."""
+"""Counts the attempts of calls, to find which attempt a request is, and which attempt a response answers."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, MAX_SERIALS
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_ATTEMPTS = 16
-"""Maximum attempt number that serials can imply: twice the number of attempts that clients send for one call.
+"""Maximum attempt number that is inferred from serials. The limit is twice the number of attempts that
+clients make for one call.
 """
 
 
-_LONGEST_KEPT = 512  # bytes of a request's content; real sessions contain few longer requests
+_LONGEST_KEPT = 512  # maximum size in bytes of a request's content; longer requests are rare in real sessions
 
 
 @dataclass(eq=False, slots=True)
@@ -23,7 +24,8 @@ class AttemptedCall:
     """A call. Two `AttemptedCall` objects are equal only if they are the same object.
 
     Attributes:
-        content: Bytes that all requests of the call share, from the function id on; a hash if there are many.
+        content: Bytes that are the same in all requests of the call, from the function id on; a hash of these
+            bytes if there are many.
         attempts: Number of attempts so far.
     """
 
@@ -35,7 +37,7 @@ class CallAttempt(NamedTuple):
     """One attempt of a call.
 
     Attributes:
-        number: Number of the attempt; 1 is the first attempt.
+        number: Number of the attempt, counted from 1.
     """
 
     call: AttemptedCall
@@ -49,7 +51,8 @@ def _content_key(request: Frame) -> bytes:
 
 
 class AttemptCounter:
-    """Counts attempts by the serials that retries name, in every convention of the reserved field.
+    """Counts attempts by the serials that retries name in the reserved field, in every convention of this
+    field.
 
     On TCP every request is a first attempt, because clients do not retry on TCP.
     """
@@ -58,9 +61,10 @@ class AttemptCounter:
         self._conversations: dict[Conversation, _AttemptsBySerial] = {}
 
     def attempt_number(self, flow: Flow, frame: Frame) -> int | None:
-        """Return the attempt number of a request, or of the attempt that a response answers; 1 is the first.
+        """Return the number of the attempt that a frame is, if it is a request, or that it answers. The first
+        attempt is 1.
 
-        A response to an unknown or old request gives None.
+        For a response to an unknown or old request, return None.
         """
         if flow.conversation.transport is Transport.TCP:
             return 1
@@ -68,9 +72,11 @@ class AttemptCounter:
         return None if found is None else found.number
 
     def add_frame(self, flow: Flow, frame: Frame) -> CallAttempt | None:
-        """Add the next frame of a UDP conversation. Return the attempt that the frame is or answers.
+        """Add the next frame of a UDP conversation.
 
-        A response to an unknown or old request gives None.
+        Return the attempt that the frame is, if it is a request, or that it answers.
+
+        For a response to an unknown or old request, return None.
         """
         serials = self._conversations.pop(flow.conversation, None) or _AttemptsBySerial()
         while len(self._conversations) >= MAX_CONVERSATIONS:
@@ -93,7 +99,9 @@ class AttemptCounter:
 
 @dataclass(eq=False, slots=True)
 class _AttemptsBySerial:
-    """Attempts of one conversation by serial, in two generations. The older one is discarded as a whole."""
+    """Attempts of one conversation by serial, in two generations. When there are too many attempts, the older
+    generation is discarded as a whole.
+    """
 
     latest: dict[int, CallAttempt] = field(default_factory=dict)
     earlier: dict[int, CallAttempt] = field(default_factory=dict)
@@ -105,7 +113,7 @@ class _AttemptsBySerial:
         serial, reserved, content = frame.serial, frame.reserved, _content_key(frame)
         known = self.find(serial)
         if known and known.call.content == content and reserved not in (0, serial):
-            return known  # the network has duplicated this request
+            return known  # same serial and content: the network has duplicated this request
         found = self._new_attempt(serial, reserved, content)
         found.call.attempts = max(found.call.attempts, found.number)
         self.latest[serial] = found
@@ -119,7 +127,8 @@ class _AttemptsBySerial:
         origin = self.find(reserved)
         if origin and origin.call.content == content:
             return CallAttempt(origin.call, origin.call.attempts + 1)
-        # The first attempt was lost on the way. The serials of later attempts count up from its serial.
+        # The first attempt was lost before it arrived here.
+        # The serials of later attempts count up from the serial of the first attempt.
         behind = (serial - reserved) & 0xFFFF
         found = CallAttempt(AttemptedCall(content, 1), behind + 1 if behind < MAX_ATTEMPTS else 2)
         self.latest[reserved] = CallAttempt(found.call, 1)

@@ -1,4 +1,4 @@
-"""Reads faults from YAML, in the vocabulary that rule files and scenarios share.
+"""Reads faults from YAML. Rule files and scenarios use the same notation.
 
 A document is checked against a `msgspec.Struct`. A struct for a document with faults has a field ``faults:
 tuple[AnyFault, ...]``. An error names the line and the field.
@@ -30,7 +30,7 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.filter.tokens import with_nearest
 
 LONGEST_DOCUMENT = 1 << 20
-"""Maximum number of characters of a document; documents that people write have at most ten thousand."""
+"""Maximum number of characters of a document. Documents that people write have at most ten thousand."""
 
 T = TypeVar("T")
 
@@ -83,12 +83,12 @@ class RuleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_document(text: str, kind: type[T]) -> T:
-    """Read a YAML document, without anchors and with each key once, into a struct of type `kind`.
+    """Read a YAML document into a struct of type `kind`. Anchors and repeated keys are not allowed.
 
     The fields of the struct may have the types in `bcapscope.faults.quantities`.
 
     Raises:
-        DocumentError: The text is no valid YAML, or does not match `kind`.
+        DocumentError: The text is not valid YAML, or does not match `kind`.
     """
     root, data = _parse(text)
     try:
@@ -99,7 +99,7 @@ def read_document(text: str, kind: type[T]) -> T:
 
 
 def convert_data(data: object, kind: Any) -> Any:
-    """Convert plain data from JSON or YAML into a struct and validate all of it.
+    """Convert plain data from JSON or YAML into a struct, and validate every field.
 
     Raises:
         DocumentError: The data does not match `kind`; `line` is 0.
@@ -123,7 +123,9 @@ def fault_from(data: object) -> AnyFault:
 
 
 def to_plain_data(value: object) -> Any:
-    """Convert a struct into plain data as in a document, without fields that have their default value."""
+    """Convert a struct into plain data, as a document would contain it. Fields with their default value are
+    left out.
+    """
     return msgspec.to_builtins(value, enc_hook=lambda quantity: quantity.text)
 
 
@@ -134,7 +136,9 @@ def _read_quantity(kind: type, written: object) -> object:
 
 
 class _Loader(SafeLoader):
-    """YAML loader that rejects duplicate keys, non-scalar keys and overlong numbers."""
+    """YAML loader that rejects duplicate keys, keys that are not scalars, and numbers with too many
+    digits.
+    """
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         _check_number(node)
@@ -165,7 +169,7 @@ def _check_number(node: yaml.ScalarNode) -> None:
 
 
 def _check_events(text: str) -> None:
-    """Check the levels of nesting, and reject aliases, before any object is built."""
+    """Check a document before any object is built from it: reject deep nesting and aliases."""
     for event in yaml_events(text):
         if isinstance(event, yaml.AliasEvent):
             raise YamlError(Message("yaml.anchors"), event.start_mark)
@@ -185,7 +189,7 @@ def _parse(text: str) -> tuple[yaml.Node | None, object]:
         mark = error.problem_mark
         reason = foreign_text(error.problem or "no YAML")
         raise DocumentError((), mark.line + 1 if mark else 0, reason) from error
-    except ValueError as error:  # an overlong number or an invalid date
+    except ValueError as error:  # a number with too many digits, or an invalid date
         raise DocumentError((), 0, Message("yaml.invalid", reason=str(error))) from error
 
 
@@ -242,7 +246,9 @@ def _actions(structs: Iterable[_Struct]) -> list[str]:
 
 
 def _types_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[list[_Struct], list[type]]:
-    """Return the possible types of the innermost struct on a path, and of the last field on the path."""
+    """Return two lists: the possible types of the innermost struct on a path, and those of the last field on
+    the path.
+    """
     types = _parts(kind)
     structs = _matching_structs(types, data)
     for step in path:
@@ -261,7 +267,9 @@ def _parts(hint: Any) -> list[type]:
 
 
 def _matching_structs(types: Iterable[type], data: object) -> list[_Struct]:
-    """Return the struct that the data's ``action`` names; all structs if the data names none."""
+    """Return the struct that the field ``action`` of the data names; all structs if the data has no such
+    field.
+    """
     structs = [each for each in types if issubclass(each, msgspec.Struct)]
     action = data.get("action") if isinstance(data, dict) else None
     return [each for each in structs if each.__struct_config__.tag == action] or structs

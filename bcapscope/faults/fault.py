@@ -1,9 +1,9 @@
-"""The common fields of all faults, which select the messages that a fault hits. `fault_kinds` has the classes
-of the faults.
+"""The fields that all faults have. The fields select the messages that a fault hits. The classes of the
+faults are in `fault_kinds`.
 
-Names are those of Linux tc-netem(8) and Shopify's toxiproxy for faults that these programs also have. Each
-fault has its own stream of random numbers. A message is a datagram. On TCP, a message is a frame, or a run of
-bytes that are not a frame.
+Faults that Linux tc-netem(8) or Shopify's toxiproxy also have are named as there. Each fault has its own
+stream of random numbers. A message is a datagram. On TCP, a message is a frame, or a run of bytes that are
+not a frame.
 """
 
 from __future__ import annotations
@@ -31,9 +31,11 @@ class JitterDistribution(StrEnum):
     UNIFORM = "uniform"
     """Evenly within ± the jitter."""
     NORMAL = "normal"
-    """The jitter is the standard deviation."""
+    """Normal distribution; the jitter is its standard deviation."""
     PARETO = "pareto"
-    """The jitter is the scale of a tail with exponent 3: most delays are short, and a few are very long."""
+    """Pareto distribution with exponent 3; the jitter is its scale. Most delays are short, and a few are very
+    long.
+    """
 
 
 class CloseMode(StrEnum):
@@ -54,19 +56,20 @@ class Fault(
     tag_field="action",
     rename={"when": "if", "lasts": "for", "attempt": "try"},
 ):
-    """Fields of all faults, which select the messages that the fault hits.
+    """The fields that all faults have. The fields select the messages that the fault hits.
 
     Attributes:
-        name: Name for reports, and seed of the random numbers: letters, digits and ``_ . + -``. An empty name
-            is replaced by a generated one.
-        when: Filter that a message must match; `when` is written as ``if``.
+        name: Name in reports, and part of the seed of the random numbers. A name consists of letters, digits
+            and ``_ . + -``. An empty name is replaced by a generated name.
+        when: Filter that a message must match. In documents, this field is named ``if``.
         direction: Direction of the messages to hit; None for both directions.
-        probability: Share of the messages to hit, among those that fulfil all other conditions.
+        probability: Share of the messages to hit, among the messages that fulfil all other conditions.
         times: Number of hits after which the fault ends; None for no limit.
-        after: Time from the setup of the fault to its start.
-        lasts: Time from the start to the end of the fault; None for no end; `lasts` is written as ``for``.
-        attempt: Number of the attempt whose request or response to hit; 1 is the first, None is any;
-            `attempt` is written as ``try``.
+        after: Time from the creation of the fault until it starts to hit messages.
+        lasts: Time from the start to the end of the fault; None for no end. In documents, this field is named
+            ``for``.
+        attempt: Number, counted from 1, of the attempt whose request or response to hit; None for any
+            attempt. In documents, this field is named ``try``.
     """
 
     name: Annotated[str, Meta(pattern=r"^[\w.+-]{0,60}$")] = ""
@@ -87,11 +90,11 @@ class MessageFault(Fault, frozen=True, kw_only=True):
     """A fault that affects messages."""
 
     needs_whole_frame: ClassVar[bool] = True
-    """Whether the action needs whole frames, regardless of the conditions."""
+    """Whether the fault's action needs whole frames, even if the fault's conditions do not."""
 
     @property
     def needs_frames(self) -> bool:
-        """Whether a stream must be split into frames for this fault."""
+        """Whether this fault can be applied to a TCP stream only after the stream was split into frames."""
         return (
             self.needs_whole_frame
             or self.when is not None
@@ -100,7 +103,9 @@ class MessageFault(Fault, frozen=True, kw_only=True):
         )
 
     def initial_state(self) -> Any:
-        """Return the state that the fault changes while it is active: one value per direction."""
+        """Return the initial state of the fault, with one value per direction. The fault changes this state
+        while it is active.
+        """
         return {}
 
     def draw(self, active: ActiveFault, message: WireMessage) -> Any:
@@ -108,5 +113,7 @@ class MessageFault(Fault, frozen=True, kw_only=True):
         return True
 
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:
-        """Change the message, with the result of `draw`. Return what was done; None if nothing changed."""
+        """Change the message with the random numbers from `draw`. Return what was done; None if nothing
+        changed.
+        """
         raise NotImplementedError

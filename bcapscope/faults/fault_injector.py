@@ -7,10 +7,11 @@
 
 The same seed and the same messages at the same times give the same decisions. The random numbers of a fault
 depend only on the seed and on the fault's name. A fault draws numbers for each message that it might hit,
-whatever other faults do to that message. So an added fault does not change the decisions of the others.
+whatever other faults do to that message. So if you add a fault, the decisions of the other faults stay the
+same.
 
-Faults apply in their order, each to the result of the previous fault. After a fault has dropped or answered a
-message, or `pass` has let it through, later faults do not see the message.
+Faults apply in the order of the list, each to the result of the previous fault. After a fault has dropped or
+answered a message, or `pass` has let it through, later faults do not see the message.
 """
 
 from __future__ import annotations
@@ -40,10 +41,9 @@ from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_WAITING = 16 << 20
-"""Maximum number of bytes that faults hold, with `_OUTPUT_COST` bytes added per message.
-
-This is one second of traffic on a full line of 100 Mbit/s. Beyond this maximum, datagrams that would be held
-are dropped, as in a queue of tc-netem(8).
+"""Maximum number of bytes that faults hold, with `_OUTPUT_COST` bytes added per message. The limit is one
+second of traffic on a full line of 100 Mbit/s. When the limit is reached, datagrams that would be held are
+dropped, as in a queue of tc-netem(8).
 """
 
 _OUTPUT_COST = 300
@@ -56,7 +56,7 @@ class ActiveFault(FaultMatcher):
     """A fault that the injector applies.
 
     Attributes:
-        state: What the fault remembers from message to message.
+        state: Data that the fault keeps from one message to the next.
     """
 
     fault: AnyFault
@@ -71,9 +71,9 @@ class _QueuedOutput:
 
     Attributes:
         output: Output that waits; None if the output was moved to another entry of the queue.
-        behind: Number of messages of the flow that must overtake first; 0 if the output waits only for its
-            time.
-        size: Number of bytes that the output takes in the queue.
+        behind: Number of messages of the flow that must overtake this output before it is sent; 0 if it waits
+            only for its time.
+        size: Number of bytes that the output occupies in the queue.
     """
 
     __slots__ = ("behind", "output", "size")
@@ -85,7 +85,7 @@ class _QueuedOutput:
 
 
 class FaultInjector:
-    """Applies faults to messages. Datagrams come as received, and streams come split into frames.
+    """Applies faults to messages. A message is a datagram as received, or a frame of a TCP stream.
 
     Attributes:
         active_faults: Faults in the order in which they apply.
@@ -96,7 +96,8 @@ class FaultInjector:
 
         Args:
             faults: Faults in the order in which they apply.
-            now: Current time in ns, on the clock of all methods. `after` of each fault starts at this time.
+            now: Current time in ns, on the clock that all methods use. The field `after` of each fault counts
+                from this time.
             epoch: Number of ns to add to `now` to get ns since 1970-01-01 UTC, for filters.
 
         Raises:
@@ -137,7 +138,7 @@ class FaultInjector:
         return name
 
     def remove(self, name: str) -> None:
-        """Remove a fault. Messages that the fault holds are still sent at their time.
+        """Remove a fault. Messages that the fault holds are still sent when they are due.
 
         Raises:
             KeyError: There is no fault of this name.
@@ -170,7 +171,9 @@ class FaultInjector:
         return {active.name: active.hit_count for active in self.active_faults}
 
     def is_idle(self, now: int) -> bool:
-        """Return whether messages may bypass the injector: no message is held and no fault can hit."""
+        """Return whether messages may bypass the injector, because no message is held and no fault can hit
+        one.
+        """
         return (
             not self._queue
             and not self._half_open
@@ -178,7 +181,9 @@ class FaultInjector:
         )
 
     def needs_frames(self, now: int) -> bool:
-        """Return whether streams must be split into frames. Otherwise the bytes may come in any pieces."""
+        """Return whether TCP streams must be split into frames. If this is False, `process_message` accepts
+        pieces of any size.
+        """
         return any(active.fault.needs_frames for active in self.active_faults if active.can_hit(now))
 
     def _update_needs_pairing(self) -> None:
@@ -224,7 +229,9 @@ class FaultInjector:
 
     @property
     def is_full(self) -> bool:
-        """Whether faults hold more than `MAX_WAITING` bytes, so that no stream should be read for now."""
+        """Whether faults hold more than `MAX_WAITING` bytes. While they do, the caller should read no TCP
+        stream.
+        """
         return self._queued_bytes > MAX_WAITING
 
     def advance(self, now: int) -> list[FaultOutput]:
@@ -240,7 +247,7 @@ class FaultInjector:
         return outputs
 
     def holds(self, flow: Flow) -> bool:
-        """Return True while the end of this flow must not be forwarded.
+        """Return True while the end of a TCP stream (`flow`) must not be forwarded.
 
         The end must wait while faults hold messages of the flow. If the conversation is half-open, the end is
         never forwarded.
@@ -250,14 +257,16 @@ class FaultInjector:
         )
 
     def passes_close(self, conversation: Conversation) -> bool:
-        """Return whether the end of a connection on one side is forwarded to the other. A half-open fault
-        hides the end."""
+        """Return whether the end of a TCP connection is forwarded. After a half-open fault, the end is
+        hidden.
+        """
         return conversation not in self._half_open
 
     def pop_held(self, flow: Flow) -> list[bytes]:
-        """Remove all held messages of one direction. Return their bytes in the order of sending.
+        """Remove all held messages of one direction. Return their bytes in the order in which they were to be
+        sent.
 
-        A half-open conversation returns no messages.
+        If the conversation is half-open, return no messages.
         """
         key = _flow_key(flow)
         found = [entry for entry in self._queue if _is_of(entry[2].output, key)]
@@ -339,7 +348,7 @@ class FaultInjector:
             self._enqueue_send(flow, send, now + faulted.delay + late)
 
     def _close_time(self, closing: CloseConnection, when: int) -> int:
-        """Return when to close a connection whose close is due at `when`.
+        """Return the time at which to close a connection that a fault closes at `when`.
 
         A close with FIN waits until the held messages of the connection are sent.
         """
@@ -354,7 +363,9 @@ class FaultInjector:
         return max((when, *held))
 
     def _enqueue_send(self, flow: Flow, send: SendBytes, due: int) -> None:
-        """Queue bytes for the time `due`, or after earlier bytes of a stream. Release overtaken messages."""
+        """Queue bytes for the time `due`; bytes of a stream are queued after earlier bytes. Release messages
+        that were overtaken by enough others.
+        """
         key = _flow_key(flow)
         if flow.conversation.transport is Transport.TCP:
             self._stream_busy_until[key] = due = max(due, self._stream_busy_until.get(key, due))
@@ -381,7 +392,7 @@ class FaultInjector:
 
 
 def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[Message]:
-    """Drop a datagram or its copies, because faults already hold too many bytes."""
+    """Drop a delayed datagram, or its delayed copies, because faults already hold too many bytes."""
     if faulted.delay or faulted.held_behind:
         faulted.drop()
         yield Message("fault.dropped.too-much")

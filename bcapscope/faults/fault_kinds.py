@@ -1,4 +1,4 @@
-"""The faults, as validated immutable data, each with its effect on the messages that it hits.
+"""The classes of the faults. A fault is validated, immutable data, with a method for its effect on a message.
 
 `draw` takes random numbers from the fault's own stream, for every message that the fault might hit. Therefore
 other faults that affect the same messages do not change the numbers. `apply` then changes the message.
@@ -42,16 +42,15 @@ UInt16: TypeAlias = Annotated[int, Meta(ge=0, le=0xFFFF)]
 RewriteValue: TypeAlias = int | float | bool | str
 
 PARETO_SHAPE = 3.0
-"""Shape of the Pareto distribution, as in the pareto table of tc-netem(8).
-
-The mean of the draws is subtracted, so that the mean delay equals `time`.
+"""Shape parameter of the Pareto distribution, as in the pareto table of tc-netem(8). The mean of the
+distribution is subtracted, so that the mean delay equals `time`.
 """
 
 _PARETO_MEAN = PARETO_SHAPE / (PARETO_SHAPE - 1)
 
 
 class PassFault(MessageFault, frozen=True, kw_only=True, tag="pass"):
-    """Forward the message and skip all later faults."""
+    """Forward the message, and do not apply any later fault to it."""
 
     needs_whole_frame: ClassVar[bool] = False
 
@@ -72,8 +71,8 @@ class BurstFault(MessageFault, frozen=True, kw_only=True, tag="burst"):
     """Drop messages in bursts, with the Gilbert-Elliott model, separately for each direction.
 
     Attributes:
-        enter: Probability per message of a change from the good state to the bad state.
-        leave: Probability per message of a change from the bad state to the good state.
+        enter: Probability that the good state changes to the bad state, per message.
+        leave: Probability that the bad state changes to the good state, per message.
         bad: Share of the messages that are dropped in the bad state.
         good: Share of the messages that are dropped in the good state.
     """
@@ -99,7 +98,7 @@ class DelayFault(MessageFault, frozen=True, kw_only=True, tag="delay"):
     """Forward the message later. Other datagrams may overtake a datagram; bytes of a stream stay in order.
 
     Attributes:
-        time: Delay without jitter.
+        time: Delay before the jitter is added.
         jitter: Variation of the delay. The sum of delay and jitter is never negative.
     """
 
@@ -131,7 +130,7 @@ class DuplicateFault(MessageFault, frozen=True, kw_only=True, tag="duplicate"):
     """Send the message several times.
 
     Attributes:
-        copies: Number of copies that are sent besides the message itself.
+        copies: Number of copies that are sent in addition to the message itself.
         time: Time between a copy and the next copy.
     """
 
@@ -145,11 +144,12 @@ class DuplicateFault(MessageFault, frozen=True, kw_only=True, tag="duplicate"):
 
 
 class ReorderFault(MessageFault, frozen=True, kw_only=True, tag="reorder"):
-    """Let later messages overtake the message. On TCP, the controller then seems to reply out of order.
+    """Let later messages overtake the message. On TCP, frames are reordered, so the controller seems to reply
+    out of order.
 
     Attributes:
         by: Number of messages that overtake this message.
-        time: Maximum time that the message waits for these messages.
+        time: Maximum time that the message waits for the messages that are to overtake it.
     """
 
     by: Annotated[int, Meta(ge=1, le=1000)] = 1
@@ -164,7 +164,8 @@ class CorruptFault(MessageFault, frozen=True, kw_only=True, tag="corrupt"):
     """Flip bits of the message.
 
     Attributes:
-        bits: Number of random flips. Two flips of the same bit restore the bit.
+        bits: Number of times that a random bit is flipped. If the same bit is flipped twice, it has its old
+            value again.
         offset: Offset of the byte whose bits are flipped; None for any byte.
     """
 
@@ -192,11 +193,7 @@ class CorruptFault(MessageFault, frozen=True, kw_only=True, tag="corrupt"):
 
 
 class TruncateFault(MessageFault, frozen=True, kw_only=True, tag="truncate"):
-    """Cut off the end of the message.
-
-    Attributes:
-        keep: Number of bytes to keep; None for a random number.
-    """
+    """Cut the message after `keep` bytes, or after a random number of bytes if `keep` is None."""
 
     keep: Annotated[int, Meta(ge=0, le=LARGEST_FRAME)] | None = None
 
@@ -232,14 +229,14 @@ class GarbageFault(MessageFault, frozen=True, kw_only=True, tag="garbage"):
 
 
 class RewriteFault(MessageFault, frozen=True, kw_only=True, tag="rewrite"):
-    """Change numbers in the frame. If nothing changes, the bytes stay as received.
+    """Change numbers in the frame. If no number changes, the bytes are forwarded as received.
 
     Attributes:
         code: New function id of a request, or new HRESULT of a response.
         set: New values of arguments or elements: ``{"arg[2][0]": 10}``. A value keeps its type unless the
-            text names another: ``r4:10``.
-        limit: Spans for numbers. A number outside its span becomes the nearest end of the span. The span of
-            an array applies to every element.
+            text names another type, as in ``r4:10``.
+        limit: Permitted ranges of arguments or elements. A number outside its range becomes the nearest end
+            of the range. The range of an array applies to every element.
         step: Largest change of a number from one message to the next similar message of the conversation.
     """
 
@@ -268,11 +265,7 @@ class RewriteFault(MessageFault, frozen=True, kw_only=True, tag="rewrite"):
 
 
 class SerialFault(MessageFault, frozen=True, kw_only=True, tag="serial"):
-    """Add a number to the serial of the frame. By default, hit only responses.
-
-    Attributes:
-        by: Number that is added to the serial.
-    """
+    """Add the number `by` to the serial of the frame. By default, hit only responses."""
 
     direction: Direction | None = Direction.RESPONSE
     by: Annotated[int, Meta(ge=-65535, le=65535)] = 1
@@ -290,7 +283,8 @@ class SerialFault(MessageFault, frozen=True, kw_only=True, tag="serial"):
 class AnswerFault(MessageFault, frozen=True, kw_only=True, tag="answer"):
     """Answer a request with the result code `hresult` and no value, and do not forward the request.
 
-    With direction `response`, the request is forwarded, and the result code replaces the controller's reply.
+    If `direction` is `response`, the request is forwarded, and a reply with the result code replaces the
+    controller's reply.
     """
 
     direction: Direction | None = Direction.REQUEST
@@ -345,7 +339,8 @@ class CloseFault(MessageFault, frozen=True, kw_only=True, tag="close"):
     """Close both sides of the client's TCP connection, and drop the message. UDP is not affected.
 
     Attributes:
-        how: Close with RST at once, or with FIN after the messages that other faults hold.
+        how: Whether to close with RST at once, or with FIN after the messages that other faults hold were
+            sent.
     """
 
     how: CloseMode = CloseMode.RESET
@@ -362,8 +357,8 @@ class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
     """Limit the bandwidth, separately for each direction.
 
     Attributes:
-        queue: Number of bytes that may wait. Beyond it, datagrams are dropped. Bytes of a stream wait without
-            limit.
+        queue: Maximum number of bytes of datagrams that may wait. Further datagrams are dropped. Bytes of a
+            stream wait without limit.
     """
 
     rate: Rate
@@ -387,9 +382,10 @@ class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
 
 
 class PartitionFault(MessageFault, frozen=True, kw_only=True, tag="partition"):
-    """Let no message pass. Datagrams are dropped. Bytes of a stream arrive when the partition ends.
+    """Forward no message. Datagrams are dropped. Bytes of a stream are forwarded when the partition ends.
 
-    The bytes of the stream arrive as if sent again. If the partition has no end, the bytes are dropped too.
+    The bytes of the stream then arrive as if TCP had sent them again. If the partition has no end, they are
+    dropped too.
     """
 
     needs_whole_frame: ClassVar[bool] = False
@@ -403,7 +399,9 @@ class PartitionFault(MessageFault, frozen=True, kw_only=True, tag="partition"):
 
 
 class HalfOpenFault(MessageFault, frozen=True, kw_only=True, tag="half-open"):
-    """Block the conversation in both directions for good, and hide its end from both sides."""
+    """Block the conversation in both directions for good. If client or controller closes the connection, the
+    other end does not notice.
+    """
 
     needs_whole_frame: ClassVar[bool] = False
 
@@ -439,7 +437,9 @@ ACTIONS: Mapping[str, type[MessageFault]] = MappingProxyType(
 )
 
 ALIASES: Mapping[str, str] = MappingProxyType({"loss": "drop"})
-"""Other names of actions, as in tc-netem(8). A fault with such a name needs its main value."""
+"""Alternative names of actions, as in tc-netem(8). After an alternative name, the fault's main value is
+required.
+"""
 
 
 def _delayed(duration: int) -> Message:

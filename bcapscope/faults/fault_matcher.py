@@ -11,12 +11,12 @@ from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
 
 
 class FaultMatcher:
-    """Decides which messages one fault hits. The decision depends only on the messages, the time and random
+    """Decides which messages a fault hits. The decision depends only on the messages, the time and random
     numbers.
 
     Attributes:
         rng: Random numbers that only this fault draws.
-        enabled: Whether the fault can hit; the user may switch this.
+        enabled: Whether the fault is on. The user can switch it on and off.
         hit_count: Number of messages hit so far.
         ends_at: Time at which the fault ends, in ns; None if it never ends.
     """
@@ -36,7 +36,7 @@ class FaultMatcher:
 
     @property
     def needs_pairing(self) -> bool:
-        """Whether matching needs earlier requests, or the attempt number of a frame."""
+        """Whether the fault's conditions need the request of a reply, or the attempt number of a frame."""
         when = self.fault.when
         asks = when is not None and not when.filter.getter_names.isdisjoint(_NEEDS_REQUEST)
         return asks or self.fault.attempt is not None
@@ -57,7 +57,9 @@ class FaultMatcher:
         return any(self._fits_frame(message, index) for index in range(len(message.annotated_frames)))
 
     def draw(self) -> bool:
-        """Return whether the fault hits by its probability. Draw a random number only if one is needed."""
+        """Decide by the fault's probability whether it hits. A random number is drawn only if the probability
+        is below 1.
+        """
         share = self.fault.probability
         return share >= 1 or self.rng.random() < share
 

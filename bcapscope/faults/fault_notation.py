@@ -14,10 +14,12 @@ Write the action first, with its main value after ``=``:
     bandwidth=64kbit/s      limit the rate; also kB/s
     partition               let nothing through while the fault is active
     half-open               let nothing more through in this conversation
-    pass                    forward the message, and skip all later faults answer=E_FAIL           answer with
-    this HRESULT; do not forward the request serial=1                add this to the serial of a reply
-    executing=2s            send S_EXECUTING notices this long, then the reply close=reset             close
-    the TCP connection; also fin rewrite                 change serial, reserved or code, or arguments with
+    pass                    forward the message, and skip all later faults
+    answer=E_FAIL           answer with this HRESULT; do not forward the request
+    serial=1                add this to the serial of a reply
+    executing=2s            send S_EXECUTING notices this long, then the reply
+    close=reset             close the TCP connection; also fin
+    rewrite                 change serial, reserved or code, or arguments with
                             set, limit or step
 
 Then write, in any order, which messages the fault applies to, and other
@@ -83,7 +85,7 @@ _MAIN_FIELDS: dict[str, tuple[str, ...]] = {
     "burst": ("enter", "leave"),
     "bandwidth": ("rate",),
 }
-"""Fields that are set by the value after the action, by action."""
+"""For each action, the fields that the value after the action's name sets."""
 
 _SEPARATORS = {"delay": "±", "burst": "/"}
 _DIRECTIONS = {"request": "request", "response": "response", "reply": "response"}
@@ -111,7 +113,7 @@ def read_fault(text: str) -> AnyFault:
 
 
 def write_fault(fault: Fault) -> str:
-    """Return a fault as text, from which `read_fault` makes an equal fault."""
+    """Return a fault as text. `read_fault` reads an equal fault from this text."""
     fields = to_plain_data(fault)
     action = fields.pop("action")
     main = [fields.pop(name) for name in _MAIN_FIELDS.get(action, ()) if name in fields]
@@ -262,7 +264,7 @@ class _FaultParser:
         raise NotationError(self.text, start, reason)
 
     def locate_error(self, error: DocumentError) -> NotationError:
-        """Convert an error of a field into an error with a position in the text."""
+        """Return an error that shows where in the text the field is that `error` names."""
         cause = error.__cause__.__cause__ if error.__cause__ else None
         if isinstance(cause, FilterError):
             shift = self.text.index(cause.expression, self.starts["if"] + len("if"))

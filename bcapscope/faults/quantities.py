@@ -1,4 +1,4 @@
-"""The quantities in a fault, as people write them: durations, shares, rates, result codes, conditions, spans.
+"""Values in a fault as people write them: durations, shares, rates, result codes, conditions and ranges.
 
 Each class has `read`, which parses a value from YAML or from the command line, and `text`, which writes the
 value as text.
@@ -20,15 +20,15 @@ from bcapscope.traffic.filter.operands import UNITS
 from bcapscope.traffic.filter.tokens import with_nearest
 
 LONGEST_DURATION = 10**9 * 86_400 * 365
-"""Maximum duration in ns: a year, so that sums of durations stay exact."""
+"""Maximum duration in ns. The maximum is one year, so that sums of durations stay exact."""
 
 LARGEST_END = 1e19
-"""Maximum distance of a span's end from 0; no integer type of b-CAP holds a larger number."""
+"""Largest absolute value that an end of a range can have. No integer type of b-CAP holds a larger number."""
 
 MAX_INDEXES = 8
-"""Maximum number of indexes of an argument; controllers nest arrays two deep."""
+"""Maximum number of indexes after an argument. Controllers nest arrays only two levels deep."""
 
-_LONGEST_SHOWN = 150  # bits; Python refuses to write out an integer of about 14,000 bits
+_LONGEST_SHOWN = 150  # in bits; Python refuses to convert an integer of more than about 14,000 bits to text
 _NUMBER = r"[0-9]{1,18}(?:\.[0-9]{1,18})?"
 _DURATION = re.compile(rf"({_NUMBER})\s*([a-zµμ]+)")
 _SHARE = re.compile(rf"({_NUMBER})\s*%")
@@ -152,7 +152,9 @@ class HresultQuantity(int):
 
 
 class FrameCondition:
-    """A filter that selects requests and replies. A reply has the function and command of its request."""
+    """A filter that selects requests and replies. The filter can test the function and command of a reply:
+    they are those of its request.
+    """
 
     __slots__ = ("filter",)
 
@@ -185,7 +187,7 @@ class FrameCondition:
 
 
 class Span:
-    """Lowest and highest number of a range; written as ``-90..90``, ``..90`` or ``0..``.
+    """A range from a lowest to a highest number; written as ``-90..90``, ``..90`` or ``0..``.
 
     Attributes:
         low: Lowest number; minus infinity if there is no lowest number.
@@ -203,7 +205,8 @@ class Span:
         """Read a span.
 
         Raises:
-            InputError: The value is not a span, is empty, or has an end beyond `LARGEST_END`.
+            InputError: The value is not a range, the range is empty, or an end is further from 0 than
+                `LARGEST_END`.
         """
         match = _SPAN.fullmatch(written.strip()) if isinstance(written, str) else None
         try:
@@ -227,7 +230,9 @@ class Span:
         return f"{low}..{high}"
 
     def clamp(self, number: float) -> float:
-        """Return the number, or the nearest end if the number is outside the span. NaN gives a finite end."""
+        """Return the number, or the nearest end if the number is outside the range. For NaN, return an end
+        that is finite.
+        """
         if math.isnan(number):
             return self.low if math.isfinite(self.low) else self.high
         return min(max(number, self.low), self.high)
@@ -247,7 +252,7 @@ def read_path(written: str) -> tuple[int, ...]:
     """Read the indexes of an argument or of an element in it, written as in filters: ``arg[2][0]``.
 
     Raises:
-        InputError: The text is not such a path.
+        InputError: The text is not an argument with indexes.
     """
     match = _PATH.fullmatch(written)
     indexes = tuple(map(int, re.findall("[0-9]+", match[1]))) if match else ()
@@ -257,7 +262,6 @@ def read_path(written: str) -> tuple[int, ...]:
 
 
 def _invalid(what: str, written: object, **places: str) -> InputError:
-    """Return an error with the message ``quantity.WHAT``."""
     return InputError(Message(f"quantity.{what}", text=_shown(written), **places))
 
 

@@ -1,4 +1,4 @@
-"""Makes replies in the controller's place, with the serial and reserved field that the client expects."""
+"""Makes replies in place of the controller, with the serial and reserved field that the client expects."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def encode_reply(frame: Frame, reserved: int, code: int) -> bytes:
 class ReplyFactory:
     """Learns how a controller fills the reserved field of its replies, and makes replies in the same way.
 
-    The factory uses 0 until the controller replies to a request with a non-zero reserved field. The value 0
-    is what orin_bcap C/src/bCAPServer/bcap_server.c sends.
+    The reserved field is 0 until the controller has replied to a request whose reserved field is not 0.
+    DENSO's server also sends 0 (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
 
     def __init__(self) -> None:

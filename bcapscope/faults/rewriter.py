@@ -1,4 +1,4 @@
-"""Changes numbers in a frame; all other bytes stay as received."""
+"""Changes numbers in a frame. All other bytes stay as received."""
 
 from __future__ import annotations
 
@@ -19,11 +19,14 @@ if TYPE_CHECKING:
     from bcapscope.faults.fault_kinds import RewriteFault, RewriteValue
 
 MAX_REMEMBERED = 4096
-"""Maximum number of messages remembered for a `step`; the oldest is dropped first. A session has a few
-dozen."""
+"""Maximum number of series of similar messages for which the last message is kept, for a `step`. The oldest
+is dropped first. A session has a few dozen series.
+"""
 
 MAX_BYTES = 1 << 20
-"""Maximum number of decompressed bytes of remembered messages; their values take up to 100 times as much."""
+"""Maximum total size in bytes of the messages that are kept for a `step`, after decompression. The decoded
+values of messages take up to 100 times as much memory as their bytes.
+"""
 
 _Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None]]
 
@@ -32,7 +35,7 @@ ValueChange: TypeAlias = Callable[[Variant], Variant]
 
 
 class _Adjust(Protocol):
-    """Function that returns the changed number; `index` is the number's index in its array."""
+    """Type of a function that returns the changed number. `index` is the index of the number in its array."""
 
     def __call__(self, number: float, index: int) -> float: ...
 
@@ -43,8 +46,8 @@ class _LastMessage(NamedTuple):
     Attributes:
         raw: Bytes of the message as received.
         values: Arguments of the message as forwarded.
-        step_base: Values to which the next message is compared, by index of the step.
-        size: Number of bytes of the frame, decompressed.
+        step_base: For each step, by its index, the value to which the value in the next message is compared.
+        size: Number of bytes of the frame after decompression.
     """
 
     raw: bytes
@@ -61,10 +64,10 @@ _NUMBERS = _INTEGERS | {VT.R4, VT.R8}
 def with_header(
     frame: Frame, *, serial: int | None = None, reserved: int | None = None, code: int | None = None
 ) -> bytes:
-    """Return a frame's bytes with other header numbers; None leaves a number unchanged.
+    """Return a frame's bytes with a new serial, reserved field and code; None leaves a number unchanged.
 
-    All other bytes stay as they are, damaged or not. An undamaged frame with a checksum or compressed
-    contents is encoded again.
+    All other bytes stay as they are, even if they are damaged. An undamaged frame with a checksum or
+    compressed contents is encoded again.
     """
     numbers = (
         frame.serial if serial is None else serial,
@@ -81,12 +84,12 @@ def with_header(
 def _encode_or_keep(frame: Frame, numbers: tuple[int, int, int], values: Sequence[Variant]) -> bytes:
     try:
         return encode_frame(*numbers, values, frame.framing)
-    except LocalProtocolError:  # version 1 has a fixed reserved field, and a value may not fit its type
+    except LocalProtocolError:  # the reserved field of version 1 is fixed, or a value does not fit its type
         return frame.raw
 
 
 class Rewriter:
-    """Applies a `RewriteFault`, and remembers previous messages for its `step`.
+    """Applies a `RewriteFault`, and keeps earlier messages because the fault's `step` needs them.
 
     Args:
         fault: Fault to apply.
@@ -122,8 +125,8 @@ class Rewriter:
     def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
         """Limit the change of numbers relative to the previous message of the series.
 
-        A retry gets the same values as the first attempt. Otherwise a controller would execute the retry as a
-        new call.
+        A retry gets the same values as the first attempt. If the values differed, a controller would execute
+        the retry as a new call.
         """
         key = flow.conversation, flow.direction, _series_key(frame)
         last = self._last_messages.get(key)
@@ -146,7 +149,7 @@ class Rewriter:
         return values
 
     def _remember(self, key: _Key, last: _LastMessage) -> None:
-        """Store a message as the latest of its series, and drop the oldest messages beyond the limits."""
+        """Store a message as the latest of its series, and drop the oldest messages if there are too many."""
         known = self._last_messages.pop(key, None)
         self._last_messages[key] = last
         self._size += last.size - (0 if known is None else known.size)
@@ -214,7 +217,9 @@ def _with_elements(value: Variant, elements: list[Variant]) -> Variant:
 
 
 def _with_setting(value: Variant, setting: RewriteValue) -> Variant:
-    """Return `setting` in the type of `value`, or in the type that it names; `value` if it is invalid."""
+    """Return `setting` in the type of `value`, or in the type that `setting` names; return `value` if
+    `setting` is invalid.
+    """
     text = str(setting).lower() if isinstance(setting, bool) else str(setting)
     try:
         new = parse_variant_as(text, [vt_name(value.vt)])
@@ -241,7 +246,7 @@ def _step_limited(value: Variant, last: Variant, step: float) -> Variant:
 
 
 def _each_number(value: Variant, change: _Adjust) -> Variant:
-    """Change a number, or every number of an array. Integer types keep integers."""
+    """Change a number, or every number of an array. A value of an integer type stays an integer."""
     elements = _elements(value)
     if not elements:
         return _with_number(value, partial(change, index=0))

@@ -1,8 +1,8 @@
 """Reads YAML as a sequence of events. All YAML input of bcapscope is read here.
 
 PyYAML's composers call themselves for each level of nesting. The composer in C, which `msgspec.yaml` also
-uses, overflows the stack on deep input and crashes the process. Events need no recursion, so this module
-rejects input that is nested too deep before anything is built.
+uses, overflows the stack on deep input and crashes the process. Reading events needs no recursion. This
+module therefore rejects input that is nested too deep before anything is built from it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class YamlError(InputError):
 
 
 def yaml_events(data: bytes | str) -> Iterator[yaml.Event]:
-    """Yield the events of a stream of YAML documents, in which all scalars are text.
+    """Yield the events of a stream of YAML documents. All scalars in the events are text.
 
     Raises:
         YamlError: The data is not YAML, or has more than `MAX_LEVELS` levels.

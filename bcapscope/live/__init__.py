@@ -1,1 +1,3 @@
-"""Runs beside the user interface: processes and their supervision, recorders, signals, priorities."""
+"""Code that runs in the background while the user interface runs: processes and their supervision, recorders,
+signals, priorities.
+"""

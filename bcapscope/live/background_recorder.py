@@ -1,8 +1,8 @@
 """Records the traffic of a server or client in the same process; a separate thread writes to the disk.
 
-The caller's thread encodes packets after the caller has answered the client. A second thread that encodes
-would hold Python's interpreter lock and delay replies by milliseconds. The recorder's own thread only writes
-encoded packets to the disk.
+Packets are encoded in the caller's thread, after the caller has answered the client. If a second thread
+encoded them, it would hold Python's interpreter lock and delay replies by milliseconds. The recorder's own
+thread only writes encoded packets to the disk.
 """
 
 from __future__ import annotations
@@ -21,25 +21,26 @@ from bcapscope.protocol.text_format import counted
 from bcapscope.traffic.observation import Observation, Transport
 
 MAX_WAITING = 16 << 20
-"""Maximum number of bytes that may wait for the disk, with `_STEP_OVERHEAD` per packet.
-
-While more bytes wait, the recorder omits and counts new packets.
+"""Maximum number of bytes that may wait to be written, with `_STEP_OVERHEAD` added per packet. While more
+bytes wait, the recorder leaves out new packets and counts them.
 """
 
 _STEP_OVERHEAD = 512
 """Bytes of memory that a packet occupies before it is encoded, in addition to its data."""
 
 _WRITE_INTERVAL = 0.02
-"""Seconds between writes to the disk."""
+"""Time in s between two writes to the disk."""
 
 _CHECK_INTERVAL = 0.002
-"""Seconds between two checks whether the packets are in the file."""
+"""Time in s between two checks of `wait_until_written` whether the packets are in the file."""
 
 _MAKE_FOR_NS = 1_000_000
-"""Maximum time in ns for encoding packets before the server checks for new requests."""
+"""Maximum time in ns that is spent on encoding packets before the server checks for new requests."""
 
 _ENDS_WITHIN = 5.0
-"""Maximum time in seconds for encoding, and again for writing, the waiting packets in `close`."""
+"""Maximum time in s that `close` spends on encoding the waiting packets. `close` spends at most the same time
+on writing these packets.
+"""
 
 _WriteStep: TypeAlias = Callable[[SocketRecording], None]
 _Direction: TypeAlias = tuple[Address, Address]
@@ -48,13 +49,14 @@ _Direction: TypeAlias = tuple[Address, Address]
 class BackgroundRecorder:
     """Records packets without delaying the caller, and counts packets that could not be written in time.
 
-    All methods except `on_observation` run in one thread.
+    Call all methods except `on_observation` and `wait_until_written` from the same thread.
     """
 
     def __init__(self, recorder: Recorder, *, most_waiting: int = MAX_WAITING) -> None:
         """Start the writing thread.
 
-        The recorder must not be a ring of files; `most_waiting` replaces `MAX_WAITING` (bytes).
+        The recorder must not record to a ring of files. `most_waiting` is used instead of `MAX_WAITING`, in
+        bytes.
         """
         self._recorder = recorder
         self._most_waiting = most_waiting
@@ -130,14 +132,14 @@ class BackgroundRecorder:
             self._queue_step(0, drop)
 
     def on_idle(self) -> bool:
-        """Encode waiting packets; the server calls this once all requests are answered.
+        """Encode waiting packets. The server calls this method when all requests are answered.
 
-        Return whether packets remain.
+        Return whether there are still packets to encode.
         """
         return self._make_packets(_MAKE_FOR_NS)
 
     def _make_packets(self, most: int) -> bool:
-        """Encode packets for at most `most` ns; return whether packets remain."""
+        """Encode packets for at most `most` ns; return whether there are still packets to encode."""
         steps = self._steps
         if not steps:
             return False
@@ -151,7 +153,9 @@ class BackgroundRecorder:
         return bool(steps)
 
     def wait_until_written(self, seconds: float) -> None:
-        """Wait until the encoded packets are in the file, at most `seconds`. Any thread may call this."""
+        """Wait until the encoded packets are in the file, but at most `seconds`. Any thread may call this
+        method.
+        """
         until = time.monotonic() + seconds
         while (
             self._recorder.is_complete
@@ -163,7 +167,8 @@ class BackgroundRecorder:
             time.sleep(_CHECK_INTERVAL)
 
     def close(self) -> bool:
-        """Encode and write the waiting packets, each for at most `_ENDS_WITHIN` seconds, and close the file.
+        """Encode the waiting packets, write them and close the file. Encoding and writing may each take
+        `_ENDS_WITHIN` seconds at most.
 
         Return whether the capture is complete.
         """
@@ -185,8 +190,8 @@ class BackgroundRecorder:
         if not self._recorder.is_complete:
             return False
         waiting = self._queued_size + self._recorder.files.bytes_pending
-        # After a loss, recording resumes once half of the room is free: one long gap is better than many
-        # short ones.
+        # After packets were left out, recording resumes only when half of the space is free.
+        # One long gap in a recording is better than many short gaps.
         if waiting + size + _STEP_OVERHEAD <= (
             self._most_waiting // 2 if self._skipped else self._most_waiting
         ):
@@ -199,7 +204,8 @@ class BackgroundRecorder:
     def _end_gap(self) -> str:
         """Resume after missing packets.
 
-        Return the comment for the next packet: how many packets are missing before it, or "" for none.
+        Return the comment for the next packet, which states how many packets are missing before it; "" if
+        none are.
         """
         if not self._skipped:
             return ""
@@ -208,7 +214,7 @@ class BackgroundRecorder:
         steps = self._delayed_steps, self._gap_bytes
         self._delayed_steps, self._gap_bytes = [], {}
         self._queue_step(0, lambda recording: _write_gap(recording, *steps))
-        return f"{counted(missing, 'packet')} before this one could not be written in time"
+        return f"{counted(missing, 'packet')} before this packet could not be written in time"
 
     def _queue_step(self, size: int, step: _WriteStep) -> None:
         self._steps.append((size + _STEP_OVERHEAD, step))

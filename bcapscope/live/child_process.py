@@ -1,4 +1,5 @@
-"""A bcapscope command in a child process: the simulator or a proxy of the screen, or the proxy of a program.
+"""Runs a bcapscope command in a child process. The screen runs the simulator or a proxy in this way, and
+other programs run a proxy.
 
 The parent ends the command with a signal. If the parent is killed, the command's standard input closes, and
 the command ends.
@@ -36,7 +37,7 @@ _MAX_LINES = 500
 class ChildStartError(BcapError):
     """The command did not start.
 
-    The error text is the last line that the command printed; `code` is its exit code.
+    The error text is the last line that the command printed. `code` is the command's exit code.
     """
 
     def __init__(self, message: Message, code: int) -> None:
@@ -69,7 +70,7 @@ class ChildProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            start_new_session=True,  # the screen handles Ctrl-C and a closed terminal
+            start_new_session=True,  # only the screen handles Ctrl-C and a closed terminal, not this child
         )
         self._stdout: BinaryIO | None = cast(BinaryIO, self._process.stdout)
         self._reader = threading.Thread(target=self._read_output, daemon=True, name="child")
@@ -125,7 +126,8 @@ class ChildProcess:
             return next((text for text in reversed(self._output) if text), "")
 
     def hand_over_stdout(self) -> BinaryIO:
-        """Return the command's standard output. Only the line with the addresses has been read from it.
+        """Return the command's standard output as a stream. Only the line with the addresses has been read
+        from this stream.
 
         The caller must read and close the returned stream.
         """
@@ -134,7 +136,9 @@ class ChildProcess:
         return stdout
 
     def subscribe_output(self, on_output: Callable[[str], None]) -> None:
-        """Call `on_output` with each line printed so far, and from another thread with each later line."""
+        """Call `on_output` with each line that the command has printed so far. Another thread then calls
+        `on_output` with each later line.
+        """
         with self._lock:
             self._on_output = on_output
             lines = list(self._output)
@@ -142,7 +146,8 @@ class ChildProcess:
             on_output(text)
 
     def subscribe_end(self, on_end: Callable[[str], None]) -> None:
-        """Call `on_end` with the command's last line if it ends unexpectedly; "" if a signal killed it.
+        """Call `on_end` with the last line of the command if the command ends unexpectedly; with "" if a
+        signal killed the command.
 
         `on_end` is called from another thread, or at once if the command has ended already.
         """

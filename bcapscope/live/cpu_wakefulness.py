@@ -1,13 +1,13 @@
 """Keeps processors out of deep sleep while set points arrive, for `proxy --low-latency`.
 
-A processor needs a few microseconds to wake from light sleep, and a hundred or more from deep sleep. A
-virtual machine's processor needs tens of microseconds to wake from any sleep, because the host wakes it. A
-round trip through the proxy contains four wake-ups if client and controller run on the same machine, else
-two.
+A processor needs a few microseconds to wake from light sleep, and a hundred or more to wake from deep sleep.
+A virtual machine's processor needs tens of microseconds to wake from any sleep, because the host wakes it. A
+round trip through the proxy contains two wake-ups, or four if client and controller run on the proxy's
+machine.
 
-Linux accepts a limit for the time of a wake-up (power/pm_qos_interface). The limit applies to the whole
-machine and costs electricity, or processor time of the host. So the proxy sets the limit only while there is
-much traffic, and not if the host takes processor time away.
+Linux lets a program limit the time that a processor may need to wake (power/pm_qos_interface). A limit
+applies to the whole machine and costs electricity, or processor time of the host. The proxy therefore sets
+the limit only while there is much traffic, and not if the host takes processor time away.
 """
 
 from __future__ import annotations
@@ -25,29 +25,34 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.ring_buffer import RelayCounter
 
 BUSY_DATAGRAMS = 100
-"""Number of datagrams within `BUSY_WITHIN` seconds that counts as much traffic: 50 calls.
+"""Number of datagrams within `BUSY_WITHIN` seconds that counts as much traffic. It corresponds to 50 calls.
 
 Set points every 8 ms make 250 datagrams per second.
 """
 
 BUSY_WITHIN = 1.0
-"""Time in seconds over which datagrams are counted."""
+"""Length in seconds of the period in which datagrams are counted."""
 
 AWAKE_FOR = 2.0
 """Time in seconds without much traffic after which the processors may sleep deeply again."""
 
 MAX_STOLEN_SHARE = 0.05
-"""Maximum share of one processor's time that the host may take from all processors together."""
+"""Maximum processor time that the host may take from all processors together, as a share of one processor's
+time.
+"""
 
 PAUSED_FOR = 60.0
-"""Time in seconds before the limit is set again, after the host took too much time or Linux refused the
-limit."""
+"""Time in s until the limit is set again after the host took too much processor time or Linux refused the
+limit.
+"""
 
 _MEASURED_EVERY = 1.0
 """Seconds between measurements of the processor time that the host took."""
 
 _STREAM_BYTES_EACH = 64
-"""Bytes of TCP streams that count as one datagram: a set point has about 100 bytes, its reply 58 or 90."""
+"""Number of bytes of a TCP stream that counts as one datagram. A set point has about 100 bytes, its reply 58
+or 90.
+"""
 
 _REQUEST = struct.Struct("@i")
 _DEVICE = Path("/dev/cpu_dma_latency")
@@ -55,17 +60,23 @@ _CPU_FOLDER = Path("/sys/devices/system/cpu")
 _STATISTICS = Path("/proc/stat")
 
 _USUAL_LATENCY_US = 2
-"""Assumed time in µs to wake from the lightest sleep, where Linux does not report this time."""
+"""Assumed time in µs that a processor needs to wake from the lightest sleep, if Linux does not report this
+time.
+"""
 
 _FIRST_LINE_BYTES = 256
-"""Number of bytes to read from /proc/stat, more than its first line has."""
+"""Number of bytes to read from /proc/stat. This number is larger than the number of bytes in the first line
+of /proc/stat.
+"""
 
 _STEAL_COLUMN = 8
-"""Column of the first line of /proc/stat that holds the time taken by the host (proc_stat(5))."""
+"""Column in the first line of /proc/stat. The column holds the processor time that the host took
+(proc_stat(5)).
+"""
 
 
 class CpuWakefulness:
-    """Keeps the processors awake while there is much traffic."""
+    """Keeps the processors out of deep sleep while there is much traffic."""
 
     def __init__(self, sleep: CpuLatencyLimit) -> None:
         self._sleep = sleep
@@ -78,7 +89,7 @@ class CpuWakefulness:
     def update(self, datagrams: int, now: float) -> None:
         """Decide whether the processors may sleep deeply, from the number of datagrams so far.
 
-        Call this about twenty times per second; `now` is in seconds of a monotonic clock.
+        Call this method about twenty times per second. `now` is in seconds of a monotonic clock.
         """
         is_much = datagrams - self._count_before >= BUSY_DATAGRAMS
         if is_much:
@@ -106,7 +117,9 @@ class CpuWakefulness:
             self._not_before = now + PAUSED_FOR
 
     def _is_much_stolen(self, now: float) -> bool:
-        """Return whether the host took more than `MAX_STOLEN_SHARE` of a processor since the last check."""
+        """Return whether since the last check the host took more processor time than `MAX_STOLEN_SHARE`
+        allows.
+        """
         since, before = now - self._measured_at, self._stolen_before
         self._measured_at, self._stolen_before = now, self._sleep.stolen_seconds()
         return (
@@ -117,7 +130,7 @@ class CpuWakefulness:
 
 
 def datagrams_passed(counts: Sequence[int]) -> int:
-    """Return the number of datagrams received; each `_STREAM_BYTES_EACH` bytes of TCP count as one."""
+    """Return the number of datagrams received. On TCP, `_STREAM_BYTES_EACH` bytes count as one datagram."""
     datagrams = counts[RelayCounter.CAME_UP] + counts[RelayCounter.CAME_DOWN]
     return datagrams + (counts[RelayCounter.BYTES_UP] + counts[RelayCounter.BYTES_DOWN]) // _STREAM_BYTES_EACH
 
@@ -127,8 +140,9 @@ class CpuLatencyLimit:
 
     The request needs root rights, unless a udev rule grants access.
 
-    A KVM guest with the haltpoll driver then waits without sleeping, because its host handles each sleep,
-    however light. Linux drops the request when the process closes the file or ends in any way.
+    In a KVM guest with the haltpoll driver, the processors then wait without sleeping. In a guest, even the
+    lightest sleep would be handled by the host. Linux drops the request when the process closes the file or
+    ends in any way.
     """
 
     def __init__(self) -> None:
@@ -142,7 +156,8 @@ class CpuLatencyLimit:
         if sys.platform != "linux":
             return False
         try:
-            self._device = os.open(_DEVICE, os.O_WRONLY)  # does not create the device file if it is missing
+            # opens the device file only if it exists; does not create it
+            self._device = os.open(_DEVICE, os.O_WRONLY)
             os.write(self._device, _REQUEST.pack(self._limit_us))
             if self._has_haltpoll:
                 self._statistics = os.open(_STATISTICS, os.O_RDONLY)
@@ -160,7 +175,9 @@ class CpuLatencyLimit:
                     os.close(descriptor)
 
     def stolen_seconds(self) -> float | None:
-        """Return the processor time in seconds that the host took so far; None without haltpoll."""
+        """Return the processor time in seconds that the host has taken so far; None if the haltpoll driver is
+        not used.
+        """
         if sys.platform == "linux" and self._statistics is not None:
             with suppress(OSError, IndexError, ValueError):
                 line = os.pread(self._statistics, _FIRST_LINE_BYTES, 0)
@@ -169,7 +186,7 @@ class CpuLatencyLimit:
 
 
 def low_latency_problem() -> Message | None:
-    """Return why this process cannot keep processors out of deep sleep; None if nothing prevents it."""
+    """Return the reason why this process cannot keep processors out of deep sleep; None if it can."""
     if sys.platform != "linux":
         return Message("low-latency.not-linux")
     try:

@@ -1,4 +1,6 @@
-"""Handles Ctrl-C while an endless input is read: the first Ctrl-C only ends the wait for more input."""
+"""Handles Ctrl-C while bcapscope reads an endless input: the first Ctrl-C only ends the wait for more
+input.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,8 @@ class DeferredInterrupts:
     """Delays Ctrl-C while input is processed, so that bcapscope still prints everything that it has read.
 
     SIGTERM, with which a script ends a program in the background, has the same effect as Ctrl-C.
-    The first Ctrl-C takes effect only while the program waits for input. A second Ctrl-C ends the program as
-    usual, if it comes before the first took effect. Create the object in the main thread, because only that
+    The first Ctrl-C takes effect only while the program waits for input. If a second Ctrl-C comes before the
+    first took effect, it ends the program as usual. Create the object in the main thread, because only that
     thread handles signals.
     """
 
@@ -40,7 +42,7 @@ class DeferredInterrupts:
         return found
 
     def do_while_waiting(self, work: Callable[[], object]) -> None:
-        """Do some work inside `read`. Ctrl-C takes effect after the work.
+        """Do `work` while `read` waits for input. A Ctrl-C during the work takes effect after it.
 
         Raises:
             KeyboardInterrupt: The user pressed Ctrl-C during the work; `read_or_stop` handles the exception.

@@ -49,7 +49,7 @@ async def _interruptible(work: Coroutine[Any, Any, T]) -> T:
     before = {number: signal.getsignal(number) for number in _END_SIGNALS}
     for number, handler in before.items():
         if handler is not signal.SIG_IGN:  # SIG_IGN was set by nohup
-            with suppress(NotImplementedError):  # on Windows, event loops handle no signals
+            with suppress(NotImplementedError):  # on Windows, an event loop cannot handle signals
                 loop.add_signal_handler(number, end)
     try:
         return await work
@@ -68,10 +68,11 @@ def _raise_interrupt(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def end_signal_socket() -> Iterator[socket.socket]:
-    """Deliver Ctrl-C, SIGTERM and SIGHUP through a non-blocking socket, as a byte with the signal's number.
+    """Deliver Ctrl-C, SIGTERM and SIGHUP through a non-blocking socket. Each signal arrives as a byte with
+    the signal's number.
 
-    Without the socket, a signal could end the program between any two steps, such as between writing lines
-    and dropping them.
+    Without the socket, a signal could end the program between any two steps, such as after lines were
+    written, but before they were dropped from memory.
 
     Raises:
         FileWriteError: The process has no file descriptors left.
@@ -98,11 +99,11 @@ def end_signal_socket() -> Iterator[socket.socket]:
 
 @contextmanager
 def end_signals_blocked() -> Iterator[None]:
-    """Block Ctrl-C in child processes that start in this block, until they have loaded.
+    """Block Ctrl-C in child processes that start in this `with` block, until they have loaded.
 
     A terminal sends Ctrl-C to all processes that run in it. A child process that is still loading would end
-    with a traceback. The children never receive SIGTERM or SIGHUP. This process receives blocked signals
-    after the block.
+    with a traceback. The child processes never receive SIGTERM or SIGHUP. This process receives signals that
+    were blocked when the `with` block ends.
     """
     if not hasattr(signal, "pthread_sigmask"):  # on Windows, child processes inherit no signal mask
         yield
@@ -115,4 +116,4 @@ def end_signals_blocked() -> Iterator[None]:
 
 
 def _do_nothing(number: int, frame: FrameType | None) -> None:
-    """Do nothing, because Python has already written the signal's number to the socket."""
+    """Do nothing: before it calls this handler, Python has written the signal's number to the socket."""

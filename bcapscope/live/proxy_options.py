@@ -30,22 +30,23 @@ BEGIN, CLOSE_SESSIONS, READY = b"begin", b"close sessions", b"ready"
 """Messages between relay and watcher.
 
 `BEGIN` starts the watcher, which answers `READY`. The watcher answers `CLOSE_SESSIONS` with a JSON list of
-`ClosingRequests`. Any other message from the relay is a hint, which the watcher prints if the proxy is too
+`ClosingRequests`. Any other message from the relay is a hint that the watcher prints if the proxy is too
 slow.
 """
 
 INCOMPLETE = 6
 """Exit code of the watcher if the recording is incomplete.
 
-The code is not 1, because a traceback also exits with 1.
+The code differs from 1, because Python exits with 1 after a traceback.
 """
 
 
 class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
-    """Frames that close the session of a UDP client on its behalf, each sent after the previous reply.
+    """Frames that close the session of a UDP client on its behalf. Each frame is sent after the reply to the
+    previous frame.
 
-    `open_state` is an encoded message (see `encode_message`) that names open state besides handles; b"" for
-    none.
+    `open_state` is an encoded message (see `encode_message`). The message names what the client left open in
+    addition to handles, such as slave mode; b"" for nothing.
     """
 
     client: int
@@ -63,7 +64,7 @@ class TrafficFormat(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ViewOptions:
-    """Traffic that the proxy displays: the frames or calls (None for nothing) that match `expression`."""
+    """Which traffic the proxy displays: frames or calls that match `expression`, or None for no traffic."""
 
     shown: RecordKind | None
     form: TrafficFormat = TrafficFormat.LINE
@@ -83,26 +84,30 @@ class ViewOptions:
 
 
 class WatcherSubscriber(Protocol):
-    """Receives the traffic that the watcher decodes. All methods return at once. `subscribers` includes the
-    diagnosis."""
+    """Receives the traffic that the watcher decodes. All methods return at once. `subscribers` contains the
+    diagnosis and other subscribers of the pipeline.
+    """
 
     diagnosis: Diagnosis
     subscribers: tuple[PipelineSubscriber, ...]
 
     def on_frame(self, observation: Observation, note: str) -> None:
-        """Receive a frame; `note` describes in the user's language what a proxy rule did to the frame; "" for
-        nothing."""
+        """Receive a frame. `note` says in the user's language what a proxy rule did to the frame; it is "" if
+        no rule did anything.
+        """
 
     def report_if_due(self, client_count: int) -> None:
-        """Send reports that are due, even without traffic; `client_count` is the number of clients so far."""
+        """Send the reports that are due, even if there is no traffic. `client_count` is the number of clients
+        so far.
+        """
 
     def close(self, end_time: int) -> None:
-        """Receive the time when the traffic ended, in ns since 1970."""
+        """Handle the end of the traffic. `end_time` is in ns since 1970."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProxyOptions:
-    """Tasks of a proxy's watcher: recording, display and diagnosis of the traffic.
+    """Options of a proxy's watcher: how to record, display and diagnose the traffic.
 
     The watcher process calls `open_subscriber`, which can raise an OSError.
     """
@@ -115,7 +120,7 @@ class ProxyOptions:
 
 
 def run_watcher(memory: str, relay: Connection, options: ProxyOptions) -> None:
-    """Watch a relay until it ends; this is the entry point of the watcher process.
+    """Watch a relay until the relay ends. This function is the entry point of the watcher process.
 
     The process exits with `INCOMPLETE` if the recording is incomplete.
     """

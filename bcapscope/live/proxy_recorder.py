@@ -1,4 +1,4 @@
-"""Records both sides of a proxy's traffic, each side on its own interface of the capture."""
+"""Records both legs of a proxy's traffic. Each leg has its own interface in the capture."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _Endpoints: TypeAlias = tuple[tuple[str, int], tuple[str, int]]
 
 
 class _ProxySide:
-    """One side of a client's traffic: between client and proxy, or between proxy and controller.
+    """One leg of a client's traffic: between client and proxy, or between proxy and controller.
 
     Attributes:
         begun: Whether the recording contains the start of the TCP connection.
-        endpoints: Source and target of a packet: toward the client at index 0, toward the controller at index
-            1.
+        endpoints: Source and target of packets. Index 0 is for packets toward the client, index 1 for packets
+            toward the controller.
     """
 
     __slots__ = ("begun", "endpoints", "interface", "is_client_side", "is_stream")
@@ -52,14 +52,15 @@ class _ProxySide:
 
 
 _RecordStep: TypeAlias = tuple[int, _ProxySide, RingRecord, int]
-"""Time of a packet in ns since 1970, the packet's side, its ring record, and the record's number."""
+"""A packet to write: its time in ns since 1970, its leg, the ring record that it comes from, and the record's
+number.
+"""
 
 _step_time: Callable[[_RecordStep], int] = itemgetter(0)
 
 _MAX_PAIR_ENCODERS = 1024
-"""Maximum number of cached packet encoders, one for each client, direction and size.
-
-A full cache is emptied.
+"""Maximum number of cached packet encoders. There is one encoder for each client, direction and size. When
+the cache is full, it is emptied.
 """
 
 
@@ -67,7 +68,9 @@ class ProxyRecorder:
     """Turns the relay's records into packets, orders the packets by time, and adds them to a recording."""
 
     def __init__(self, recorder: Recorder, *, keeps_packet_numbers: bool = False) -> None:
-        """Start without clients. A caller that keeps packet numbers must call `next_packet_numbers`."""
+        """Create a recorder that knows no clients yet. If `keeps_packet_numbers` is True, the caller must
+        call `next_packet_numbers`.
+        """
         self._recorder = recorder
         self._packet_numbers: dict[int, int] | None = {} if keeps_packet_numbers else None
         self._record_count = self._numbers_given = 0
@@ -76,10 +79,10 @@ class ProxyRecorder:
         self._steps: list[_RecordStep] = []
         self._pair_encoders: dict[
             tuple[int, bool, int], PacketPairEncoder
-        ] = {}  # the key is client, direction (True: to the controller) and size in bytes
+        ] = {}  # the key is the client, the direction (True means to the controller) and the size in bytes
 
     def add_records(self, records: Sequence[RingRecord]) -> None:
-        """Write records in the order of time.
+        """Write records in chronological order.
 
         A packet waits until a later call or `flush` if an earlier packet may still follow.
         """
@@ -108,15 +111,17 @@ class ProxyRecorder:
         self._write_steps(bisect_right(steps, came, key=_step_time))
 
     def _write_plain_run(self, records: Sequence[RingRecord]) -> int:
-        """Write the leading records whose datagrams were forwarded unchanged, as most are.
+        """Write records from the start of the list, as long as their datagrams were forwarded unchanged. Most
+        are.
 
-        Waiting packets are written first, provided that all of `records` are later than those packets. Return
-        the number of records written, without the last record, since an earlier packet may follow.
+        Packets that still wait are written first, if all `records` are later. The last record is not written,
+        because an earlier packet may follow. Return the number of records written.
         """
         first = [
             came if 0 < came <= left else left or came for _, _, _, came, left, _, _ in reversed(records)
         ]
-        soonest = [*accumulate(first, min)][::-1]  # earliest time of each record and of all later records
+        # for each record, the earliest time of this record and all later records
+        soonest = [*accumulate(first, min)][::-1]
         if len(records) < 2 or (self._steps and soonest[0] < self._steps[-1][0]):
             return 0
         self._write_steps(len(self._steps))
@@ -142,7 +147,8 @@ class ProxyRecorder:
         return written
 
     def next_packet_numbers(self, count: int) -> list[int]:
-        """Return for each of the next records the number of its last packet on the clients' side, or 0.
+        """Return for each of the next `count` records the number of its last packet on the leg to the client;
+        0 if there is none.
 
         The numbers are valid only for a recording in one file.
         """
@@ -225,7 +231,7 @@ class ProxyRecorder:
 
     def _begin_packet(self) -> None:
         if self._recorder.begin_packet():
-            self._pair_encoders.clear()  # the encoders refer to interfaces of the previous file
+            self._pair_encoders.clear()  # the cached encoders refer to interfaces of the previous file
 
     def _begin_stream(self, side: _ProxySide, time: int) -> None:
         side.begun = True
@@ -254,7 +260,7 @@ class ProxyRecorder:
         self._packets.skip_bytes(*side.endpoints[record.up], size)
 
     def _end_stream(self, side: _ProxySide, record: RingRecord, time: int) -> None:
-        """Record that one direction of a TCP connection ended, if the recording contains the connection."""
+        """If the recording contains the TCP connection, record that one direction of it ended."""
         if side.begun:
             self._begin_packet()
             self._packets.write_stream_end(

@@ -49,16 +49,18 @@ from bcapscope.traffic.observation import Endpoint
 from bcapscope.transport.descriptors import raise_descriptor_limit
 
 RING_SIZE = 32 << 20
-"""Size of the ring in bytes: about 20 seconds of traffic of four robots with one set point per ms each."""
+"""Size of the ring in bytes. The ring holds about 20 s of traffic of four robots that each get one set point
+per ms.
+"""
 
 _MAX_DESCRIPTORS = 1024
-"""Requested limit of open file descriptors. A TCP client needs two, a UDP client one."""
+"""Requested limit of open file descriptors. A TCP client needs two descriptors, a UDP client one."""
 
 _POLL_INTERVAL = 0.05
 _BEGINS_WITHIN = 30.0
 _ANSWERS_WITHIN = 3.0
 _ENDS_WITHIN = 60.0
-"""Maximum time in seconds from the end of the relay until the watcher must have ended."""
+"""Time in seconds after the end of the relay at which the watcher must have ended."""
 
 _SESSIONS_CLOSE_WITHIN = 3.0
 """Maximum time in seconds for closing the UDP sessions of all clients on their behalf.
@@ -72,11 +74,11 @@ _TOTALS_WITHIN = 0.5
 _STDIN = 0
 
 _SILENT_FOR_NS = 30_000_000_000
-"""Time in ns of silence after which a client counts as gone, once the terminal has closed."""
+"""Time in ns after which a silent client counts as gone once the terminal was closed."""
 
 
 class ProxySupervisor:
-    """Runs the relay, and starts and ends the process that watches it.
+    """Runs the relay, and starts and ends the watcher process.
 
     Callers can attach a control socket or scripts to `relay` before it runs.
     """
@@ -89,11 +91,11 @@ class ProxySupervisor:
         *,
         low_latency: bool = False,
     ) -> None:
-        """Create a relay without listeners. `end_signals` is from `end_signal_socket`.
+        """Create a relay without listeners. `end_signals` is the socket that `end_signal_socket` returned.
 
         Raises:
-            FileWriteError: The memory shared with the watcher cannot be allocated, or the system provides no
-                way to wait for file descriptors.
+            FileWriteError: The memory shared with the watcher cannot be allocated, or the operating system
+                cannot wait for several file descriptors.
         """
         self._options = options
         self._words = MessageFormatter(options.view.language)
@@ -121,7 +123,8 @@ class ProxySupervisor:
         self._closing_requests: list[ClosingRequests] = []
 
     def listen(self, listener: ListenerSpec, forget_after: int) -> Endpoint:
-        """Listen, and return the address. The relay removes a UDP client after `forget_after` ns of silence.
+        """Listen for clients, and return the address. The relay removes a UDP client that was silent for
+        `forget_after` ns.
 
         Raises:
             ProxyListenError: The proxy cannot listen on this address.
@@ -134,8 +137,9 @@ class ProxySupervisor:
     def start_watcher(self, wait_for_scripts: Callable[[float], bool] | None = None) -> None:
         """Start the watcher process and wait until it is ready.
 
-        `wait_for_scripts` waits up to the given number of seconds, and returns whether the scripts have
-        started. Recording starts after the scripts have started; the watcher process loads meanwhile.
+        `wait_for_scripts` is a function that waits up to the given number of seconds, and returns whether the
+        scripts have started. The watcher process loads while the scripts start. Recording begins after they
+        have started.
 
         Raises:
             FileWriteError: The recording cannot be written, or the process cannot be started.
@@ -170,11 +174,13 @@ class ProxySupervisor:
             )
         self._is_watched = self._has_watcher_begun = True
         self._unlink_memory()
-        if sys.platform != "win32":  # on Windows, a pipe cannot be waited for together with sockets
+        if sys.platform != "win32":  # on Windows, a program cannot wait for a pipe and sockets together
             self.relay.watch(self._watcher_pipe.fileno(), lambda _: self._receive_from_watcher())
 
     def end_with_parent(self) -> None:
-        """Treat the end of standard input as a closed terminal: the parent program has ended."""
+        """Treat the end of standard input like a closed terminal, because it means that the parent program
+        has ended.
+        """
         if sys.platform == "win32":  # on Windows, a pipe cannot be waited for together with sockets
             return
         if sys.stdin is None or not _has_other_end(_STDIN):
@@ -183,21 +189,21 @@ class ProxySupervisor:
             self.relay.watch(_STDIN, self._on_parent_input)
 
     def run(self, on_ready: Callable[[], None]) -> None:
-        """Accept clients, call `on_ready`, forward traffic until something ends the proxy; then shut down.
+        """Accept clients, call `on_ready`, and forward traffic until the proxy must end. Then shut down.
 
         Raises:
             KeyboardInterrupt: A signal has asked the proxy to end before it started.
         """
         self._raise_if_ended()
         self.relay.watch(self._end_signals.fileno(), self._on_signal)
-        # Without real-time priority, one round trip in ten waited 4 ms beside busy programs. With real-time
-        # priority, Linux wakes the relay on the processor where the relay ran last. That processor should
-        # not sleep.
+        # Without real-time priority, one round trip in ten waited 4 ms if other programs were busy.
+        # With real-time priority, Linux wakes the relay on the processor where the relay ran last.
+        # The processor where the relay ran last should not sleep.
         with realtime_priority() as grade:
             if not grade.realtime:
                 self._send_to_watcher(encode_message(grade.text))
-            # `idle_priority_switch` starts a thread for a test, so it is called only now. If the thread
-            # started earlier, its stack would also be locked in memory.
+            # `idle_priority_switch` is called only now, because it starts a thread for a test.
+            # If the thread started earlier, the thread's stack would also be locked in memory.
             if self._is_watched:
                 assert self._watcher is not None
                 assert self._watcher.pid is not None
@@ -218,7 +224,9 @@ class ProxySupervisor:
                 self._print_totals()
 
     def _print_totals(self) -> None:
-        """Print the totals that this process knows, because the watcher has ended."""
+        """Print the totals that this process knows. Totals are printed here only if the watcher has ended and
+        cannot print a summary.
+        """
         from bcapscope.live.relay_figures import losses, totals  # imports NumPy
 
         report = () if self.relay.policy is None else self.relay.policy.report()
@@ -227,10 +235,10 @@ class ProxySupervisor:
         _print_aside("\n".join(texts)).join(_TOTALS_WITHIN)
 
     def close(self) -> None:
-        """Wait for the watcher's summary, unless another signal ends the wait; release all resources."""
+        """Wait for the watcher's summary, then release all resources. Another signal ends the wait."""
         if self._wakefulness is not None:
             self._wakefulness.allow_sleep()
-        for port in self._ports:  # `run` was not reached, so the relay does not own the listeners
+        for port in self._ports:  # `run` was not called, so the relay does not own the listeners
             port.close()
             port.release()
         self._ports.clear()
@@ -255,7 +263,8 @@ class ProxySupervisor:
 
     def _check_recording(self, code: int | None) -> None:
         self.is_recording_incomplete = self._options.record is not None and code != 0
-        if self.is_recording_incomplete and code != INCOMPLETE:  # the watcher ended too early to report this
+        # the watcher ended too early to report this itself
+        if self.is_recording_incomplete and code != INCOMPLETE:
             name = printable(str(self._options.record))
             print_stderr(self._words("recording.incomplete", name=name))
 
@@ -265,7 +274,9 @@ class ProxySupervisor:
         self._unlink_memory()
 
     def _unlink_memory(self) -> None:
-        """Remove the name of the shared memory: the system then frees it when its last user ends."""
+        """Remove the name of the shared memory. The operating system then frees the memory when the last
+        process that uses it ends.
+        """
         if self._is_memory_linked:
             self._is_memory_linked = False
             self._memory.unlink()
@@ -277,14 +288,18 @@ class ProxySupervisor:
             raise KeyboardInterrupt
 
     def must_end_now(self) -> bool:
-        """Return whether a signal asked for an immediate end during shutdown. SIGHUP does not count."""
+        """Return whether a signal other than SIGHUP arrived during shutdown, which asks for an immediate
+        end.
+        """
         with suppress(BlockingIOError):
             if any(number != getattr(signal, "SIGHUP", None) for number in self._end_signals.recv(16)):
                 self._must_end_now = True
         return self._must_end_now
 
     def _on_signal(self, _: int) -> None:
-        """Start the shutdown. After SIGHUP, run without the terminal until no client is left."""
+        """Start the shutdown. If the signal is SIGHUP, run on without the terminal until no client is
+        left.
+        """
         for number in self._end_signals.recv(16):
             if number == getattr(signal, "SIGHUP", None):
                 self._is_terminal_closed = True
@@ -319,11 +334,11 @@ class ProxySupervisor:
                 self._begin_ending()
 
     def _receive_from_watcher(self) -> None:
-        """Read a message from the watcher, if one has arrived: the requests that close sessions, or the
-        watcher's end.
+        """Read a message from the watcher, if one has arrived. The message is the requests that close
+        sessions, or the end of the watcher.
 
-        The periodic work may have read the message already. Another blocking read would never return, because
-        the watcher waits for the relay.
+        This method never blocks, because the periodic work may have read the message already. A blocking read
+        would then never return, because the watcher waits for the relay.
         """
         try:
             if not self._watcher_pipe.poll():
@@ -369,7 +384,7 @@ class ProxySupervisor:
 
 
 def _has_other_end(descriptor: int) -> bool:
-    """Return whether a file descriptor has another end: a pipe, a socket or a terminal.
+    """Return whether a file descriptor has another end, as a pipe, a socket or a terminal has.
 
     A file and /dev/null have no other end.
     """
@@ -378,7 +393,8 @@ def _has_other_end(descriptor: int) -> bool:
 
 
 def _print_aside(text: str) -> threading.Thread:
-    """Print to standard error in a new thread, because a stopped terminal blocks writers. Return the thread.
+    """Print to standard error in a new thread, and return the thread. If output to the terminal is stopped,
+    only that thread is blocked.
 
     The thread bypasses Python's buffer, because the end of the program would wait for the buffer's lock.
     """
@@ -393,10 +409,13 @@ def _print_aside(text: str) -> threading.Thread:
 
 
 def _shared_memory(size: int) -> SharedMemory:
-    """Create zeroed shared memory with all pages allocated: a page missing later would kill the process."""
+    """Create zeroed shared memory with all pages allocated. If a page could not be allocated later, the
+    process would be killed.
+    """
     try:
         if sys.platform != "win32":
-            resource_tracker.ensure_running()  # the tracker frees the memory if the proxy is killed
+            # Python's resource tracker frees the memory if the proxy is killed
+            resource_tracker.ensure_running()
         memory = SharedMemory(create=True, size=size)
         try:
             if hasattr(os, "posix_fallocate"):

@@ -1,4 +1,4 @@
-"""The lines that a proxy displays: frames or calls as they arrive, formatted as by `decode` and `calls`."""
+"""The lines that a proxy displays: frames or calls as they arrive, in the format of `decode` and `calls`."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class ProxyView(PipelineSubscriber):
         self._first_time = 0
 
     def add_frame(self, observation: Observation, note: Message | None) -> None:
-        """Render a frame. `note` describes what a proxy rule did to the frame; None for nothing."""
+        """Render a frame. `note` says what a proxy rule did to the frame; None if no rule did anything."""
         if not self._first_time:
             self._first_time = observation.time
             self._frame_lines.set_time_origin(observation.time)

@@ -1,7 +1,8 @@
-"""The process that watches a proxy: it records, decodes, displays and diagnoses, and never delays the relay.
+"""The process that watches a proxy. The watcher records, decodes, displays and diagnoses the traffic, and
+never delays the relay.
 
 Every few hundredths of a second, the watcher reads the new records in the ring. When the relay ends or is
-killed, the watcher reads the rest, closes the recording and prints a summary.
+killed, the watcher reads the remaining records, closes the recording and prints a summary.
 """
 
 from __future__ import annotations
@@ -54,26 +55,25 @@ POLL_INTERVAL = 0.025
 """Seconds between polls of the ring."""
 
 _DECODE_FOR = 0.024
-"""Maximum time in seconds for decoding between two polls of the ring.
-
-The watcher records nothing meanwhile.
+"""Maximum time in seconds for decoding between two polls of the ring. While the watcher decodes, it records
+nothing.
 """
 
 _MAY_WAIT_SHARE = 0.25
-"""Maximum fill ratio of the ring at which undecoded records may wait.
-
-Up to this ratio, the watcher rests most of the time, although more traffic arrives than it decodes in
-`_DECODE_FOR`. The watcher rests because a busy processor lengthens each round trip through the proxy.
+"""Fill ratio of the ring up to which undecoded records may wait. Up to this ratio, the watcher rests most of
+the time, even if more traffic arrives than it decodes in `_DECODE_FOR`. The watcher rests because a busy
+processor lengthens each round trip through the proxy.
 """
 
 _SHOWN_WITHIN_NS = 2_000_000_000
-"""Age in ns of undecoded traffic from which the watcher no longer rests between polls."""
+"""Age in ns. If undecoded traffic is older, the watcher no longer rests between polls."""
 
 _PUBLISHED_WITHIN_NS = 200_000_000
-"""Age in ns of undecoded traffic from which the watcher no longer rests, if a screen shows the traffic."""
+"""Age in ns while a screen shows the traffic. If undecoded traffic is older, the watcher no longer rests.
+"""
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075
-"""Rest after a poll as a multiple of the poll's duration, and the maximum rest in seconds."""
+"""Length of the rest after a poll, as a multiple of the poll's duration, and its maximum in seconds."""
 
 _STATUS_EVERY_NS = 500_000_000
 _DECODING_DELAY_NS = round(3 * POLL_INTERVAL * 1e9)
@@ -87,13 +87,13 @@ _RECORDS_PER_YIELD = 32
 _FRAMES_PER_YIELD = 4
 """Number of frames that the watcher decodes before it yields the processor.
 
-A yield takes a quarter of the time of decoding a frame.
+Yielding takes a quarter of the time that decoding a frame takes.
 """
 
 _CATCHES_UP_WITHIN = 10.0
 """Maximum time in seconds for decoding the remaining records after the relay has ended.
 
-The remaining records are recorded in full.
+Recording has no such limit: all remaining records are recorded.
 """
 
 
@@ -144,7 +144,7 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
 
 
 def _give_relay_priority() -> None:
-    """Give the relay precedence: lower this process's priority, and ignore Ctrl-C, SIGHUP and SIGTERM."""
+    """Lower the priority of this process below that of the relay. Also ignore Ctrl-C, SIGHUP and SIGTERM."""
     for name in ("SIGINT", "SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -167,7 +167,8 @@ class RecorderTask:
     def record_available(self) -> None:
         """Record everything written so far.
 
-        The first call may record nothing, and only read how many bytes have been written.
+        The first call may record nothing. The first call may only find out how many bytes the relay has
+        written.
         """
         until = self.reader.bytes_written
         while self.reader.position < until:
@@ -177,7 +178,7 @@ class RecorderTask:
 
 
 class ProxyWatcher:
-    """Reads the relay's records from the ring; decodes, displays and diagnoses the traffic according to the
+    """Reads the relay's records from the ring. Decodes, displays and diagnoses the traffic according to the
     options.
 
     Undecoded records wait in the ring, whose size is fixed. The memory of the watcher is bounded, because the
@@ -242,7 +243,7 @@ class ProxyWatcher:
         self._finish()
 
     def poll(self) -> float:
-        """Record all new records, then decode for at most `_DECODE_FOR` seconds.
+        """Write all new records of the ring to the recording, then decode for at most `_DECODE_FOR` seconds.
 
         Return the seconds to rest before the next poll.
         """
@@ -259,8 +260,9 @@ class ProxyWatcher:
         )
 
     def _may_rest(self) -> bool:
-        """Return whether undecoded records may wait: traffic arrives, and fill ratio and delay are below
-        their limits."""
+        """Return whether undecoded records may wait. Records may wait if traffic arrives, the ring is not too
+        full, and the oldest record is not too old.
+        """
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written
         if (
@@ -314,11 +316,11 @@ class ProxyWatcher:
         self._terminal.write_message(f"{head}: {printable(sentence)}")
 
     def _close_conversation(self, conversation: Conversation, why: Message) -> None:
-        """Complete the calls of a client that is gone, report the state that it left, and drop its data."""
+        """Complete the calls of a client that is gone, report what it left open, and drop its data."""
         self._pipeline.close_conversation(conversation)
         self._write_lines()
         left = self._session_closer.pop_left_open(conversation)
-        # After the closing requests were sent, the relay reports the closed UDP sessions itself.
+        # After it received the closing requests, the relay itself reports which UDP sessions it closed.
         is_reported = self._has_sent_closing and conversation.transport is Transport.UDP
         if left is not None and not is_reported:
             client = str(conversation.client)
@@ -329,7 +331,9 @@ class ProxyWatcher:
         self._view.lines = []
 
     def _do_periodic_work(self) -> None:
-        """Do the work that is due even without traffic: expire calls, print findings, update the status."""
+        """Do the work that is due even if there is no traffic: complete old calls, print findings, update the
+        status.
+        """
         now = time.time_ns()
         if not self._reader.bytes_waiting:
             self._pipeline.expire(now - _DECODING_DELAY_NS)
@@ -354,7 +358,9 @@ class ProxyWatcher:
             self._publish_status(now)
 
     def _publish_status(self, now: int) -> None:
-        """Store the delays in the ring, where the relay reads them, and show the status on the terminal."""
+        """Store the delay figures in the ring, where the relay reads them. Show the status on the
+        terminal.
+        """
         for place, figure in enumerate(self._delays.figures()):
             self._reader.figures[place] = figure
         self._next_status_at = now + _STATUS_EVERY_NS
@@ -384,7 +390,7 @@ class ProxyWatcher:
 
     def _closing_requests(self) -> bytes:
         """Return the requests that close the open sessions, as a JSON list of `ClosingRequests`."""
-        # Answered calls are completed now, although a late retry could still arrive.
+        # Complete answered calls now, although a late retry could still arrive.
         self._pipeline.expire(time.time_ns() + RETRY_WITHIN_NS)
         self._write_lines()
         self._has_sent_closing = True
@@ -402,7 +408,7 @@ class ProxyWatcher:
         )
 
     def _skip_undecoded(self) -> None:
-        """Skip records for which there is no time to decode, but print messages from the relay."""
+        """Skip records when there is no time left to decode them, but still print messages from the relay."""
         if self._reader.bytes_waiting:
             self._write_message(Message("watcher.skipped"))
         while self._reader.bytes_waiting:

@@ -33,7 +33,9 @@ class DelayStatistics:
         self._has_warned = False
 
     def add_records(self, records: Iterable[RingRecord]) -> None:
-        """Add the delays of data, except of data that a rule affected: rules may delay data on purpose."""
+        """Add the delays of records. Data that a rule affected are left out, because a rule may delay data on
+        purpose.
+        """
         found: dict[bool, list[int]] = {True: [], False: []}
         for kind, up, _, received, sent, _, note in records:
             if kind is RingRecordKind.DATA and received and sent and not note:
@@ -46,14 +48,18 @@ class DelayStatistics:
                 self._worst_ns = max(self._worst_ns, *delays)
 
     def pop_warning(self) -> Message | None:
-        """Return a warning the first time that the relay delayed data too long for set points; else None."""
+        """Return a warning the first time that the relay delayed data longer than set points permit. Return
+        None at all other times.
+        """
         if self._has_warned or not self._slow_count:
             return None
         self._has_warned = True
         return Message("relay.slow", time=self._worst, limit=_DEADLINE)
 
     def status(self) -> Message | None:
-        """Return the median and the 99.9th percentile of the delay in each direction; None without data."""
+        """Return the median and the 99.9th percentile of the delay in each direction; None if there are no
+        data.
+        """
         parts = []
         for up, name in _DIRECTIONS:
             spread = self._histograms[up].distribution()
@@ -91,7 +97,7 @@ def _microseconds(spread: DistributionSummary) -> dict[str, str]:
 
 
 def rates(counts: Sequence[int], before: Sequence[int], seconds: float) -> Message:
-    """Return the rate of datagrams sent, per second, since the counts in `before`."""
+    """Return how many datagrams per second were sent since the counts `before` were taken."""
     up, down = (
         (counts[way] - before[way]) / seconds if before else 0.0
         for way in (RelayCounter.LEFT_UP, RelayCounter.LEFT_DOWN)
@@ -100,14 +106,16 @@ def rates(counts: Sequence[int], before: Sequence[int], seconds: float) -> Messa
 
 
 def losses(counts: Sequence[int]) -> Iterator[Message]:
-    """Yield a message for each kind of traffic that was lost, denied, changed by rules or not watched."""
+    """Yield one message for each kind of loss: traffic that was lost, denied, changed by rules or not
+    watched.
+    """
     for counter in _LOSSES:
         if counts[counter]:
             yield Message(f"relay.{counter.name.lower()}", count=counts[counter])
 
 
 def totals(counts: Sequence[int]) -> Iterator[Message]:
-    """Yield the totals of clients, datagrams and bytes, each as a clause."""
+    """Yield one clause for each total: clients, datagrams and bytes."""
     yield Message("relay.clients", clients=Count(counts[RelayCounter.CLIENTS], "client"))
     names = "came_up", "left_up", "came_down", "left_down"
     yield Message("relay.datagrams", **{name: counts[RelayCounter[name.upper()]] for name in names})

@@ -1,7 +1,7 @@
-"""Shared parts of commands that serve clients: reachability, log, capture and shutdown.
+"""What all commands that serve clients need: reachability, log, recording and shutdown.
 
-Output never delays a reply: separate threads write the log, the messages and the capture. Output that cannot
-be written in time is dropped and counted.
+Output never delays a reply: separate threads write the log, the messages and the recording. Output that
+cannot be written in time is dropped and counted.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from bcapscope.simulator.simulator_server import ControllerModel, SimulatorServe
 
 
 def reachability(host: str) -> Message:
-    """Return which computers can reach a listener on this address, as a clause."""
+    """Return a clause that says which computers can reach a server that listens on this address."""
     address = ipaddress.ip_address(host.partition("%")[0])
     if address.is_loopback:
         return Message("listen.reach.machine")
@@ -38,10 +38,12 @@ def _do_nothing(descriptor: int) -> None:
 
 
 class ServerRunner:
-    """Runs the server of a command, with its log and capture, until the command ends."""
+    """Runs the server of a command until the command ends, and writes its log and its recording."""
 
     def __init__(self, *, quiet: bool, record: Path | None, words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Set up the output. `quiet` omits the log line of each call; `record` is the file of the capture."""
+        """Prepare the output. If `quiet` is True, calls are not logged. `record` is the file for the
+        recording.
+        """
         self._terminal = TerminalWriter(words)
         self.print_message = self._terminal.write_message
         self.log = ServerCallLog(not quiet, self._terminal, words)
@@ -51,11 +53,11 @@ class ServerRunner:
 
     @contextmanager
     def listen(self, answerer: ControllerModel, host: str, port: int) -> Iterator[SimulatorServer]:
-        """Listen. Ctrl-C, SIGTERM and SIGHUP end the `with` block gracefully.
+        """Listen for clients. Ctrl-C, SIGTERM and SIGHUP end the `with` block gracefully.
 
         Raises:
             SimulatorListenError: The server cannot listen on this address.
-            FileWriteError: The capture cannot be written.
+            FileWriteError: The recording cannot be written.
         """
         interrupt_on_end_signals()
         with closing(SimulatorServer(answerer, host, port)) as server:
@@ -70,14 +72,14 @@ class ServerRunner:
         on_readable: Callable[[int], None] = _do_nothing,
         watched: list[int] | None = None,
     ) -> None:
-        """Serve until a signal interrupts, with real-time priority where the system grants it.
+        """Serve clients until a signal arrives, with real-time priority if the operating system grants it.
 
-        The priority is needed because the simulated controller must keep its cycle of 8 ms. Without the
-        priority, beside six busy processes on two processors, the simulator received set points too late and
-        ended three of five plays.
+        The priority is needed because the simulated controller must keep its cycle of 8 ms. Without real-time
+        priority, the simulator received set points too late and ended three of five plays; six busy processes
+        ran on the two processors.
 
-        `serve` calls `on_readable` with each readable descriptor of `watched`; `on_readable` may change that
-        list.
+        `serve` calls `on_readable` with each descriptor in `watched` that is readable. `on_readable` may
+        change the list `watched`.
         """
         watched = [] if watched is None else watched
         with end_signal_socket() as end, realtime_priority(collect_garbage=True):
@@ -91,9 +93,9 @@ class ServerRunner:
             serve(server, self._on_idle, take_or_end, watched)
 
     def close(self, summary: str) -> bool:
-        """Write the remaining log lines and the summary, and close the capture.
+        """Write the remaining log lines and the summary, and close the recording.
 
-        Return whether the capture is complete.
+        Return whether the recording is complete.
         """
         self.log.flush()
         complete = self._recorder is None or self._recorder.close()
@@ -110,9 +112,10 @@ class ServerRunner:
 
 
 class ServerCallLog:
-    """Log lines for stdout, formatted after the client has its reply, and written within `_FLUSH_AFTER_NS`.
+    """Log lines for stdout. A line is formatted after the client has its reply, and written within
+    `_FLUSH_AFTER_NS`.
 
-    Reasons for refused calls go to stderr, even if the line per call is switched off.
+    The reason why a call was refused is printed to stderr, even if log lines are switched off.
     """
 
     _FLUSH_AFTER_NS = 20_000_000
@@ -140,7 +143,7 @@ class ServerCallLog:
     def flush_if_due(self) -> None:
         """Format the pending entries.
 
-        Write the entries if the last write was longer ago than `_FLUSH_AFTER_NS`.
+        Write the entries if `_FLUSH_AFTER_NS` has passed since the last write.
         """
         self._format_pending()
         if self._lines and time.monotonic_ns() - self._flushed_at > self._FLUSH_AFTER_NS:

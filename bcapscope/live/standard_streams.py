@@ -1,4 +1,4 @@
-"""Standard output and standard error: messages for the user, choice of colours, and closed streams."""
+"""Functions for standard output and standard error: print messages, choose colours, handle closed streams."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ _ANSI_SEQUENCE = re.compile(r"\x1b\[[;?0-9]*[a-zA-Z]")
 
 
 def print_stderr(text: str) -> None:
-    """Write a line to stderr, with colours only on a terminal. If the terminal is closed, write nothing."""
+    """Write a line to stderr. Colours are kept only if stderr is a terminal. If the terminal is closed, write
+    nothing.
+    """
     stream = sys.stderr
     if stream is None:
         return
@@ -26,14 +28,16 @@ def print_stderr(text: str) -> None:
 
 
 def choose_palette(color: str) -> Palette:
-    """Return the colours for `always`, `never` or `auto`; `auto` follows NO_COLOR (no-color.org)."""
+    """Return the colours to use; `color` is `always`, `never` or `auto`. With `auto`, the variable NO_COLOR
+    switches colours off (no-color.org).
+    """
     if color == "auto":
         return ANSI if sys.stdout.isatty() and not os.environ.get("NO_COLOR") else PLAIN
     return ANSI if color == "always" else PLAIN
 
 
 def discard_stdout() -> None:
-    """Discard buffered output that stdout did not accept.
+    """Discard the output in Python's buffer that stdout did not accept.
 
     If the output were not discarded, Python would try to write it again at exit.
     """

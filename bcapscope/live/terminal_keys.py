@@ -1,4 +1,4 @@
-"""Single key presses from the terminal, for a command that keeps running."""
+"""Reads single key presses from the terminal while a command runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ _SEQUENCE = re.compile(r"\x1b(\[[0-9;]*[A-Za-z~]|O[A-Za-z])")  # matches arrow k
 
 
 class TerminalKeys:
-    """While switched on, reads each key at once and without echo. Ctrl-C works as usual."""
+    """After `start`, the terminal delivers each key at once and without echo, until `stop`. Ctrl-C works as
+    usual.
+    """
 
     def __init__(self) -> None:
         self.is_on = False
@@ -41,8 +43,8 @@ class TerminalKeys:
     def read_keys(self) -> str:
         """Return the typed characters in lower case. Call this method when file descriptor 0 is readable.
 
-        A second press of Escape returns two Escapes, however much time is between the presses. Escape
-        sequences of arrow keys and similar keys are removed.
+        When the user presses Escape a second time, two Escapes are returned, even if much time is between the
+        presses. Escape sequences of arrow keys and similar keys are removed.
         """
         data = os.read(0, 64)
         if not data:
@@ -55,7 +57,9 @@ class TerminalKeys:
 
 
 def _has_terminal() -> bool:
-    """Return whether keys can be read from a terminal: not in a background job, and not on Windows."""
+    """Return whether keys can be read from a terminal. A background job, and a program on Windows, cannot
+    read keys.
+    """
     if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
         return False
     try:

@@ -1,4 +1,6 @@
-"""Writes to a terminal from separate threads, so that a stopped terminal blocks nothing else."""
+"""Writes to a terminal from separate threads. If the terminal is stopped, for example by Ctrl-S, only these
+threads wait.
+"""
 
 from __future__ import annotations
 
@@ -16,19 +18,20 @@ from bcapscope.live.standard_streams import discard_stdout
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 
 MAX_WAITING = 20_000
-"""Maximum number of lines, and of messages, that may wait to be written.
-
-While this many wait, newer ones are dropped and counted.
+"""Maximum number of lines that may wait to be written. The same limit applies to messages. When the limit is
+reached, newer lines or messages are dropped and counted.
 """
 
 _LINES_WITHIN = 2.0
-"""Maximum time in seconds for writing the remaining lines when the writer closes."""
+"""Maximum time in seconds that `close` spends on writing the remaining lines."""
 
 _MESSAGES_WITHIN = 0.5
-"""Maximum time in seconds for writing the remaining messages, after the lines, when the writer closes."""
+"""Maximum time in seconds that `close` spends on writing the remaining messages, after the lines."""
 
 _WRITE_SIZE = 4096
-"""Bytes of one write. A pipe accepts this number of bytes completely or not at all (PIPE_BUF of Linux)."""
+"""Number of bytes that are written at once. A pipe accepts so many bytes completely or not at all (PIPE_BUF
+of Linux).
+"""
 
 ERASE_LINE = "\r\x1b[K"
 """Erases the status line."""
@@ -37,14 +40,16 @@ ERASE_LINE = "\r\x1b[K"
 class TerminalWriter:
     """Writes lines to stdout, messages to stderr, and a status line at the bottom of a terminal.
 
-    Lines and messages have separate threads, so that a message can report lines that cannot be shown. If
-    stdout is closed or its disk is full, a message reports the problem, and the program continues. The writer
-    bypasses Python's buffers. A thread that waits for a terminal would hold a buffer's lock and delay the end
-    of the program.
+    Lines and messages have separate threads. A message can therefore report that lines cannot be shown. If
+    stdout is closed or its disk is full, a message reports this, and the program continues. The writer
+    bypasses Python's buffers. With a buffer, a thread that waits for the terminal would hold the buffer's
+    lock and delay the end of the program.
     """
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Start the threads. `words` formats the writer's own messages."""
+        """Start the threads. `words` formats the messages of the writer itself, for example about lost
+        lines.
+        """
         self._words = words
         self._lines: deque[bytes] = deque()
         self._messages: deque[str] = deque()
@@ -56,7 +61,7 @@ class TerminalWriter:
         self._stderr_is_terminal = sys.stderr.isatty()
         self._changed = threading.Condition()
         self._stderr_lock = threading.Lock()
-        # If stdout is not the terminal, writing the status line must not wait for lines.
+        # If stdout is not the terminal, the status line must be written without waiting for lines.
         self._shares_terminal = self._stderr_is_terminal and sys.stdout.isatty()
         self._stdout_lock: AbstractContextManager[object] = (
             self._stderr_lock if self._shares_terminal else nullcontext()
@@ -68,7 +73,7 @@ class TerminalWriter:
 
     @property
     def shows_status(self) -> bool:
-        """Whether stderr is a terminal, on which the writer shows the status line."""
+        """Whether the writer shows the status line, because stderr is a terminal."""
         return self._stderr_is_terminal
 
     def write_lines(self, lines: Sequence[bytes | str]) -> None:
@@ -166,18 +171,18 @@ class TerminalWriter:
 
     def _put_error(self, text: str) -> None:
         if text:
-            with suppress(OSError, ValueError):  # suppressed because a closed terminal can show no messages
+            with suppress(OSError, ValueError):  # a closed terminal can show no messages
                 for _ in _write_unbuffered(sys.stderr, text.encode("utf-8", "backslashreplace")):
                     pass
 
 
 def _write_unbuffered(stream: TextIO, data: bytes) -> Iterator[bytes]:
-    """Write without the buffer. Yield each part after writing it."""
+    """Write data without Python's buffer. Yield each part of the data after it was written."""
     raw = getattr(stream.buffer, "raw", stream.buffer)
     at = 0
     while at < len(data):
         count = raw.write(data[at : at + _WRITE_SIZE])
-        if not count:  # only a non-blocking stream writes nothing; wait until it accepts data
+        if not count:  # the stream is non-blocking and accepts nothing now; wait until it accepts data
             select.select((), (raw,), ())
             continue
         yield data[at : at + count]

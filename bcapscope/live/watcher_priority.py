@@ -1,17 +1,18 @@
-"""Controls when the watcher gives way to the clients and controllers of the relay, and when not.
+"""Controls when the watcher leaves the processor to other programs, such as the clients and controllers of
+the relay.
 
-Measured on two processors, beside a client and a server, the 99.9th percentile of round trips was 2.6 ms with
-the watcher at nice 10. At idle priority, the percentile was 0.5 ms. A process that wakes up replaces a
-running process of idle priority at once. A process that wakes up replaces a process of another priority only
-at the end of that process's slice of about 3 ms.
+Measured on two processors that also ran a client and a server: the 99.9th percentile of round trips was 2.6
+ms if the watcher ran at nice 10. The percentile was 0.5 ms if the watcher ran at idle priority. When another
+process wakes up, Linux interrupts a process of idle priority at once. Linux lets a process of any other
+priority finish its slice of about 3 ms first.
 
-Linux does not guarantee this order. It updates the run time of a process, and decides which process runs,
-only at a tick every 1 to 10 ms (sched(7), EEVDF). So the watcher also yields the processor after each 0.1 or
-0.2 ms of work, which makes Linux choose the next process.
+Linux does not guarantee that it interrupts the process at once. Linux updates the run time of a process, and
+decides which process runs, only at a tick every 1 to 10 ms (sched(7), EEVDF). The watcher therefore also
+yields the processor after each 0.1 or 0.2 ms of work. At a yield, Linux chooses the next process.
 
-Beside programs that are always busy, a process of idle priority gets almost no processor time, and each yield
-gives up a whole slice. So the relay, which always gets the processor, checks how far the watcher has read,
-and raises the watcher's priority.
+If other programs are always busy, a process of idle priority gets almost no processor time, and each yield
+gives up a whole slice. The relay always gets the processor. The relay therefore checks how far the watcher
+has read, and raises the watcher's priority if necessary.
 """
 
 from __future__ import annotations
@@ -27,16 +28,22 @@ from pathlib import Path
 from bcapscope.proxy.ring_buffer import RingReader, RingWriter
 
 LATE_AFTER = 0.2
-"""Time in seconds within which the watcher should read new records of the relay."""
+"""Time in seconds within which the watcher should read new records. If the watcher is later, the relay raises
+the watcher's priority.
+"""
 
 OVERDUE_AFTER = 0.4
-"""Watcher's delay in seconds from which its urgency is `ALL`, to record traffic within a second."""
+"""Delay of the watcher in seconds. If the delay is longer, the watcher's urgency is `ALL`, so that traffic is
+recorded within a second.
+"""
 
 MAX_RING_SHARE = 0.5
-"""Maximum share of the ring that may wait for the watcher before its urgency is raised."""
+"""Maximum share of the ring that unread records may fill. If unread records fill more, the watcher's urgency
+is raised.
+"""
 
 IDLE_AGAIN_AFTER = 30.0
-"""Time in seconds without delay after which the watcher returns to idle priority."""
+"""Time in seconds during which the watcher must not be late before it returns to idle priority."""
 
 
 class WatcherUrgency(IntEnum):
@@ -51,12 +58,13 @@ class WatcherUrgency(IntEnum):
 
 
 class WatcherPriority:
-    """Gives the watcher idle priority while it keeps up."""
+    """Gives the watcher idle priority while the watcher keeps up with the traffic."""
 
     def __init__(self, ring: RingWriter, set_idle: Callable[[bool], None]) -> None:
-        """Start with idle priority.
+        """Switch the watcher to idle priority.
 
-        `set_idle` switches the watcher to idle priority (True) or back (False).
+        `set_idle` is a function that switches the watcher to idle priority (True) or to normal priority
+        (False).
         """
         self._ring = ring
         self._set_idle = set_idle
@@ -99,7 +107,7 @@ class WatcherPriority:
 
 
 def yield_function(ring: RingReader) -> Callable[[], None]:
-    """Return a function that yields the processor unless the urgency is `WatcherUrgency.ALL`."""
+    """Return a function that yields the processor unless the watcher's urgency is `WatcherUrgency.ALL`."""
     if not hasattr(os, "sched_yield"):
         return lambda: None
 
@@ -111,7 +119,7 @@ def yield_function(ring: RingReader) -> Callable[[], None]:
 
 
 def lower_priority(niceness: int) -> None:
-    """Lower the priority of this process by adding to its nice value."""
+    """Lower the priority of this process: add `niceness` to its nice value."""
     if hasattr(os, "sched_setscheduler"):
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
@@ -123,7 +131,7 @@ def lower_priority(niceness: int) -> None:
 def idle_priority_switch(process: int) -> Callable[[bool], None]:
     """Return a function that switches another process to idle priority (True) or to this process's priority.
 
-    The function does nothing on systems where a process cannot leave idle priority.
+    The function does nothing if this user may not move a process out of idle priority.
     """
     possible = _can_leave_idle_priority()
     ours = os.getpriority(os.PRIO_PROCESS, 0) if possible else 0
@@ -132,10 +140,11 @@ def idle_priority_switch(process: int) -> Callable[[bool], None]:
         if not possible:
             return
         policy = os.SCHED_IDLE if idle else os.SCHED_OTHER
-        with suppress(OSError):  # suppressed because the process, or one of its threads, may have ended
+        with suppress(OSError):  # the process, or one of its threads, may have ended
             for thread in Path(f"/proc/{process}/task").iterdir():
                 os.sched_setscheduler(int(thread.name), policy, os.sched_param(0))
-                with suppress(PermissionError):  # leaving idle priority needs fewer rights than this
+                # this may need rights that leaving idle priority does not need
+                with suppress(PermissionError):
                     os.setpriority(os.PRIO_PROCESS, int(thread.name), ours)
 
     return set_idle

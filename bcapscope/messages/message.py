@@ -1,4 +1,4 @@
-"""Sentences as data, and their words in the reader's language."""
+"""Sentences as data, and their texts in the reader's language."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ if TYPE_CHECKING:
 
 
 class Language(StrEnum):
-    """A language of the message catalogue."""
+    """A language in which the message catalogue has texts."""
 
     ENGLISH = "en"
     JAPANESE = "ja"
 
 
 def language_of(environment: Mapping[str, str]) -> Language:
-    """Choose the language by LC_ALL, LC_MESSAGES and LANG, in this order, as POSIX does; else English."""
+    """Return the language that LC_ALL, LC_MESSAGES or LANG chooses, in this order, as in POSIX. By default,
+    return English.
+    """
     names = (environment.get(name, "") for name in ("LC_ALL", "LC_MESSAGES", "LANG"))
     name = next(filter(None, names), "")
     return Language.JAPANESE if name.casefold().startswith("ja") else Language.ENGLISH
@@ -35,12 +37,12 @@ Json: TypeAlias = "str | int | float | list[Json] | dict[str, Json] | None"
 
 
 class Place(ABC):
-    """A typed value.
+    """A value of a certain type, which fills a placeholder of a sentence.
 
-    In templates, the type of the value follows the name of the place: ``{latency:duration}``.
+    In a template, the type of the value follows the name of the placeholder: ``{latency:duration}``.
 
     The attributes of a typed value are the arguments of its constructor, in the same order, and never change.
-    Subclasses are not dataclasses, since defining 17 dataclasses takes 7 ms at the start of every command.
+    The subclasses are not dataclasses: defining 17 dataclasses would take 7 ms at the start of every command.
     """
 
     type_name: ClassVar[str]
@@ -64,19 +66,20 @@ class Place(ABC):
 
 
 PlaceValue: TypeAlias = Union["Message", Place, str, int, float]
-"""Value of a place: a typed value, another message, a string or a number."""
+"""Value of a placeholder: a typed value, another message, a string or a number."""
 
 
 class Message:
-    """A sentence as data: an id of the catalogue, and a value for each place. Immutable; compared by value.
+    """A sentence as data: an id of the catalogue, and a value for each placeholder. A message is immutable
+    and is compared by value.
 
-    ``str()`` returns the English sentence, so a traceback shows the sentence of an exception that holds a
-    message.
+    ``str()`` returns the English sentence. A traceback therefore shows the sentence of an exception that
+    holds a message.
 
     Attributes:
         id: Key in the catalogue, such as `finding.no-reply`.
-        places: Values by name of the place in the sentence.
-        english: English text of a message whose words come from a table of the protocol; None if the
+        places: Value of each placeholder in the sentence, by the placeholder's name.
+        english: English text of a message whose text comes from a table of the protocol; None if the
             catalogue has the English text.
     """
 
@@ -95,7 +98,7 @@ class Message:
     def from_table(cls, id: str, english: str, /, **places: PlaceValue) -> Message:
         """Return a message whose English text is in a table, such as the meaning of a result code.
 
-        The catalogue holds only the translations of the text.
+        For a message from a table, the catalogue holds only translations.
         """
         message = cls(id, **places)
         object.__setattr__(message, "english", english)
@@ -128,7 +131,9 @@ def _restore(id: str, places: dict[str, PlaceValue], english: str | None) -> Mes
 
 
 def foreign_text(text: str) -> Message:
-    """Return a message with a text of another program or library, which has no translation."""
+    """Return a message with a text that another program or library made. The text of another program is not
+    translated.
+    """
     return Message.from_table("text", text)
 
 
@@ -137,11 +142,12 @@ class MessageFormatter:
 
     Attributes:
         language: Language of the reader.
-        start: Time when the traffic began, ns since 1970; sentences show times relative to it.
-        only_client: Whether the traffic has a single client, whose address sentences then omit.
-        find_frame: Function that gets the number of a frame. It returns the name of the capture and the
-            number of the packet in this capture, or None for an unknown frame. If `find_frame` itself is
-            None, sentences show only the numbers of frames.
+        start: Time when the traffic began, ns since 1970. Sentences show times relative to this time.
+        only_client: Whether the traffic has a single client. If so, sentences do not name the client's
+            address.
+        find_frame: Function that takes the number of a frame. The function returns the name of the frame's
+            capture and the number of the packet in this capture, or None if the frame is unknown. If
+            `find_frame` itself is None, sentences show only the numbers of frames.
     """
 
     def __init__(
@@ -157,7 +163,9 @@ class MessageFormatter:
         self.find_frame = find_frame
 
     def __call__(self, id: str, /, **places: PlaceValue) -> str:
-        """Return the text of a message by its id and places, without a `Message` object of the caller."""
+        """Return the text of the message with this id and these values of placeholders. The caller needs no
+        `Message` object.
+        """
         return self.text(Message(id, **places))
 
     def for_report(self, start: int, only_client: bool) -> MessageFormatter:
@@ -165,18 +173,24 @@ class MessageFormatter:
         return MessageFormatter(self.language, start, only_client, self.find_frame)
 
     def for_captures(self, find_frame: Callable[[int], tuple[str, int] | None]) -> MessageFormatter:
-        """Return a formatter in the same language that shows where each frame is found."""
+        """Return a formatter in the same language that adds to each frame number the frame's capture and
+        packet.
+        """
         return MessageFormatter(self.language, self.start, self.only_client, find_frame)
 
     def text(self, message: Message) -> str:
-        """Return a message as text; never raises. The text of an unknown id is the id with the places."""
+        """Return a message as text; never raises. If the id is unknown, the text is the id with the values of
+        the placeholders.
+        """
         template = _template(self.language, message.id)
         if template is None:
             return self._without_template(message)
         return self._filled(template, message)
 
     def plural(self, id: str, number: int) -> str:
-        """Return the text for a number of things, from a template with the place ``{n}``."""
+        """Return the text that states a number of things, in singular or plural. The template of the text has
+        the placeholder ``{n}``.
+        """
         translations = _translations(self.language)
         template = translations.ngettext(id, f"{id}.plural", number)
         if template.startswith(id):
@@ -184,11 +198,13 @@ class MessageFormatter:
         return template.replace("{n}", str(number))
 
     def sentences(self, texts: Iterable[str]) -> str:
-        """Join sentences with spaces; in Japanese, without spaces."""
+        """Join sentences with spaces between them; in Japanese, without spaces."""
         return ("" if self.language is Language.JAPANESE else " ").join(filter(None, texts))
 
     def place_text(self, value: PlaceValue, type_name: str) -> str:
-        """Return the text of a place's value; a type with a capital letter capitalises the text."""
+        """Return the text of a placeholder's value. If the name of the type begins with a capital letter, so
+        does the text.
+        """
         if isinstance(value, Place):
             text = value.text(self)
         else:
@@ -196,7 +212,9 @@ class MessageFormatter:
         return text[:1].upper() + text[1:] if type_name[:1].isupper() else text
 
     def _filled(self, template: str, message: Message) -> str:
-        """Fill the places of a template, and remove its spaces between two Japanese characters."""
+        """Fill the placeholders of a template, and remove the template's spaces between two Japanese
+        characters.
+        """
         made = ""
         for literal, name, type_name in _parsed(template):
             needless = literal[:1] == " " and _is_japanese(made[-1:]) and _is_japanese(literal[1:2])
@@ -248,7 +266,9 @@ def has_message(id: str) -> bool:
 
 @lru_cache(4096)
 def _template(language: Language, id: str) -> str | None:
-    """Return the template of an id in a language, else in English; None if the catalogue lacks the id."""
+    """Return the template of an id in a language, or in English if it is not translated; None if the
+    catalogue lacks the id.
+    """
     found = _translations(language).gettext(id)
     if id and found != id:  # for an empty id, gettext returns the header of the catalogue
         return found
@@ -259,5 +279,7 @@ def _template(language: Language, id: str) -> str | None:
 
 @lru_cache(4096)
 def _parsed(template: str) -> tuple[tuple[str, str | None, str], ...]:
-    """Return the parts of a template in order: literal text, then name and type of the place after it."""
+    """Return the parts of a template in order. A part is a literal text, and the name and type of the
+    placeholder after it.
+    """
     return tuple((literal, name, spec or "") for literal, name, spec, _ in Formatter().parse(template))

@@ -1,4 +1,6 @@
-"""Messages as JSON, to send them to another process that shows them in the reader's language."""
+"""Encode messages as JSON, to send them to another process. The other process shows the messages in the
+reader's language.
+"""
 
 from __future__ import annotations
 
@@ -28,9 +30,10 @@ def message_to_data(message: Message) -> dict[str, Json]:
 
 
 def message_from_data(data: Mapping[str, Json]) -> Message:
-    """Return the message of `message_to_data`.
+    """Return the message that `message_to_data` converted to `data`.
 
-    Raises: KeyError, TypeError: The data is not an encoded message.
+    Raises:
+        KeyError, TypeError: The data is not an encoded message.
     """
     given = cast("Mapping[str, Json]", data.get("places", {}))
     values = {name: cast("PlaceValue", _from_data(value)) for name, value in given.items()}
@@ -39,7 +42,9 @@ def message_from_data(data: Mapping[str, Json]) -> Message:
 
 
 def encode_message(message: Message) -> bytes:
-    """Return a message as one line of JSON. Lone surrogates, which UTF-8 lacks, become question marks."""
+    """Return a message as one line of JSON. Lone surrogates, which UTF-8 cannot encode, become question
+    marks.
+    """
     data = message_to_data(message)
     try:
         return orjson.dumps(data)

@@ -1,4 +1,6 @@
-"""Typed values for the places of messages, each with its text and its JSON."""
+"""Typed values for the placeholders of messages. Each type defines how its value is written as text and as
+JSON.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ def duration_text(nanoseconds: int) -> str:
 
 
 def amount_text(value: float) -> str:
-    """Format a measured number with three significant digits; a large number with all integer digits."""
+    """Format a measured number with three significant digits. A large number keeps all digits before the
+    decimal point.
+    """
     return f"{value:.0f}" if 999.5 <= abs(value) < 1e9 else f"{value:.3g}"
 
 
@@ -44,7 +48,7 @@ class Duration(Place):
 
 
 class Moment(Place):
-    """A time in ns since 1970; sentences show the time in seconds since the start of the traffic."""
+    """A time in ns since 1970. Sentences show it in seconds since the start of the traffic."""
 
     type_name = "time"
 
@@ -63,8 +67,8 @@ class Quantity(Place):
 
     Attributes:
         value: The measured number.
-        unit: Unit of the number; "" for a number without unit.
-        decimals: Digits after the decimal point; None for three significant digits.
+        unit: Unit of the number; "" if the number has no unit.
+        decimals: Number of digits after the decimal point; None for three significant digits in total.
     """
 
     type_name = "quantity"
@@ -83,7 +87,7 @@ class Quantity(Place):
 
 
 class HexNumber(Place):
-    """A number that engineers write in hex, such as a result code without its meaning, or a slave mode."""
+    """A number that is shown in hex, such as a slave mode or a result code without its meaning."""
 
     type_name = "hex"
 
@@ -99,7 +103,9 @@ class HexNumber(Place):
 
 
 class Measured(Place):
-    """A number with its unit and a chosen number of decimals, such as `1234.56 deg`; unit "" for none."""
+    """A number with its unit and a chosen number of decimals, such as `1234.56 deg`. The unit is "" if there
+    is none.
+    """
 
     type_name = "measured"
 
@@ -116,11 +122,11 @@ class Measured(Place):
 
 
 class Count(Place):
-    """A number of things, such as `3 calls`, with the plural form of the language.
+    """A number of things, such as `3 calls`, in the singular or plural of the language.
 
     Attributes:
         number: Number of things.
-        unit: Kind of things; the catalogue's id is `count.<unit>`.
+        unit: Kind of things. In the catalogue, the text for this kind has the id `count.<unit>`.
     """
 
     type_name = "count"
@@ -177,7 +183,7 @@ class CodePlace(Place):
 
 
 class FramePlace(Place):
-    """One or more frames, by their numbers in the traffic."""
+    """One or more frames, which are named by their numbers in the traffic."""
 
     type_name = "frames"
 
@@ -192,13 +198,15 @@ class FramePlace(Place):
 
 
 def frames_text(numbers: Sequence[int], words: MessageFormatter, separator: str = ", ") -> str:
-    """Return frame numbers as text; with `words.find_frame`, also the frames' captures and packet numbers."""
+    """Return frame numbers as text. If there is a `words.find_frame`, add the captures and packet numbers of
+    the frames.
+    """
     frames, origins = separator.join(map(str, numbers)), origins_text(numbers, words)
     return f"{frames} ({origins})" if origins else frames
 
 
 def origins_text(numbers: Iterable[int], words: MessageFormatter) -> str:
-    """Return the captures of frames and their packet numbers as text; "" without `words.find_frame`."""
+    """Return the captures of frames and their packet numbers as text; "" if `words.find_frame` is None."""
     find_frame = words.find_frame
     if find_frame is None:
         return ""
@@ -235,7 +243,7 @@ class CallPlace(Place):
 
 
 class ClientPlace(Place):
-    """A client. In templates, ``{client:Client}`` begins a sentence.
+    """A client. Templates write ``{client:Client}``, with a capital letter, at the start of a sentence.
 
     Attributes:
         address: Host and port of the client as text.
@@ -258,7 +266,7 @@ class ClientPlace(Place):
 
 
 class WireText(Place):
-    """A string from the wire, shortened in sentences. The code that shows the sentence escapes the string."""
+    """A string from the wire. Sentences shorten it. The code that shows the sentence must escape it."""
 
     type_name = "text"
 
@@ -316,7 +324,9 @@ class Clauses(_Several, Place):
 
 
 def joined_clauses(clauses: Iterable[Message]) -> Message | None:
-    """Return clauses as one message, each once; None if there are none."""
+    """Return clauses as one message that contains each different clause once; None if there are no
+    clauses.
+    """
     items = tuple(dict.fromkeys(clauses))
     if len(items) < 2:
         return items[0] if items else None
@@ -324,7 +334,7 @@ def joined_clauses(clauses: Iterable[Message]) -> Message | None:
 
 
 class IndentedLines(_Several, Place):
-    """Several texts below the sentence, each on its own line."""
+    """Several texts that are shown below the sentence, each on its own line."""
 
     type_name = "lines"
 

@@ -1,1 +1,1 @@
-"""Trajectories: read them, check them before anything moves, and play them in slave mode."""
+"""Code for trajectories: read them, check them before anything moves, and play them in slave mode."""

@@ -30,9 +30,9 @@ from bcapscope.protocol.codec.variant import Value
 
 
 def main() -> None:
-    """Read a plan from standard input and play it."""
+    """Read a plan from standard input, and play the trajectory in it."""
     messages = os.dup(1)
-    os.dup2(2, 1)  # a print of any module must not mix with the messages
+    os.dup2(2, 1)  # text that any module prints must not mix with the messages
     pipe = PlayerPipe(0, messages)
     plan = pipe.read_plan()
     pipe.install_signal_handlers()
@@ -56,7 +56,9 @@ def main() -> None:
 def play(
     plan: PlayPlan, pipe: PlayerPipe, recording: RotatingRecording | None, log: BinaryIO | None
 ) -> PlayEnded:
-    """Play a plan and return how the play ended; record all frames, and the controller's log, if wanted."""
+    """Play a plan and return how the play ended. If wanted, record all frames, and save the controller's
+    log.
+    """
     target = plan.target
     with realtime_priority(plan.realtime and not plan.look_only) as granted:
         if plan.aftermath is None:
@@ -84,7 +86,9 @@ def write_files(
     log: BinaryIO | None,
     read_records: Callable[[], Sequence[Value]],
 ) -> PlayEnded:
-    """Write the recording and the records that `read_records` returns; return the play's final message."""
+    """Write the recording, and write the records that `read_records` returns to the log. Return the message
+    that ends the play.
+    """
     reasons: list[Message] = []
     try:
         recorder.save_capture(channel)
@@ -107,7 +111,9 @@ def write_files(
 
 
 def abort_on_order(pipe: PlayerPipe) -> Callable[[], None]:
-    """Return a function that raises BcapError if the parent sent an order after this call."""
+    """Return a function that raises BcapError if the parent process has sent an order since `abort_on_order`
+    was called.
+    """
     before = pipe.order_count
 
     def look() -> None:

@@ -1,8 +1,9 @@
-"""Limits of an arm, axis by axis; speed and acceleration of set points, also as a share of these limits.
+"""Limits of an arm for each axis. Speed and acceleration of set points, and how much of these limits they
+use.
 
-The type name that the controller reports identifies an arm. No public document lists the limits of all arms,
-so the user gives the limits of a real arm. bcapscope knows only the simulator's arm. `MAX_ARM_SPEED` replaces
-an unknown speed limit: no arm of DENSO Wave is faster, so a larger step is a fault of the file.
+An arm is identified by the type name that the controller reports. No public document lists the limits of all
+arms, so the user gives the limits of a real arm. bcapscope knows only the simulator's arm. If a speed limit
+is unknown, `MAX_ARM_SPEED` is used. No arm of DENSO Wave is faster, so a larger step is an error in the file.
 """
 
 from __future__ import annotations
@@ -28,12 +29,16 @@ from bcapscope.simulator.machine import ROBOT_TYPE
 ToJoints: TypeAlias = Callable[[PoseType, tuple[float, ...]], tuple[float, ...]]
 
 MAX_ARM_SPEED = {"deg": 1500.0, "mm": 15_000.0}
-"""Highest plausible speed of an axis: degrees per second or mm per second, by the unit of the axis."""
+"""Highest plausible speed of an axis, in degrees per second or mm per second, depending on the unit of the
+axis.
+"""
 
 _NAMES = tuple(dict.fromkeys(axis.name for kind in AXES.values() for axis in kind if axis.unit))
 _UNLIMITED = AxisLimit(-inf, inf, inf, inf)
 MAX_LIMIT = 1e9
-"""Largest limit that a user may set, in mm or degrees and seconds; limits of real robots are far smaller."""
+"""Largest number that a user may set as a limit, in mm or degrees and seconds. Limits of real robots are far
+smaller.
+"""
 
 _LIMIT = re.compile(
     r"\s*(?P<first>\w+)(?:\.\.(?P<last>\w+))?(?:\.(?P<what>speed|acceleration))?\s*=\s*(?P<value>.+)"
@@ -43,12 +48,13 @@ _EXAMPLES = "J1=-170..170, J1.speed=300, J1..J3.acceleration=6000"
 
 @dataclass(frozen=True, slots=True)
 class ArmLimits:
-    """Limits of one arm; `axis_count` is the number of joints, or None if unknown.
+    """Limits of one arm. `axis_count` is the number of joints; None if it is unknown.
 
     Attributes:
-        axes: Limits of each known axis by its name, in the axis's unit and seconds; infinite if unknown.
-        to_joints: Computes the joints of a pose of P or T type, or raises if it is out of reach; None if the
-            arm's kinematics are unknown.
+        axes: Limits of each known axis, by the axis's name, in the unit of the axis and seconds. An unknown
+            limit is infinite.
+        to_joints: Function that computes the joints of a pose of P or T type. The function raises an
+            exception if the pose is out of reach. None if the arm's kinematics are unknown.
     """
 
     arm_name: Message
@@ -74,7 +80,9 @@ SIMULATED_ARM = ArmLimits(
     joints_of,
     AXIS_COUNT,
 )
-"""A scenario can set narrower software limits, which a controller does not report."""
+"""Limits of the simulator's arm. A scenario can set narrower software limits; a controller does not report
+software limits.
+"""
 
 
 def limits_for_arm(type_name: str) -> ArmLimits:
@@ -83,7 +91,7 @@ def limits_for_arm(type_name: str) -> ArmLimits:
 
 
 def with_limits(limits: ArmLimits, texts: Sequence[str]) -> ArmLimits:
-    """Return limits changed by the user's texts; an invalid text raises InputError.
+    """Return limits that are changed as the user's texts say. Raises InputError if a text is invalid.
 
     Each text is `AXES=LOW..HIGH`, `AXES.speed=NUMBER` or `AXES.acceleration=NUMBER`, in mm or degrees and
     seconds. AXES is a name such as `J1` or `X`, or a range such as `J1..J3`.
@@ -130,7 +138,8 @@ def _axis_range(text: str, first: str, last: str) -> tuple[str, ...]:
 class TrajectoryMotion:
     """The motion of some axes in mm or degrees, with `period` seconds between two rows.
 
-    Each set point has a row, NaN if it is out of reach. Rotations continue beyond half a turn.
+    Each set point has a row; the row is NaN if the set point is out of reach. An angle that passes half a
+    turn goes on counting.
     """
 
     axes: tuple[Axis, ...]
@@ -139,17 +148,21 @@ class TrajectoryMotion:
 
     @property
     def speeds(self) -> Array:
-        """Speed at each step from one point to the next, one row per step, in units per second."""
+        """Speed from each set point to the next in units per second. Each row is for one step."""
         return np.diff(self.rows, axis=0) / self.period
 
     @property
     def accelerations(self) -> Array:
-        """Acceleration at each pair of steps in units per second squared, computed as controllers do."""
+        """Acceleration at each pair of steps in units per second squared. The accelerations are computed as
+        controllers compute them.
+        """
         return np.diff(self.rows, n=2, axis=0) / (self.period * self.period)  # ** may raise an exception
 
 
 def motions_of(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> Iterator[TrajectoryMotion]:
-    """Yield the motion of the points' own axes, then the motion of the joints if it can be computed."""
+    """Yield the motion of the axes that the set points have. If the motion of the joints can be computed,
+    yield it too.
+    """
     axes = AXES[kind][: points.shape[1]]
     counted = [place for place, axis in enumerate(axes) if axis.unit]
     yield TrajectoryMotion(
@@ -166,12 +179,14 @@ def _joints(kind: PoseType, points: Array, to_joints: ToJoints) -> Array:
         try:
             rows[place] = to_joints(kind, tuple(points[place].tolist()))
         except BcapError:
-            continue  # the arm does not reach the point; its row stays NaN
+            continue  # the arm cannot reach the set point; the row of this set point stays NaN
     return rows
 
 
 def limit_excess(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> float:
-    """Return the largest share of a speed or acceleration limit that is used; infinite if out of reach."""
+    """Return the largest share of a speed or acceleration limit that the set points use. If a set point is
+    out of reach, return infinity.
+    """
     worst = 0.0
     for motion in motions_of(kind, points, period, limits):
         known = [limits.limit_for(axis.name, axis.unit) for axis in motion.axes]

@@ -1,9 +1,9 @@
-"""A channel to a controller, and calls over this channel.
+"""A channel to a controller, and calls over this channel, without an event loop.
 
-An event loop could delay a set point, so there is none. One thread drives the requester and waits on the
-channel. `begin_call`, `send_due` and `wait_for_outcome` are the steps of a call, for a caller with a deadline
-between two steps. `perform_call` is the whole call, for a `Session`. Both ways to call use one requester, and
-therefore one sequence of serials.
+No event loop is used, because it could delay a set point. One thread drives the requester and waits for data
+of the channel. `begin_call`, `send_due` and `wait_for_outcome` are the steps of a call, for code that has a
+deadline between two steps. `perform_call` makes a whole call, for a `Session`. All four
+methods use the same requester, and therefore one sequence of serials.
 """
 
 from __future__ import annotations
@@ -43,10 +43,12 @@ from bcapscope.transport.receive_timestamps import (
 from bcapscope.transport.socket_link import preferred_address
 
 SPIN_TIME = 200_000
-"""Time in ns before a deadline from which the thread watches the clock; sleeps overrun by less."""
+"""Time in ns before a deadline at which the thread stops sleeping and watches the clock. A sleep lasts too
+long by less than this time.
+"""
 
 _DATAGRAM_SIZE = 4096
-"""Largest datagram in bytes; controllers send at most 503."""
+"""Largest size of a datagram in bytes. Controllers send at most 503 bytes."""
 
 _STREAM_READ_SIZE = 512
 """Maximum number of bytes read from a stream at once, enough for a few replies. After a delay, a controller
@@ -55,14 +57,18 @@ sends a hundred replies together. Reading all of them takes longer than the time
 _CONNECT_TIMEOUT = 5.0  # seconds
 
 _CLOCK_TOLERANCE = 100_000
-"""If the difference between the clocks changes by more ns, a clock was set or the thread delayed."""
+"""Tolerance in ns. If the difference between the two clocks changes by more, a clock was set or the thread
+was delayed.
+"""
 
 
 class Channel:
-    """A socket connected to the controller, so that the system drops datagrams from others.
+    """A socket that is connected to the controller. The operating system therefore drops datagrams from other
+    senders.
 
-    Times are ns of the monotonic clock `now`. `arrival_time` is that of the bytes received last, or the time
-    of reading if the system gives none. Every method raises OSError if the link is gone.
+    Times are ns of the monotonic clock `now`. `arrival_time` is the arrival time of the bytes received last.
+    If the operating system reports none, it is the time when they were read. Every method raises OSError if
+    the connection is lost.
     """
 
     def __init__(self, sock: socket.socket) -> None:
@@ -93,24 +99,29 @@ class Channel:
             pass
 
     def sleep_until(self, until: int) -> None:
-        """Sleep until about `until`, but only if the system records when data arrives."""
+        """Sleep until about `until`. Do not sleep if the operating system does not record when data
+        arrive.
+        """
         length = until - time.monotonic_ns()
         if self._has_kernel_times and length > 0:
-            time.sleep(length / 1e9)  # data that arrives during the sleep is not needed before its end
+            time.sleep(length / 1e9)  # data that arrive during the sleep are not needed before it ends
 
     def send(self, data: bytes) -> None:
-        """Send bytes; on a stream, either all bytes are sent or the connection fails."""
+        """Send bytes. On TCP, either all bytes are sent or the connection fails."""
         if self.datagrams:
-            # The datagram is lost, or an earlier datagram reached a closed port; retries handle both cases.
+            # Ignore the errors of a lost datagram, and of a closed port that an earlier datagram reached.
+            # The requester's retries handle a lost datagram and a closed port.
             with suppress(BlockingIOError, ConnectionRefusedError):
                 self._socket.send(data)
         else:
             self._socket.sendall(data)
 
     def receive(self, until: int) -> bytes | None:
-        """Return a small portion of the next bytes; None if nothing arrives until the time `until`.
+        """Return the next bytes, but only a small number of them; None if nothing arrives until the time
+        `until`.
 
-        Raises ConnectionRefusedError if the peer's port is closed; over UDP, retries may continue.
+        Raises ConnectionRefusedError if the controller's port is closed. Over UDP, the caller may continue
+        with retries.
         """
         while True:
             try:
@@ -141,12 +152,16 @@ class Channel:
 
 
 def _measure_epoch_offset() -> int:
-    """Return the time in ns since 1970 at which `now` was 0, from the fastest of five readings."""
+    """Return the time in ns since 1970 at which the clock `now` was 0. The two clocks are read five times,
+    and the result with the largest difference is returned.
+    """
     return max(time.time_ns() - time.monotonic_ns() for _ in range(5))
 
 
 def open_channel(host: str, port: int, tcp: bool, local_port: int = 0) -> Channel:
-    """Open a channel, from any local UDP port if `local_port` is 0; raise OSError if the host is unknown."""
+    """Open a channel. If `local_port` is 0, the operating system chooses the local UDP port. Raises OSError
+    if the host is unknown.
+    """
     if tcp:
         sock = socket.create_connection((host, port), _CONNECT_TIMEOUT)
     else:
@@ -175,24 +190,30 @@ def _connect_datagrams(host: str, port: int, local_port: int) -> socket.socket:
 R = TypeVar("R")
 
 FrameCallback: TypeAlias = Callable[[bool, bytes, int], None]
-"""Function called for every frame: whether it was sent, its bytes, its time in ns of the channel."""
+"""Function that is called for every frame. The function receives whether the frame was sent, its bytes, and
+its time in ns of the channel's clock.
+"""
 
 
 def run_blocking(steps: Coroutine[Any, Any, R]) -> R:
-    """Run a coroutine without an event loop; everything that the coroutine awaits must block instead."""
+    """Run a coroutine without an event loop. Everything that the coroutine awaits must block instead of
+    waiting for an event loop.
+    """
     try:
         steps.send(None)
     except StopIteration as end:
         value: R = end.value
         return value
-    raise RuntimeError("a step waits for an event loop, and there is none")
+    raise RuntimeError("a coroutine waits for an event loop, and there is none")
 
 
 ABORT_CHECK_INTERVAL = 50_000_000
-"""Time in ns between two calls of `BlockingCaller.check_abort`."""
+"""Time in ns between two calls of the function `BlockingCaller.check_abort`."""
 
 READ_RESERVE = 100_000
-"""Time in ns that the caller keeps to read a reply that arrived during `BlockingCaller.sleep_until_due`."""
+"""Time in ns before the end of a wait that is reserved for reading a reply. The reply may have arrived during
+`BlockingCaller.sleep_until_due`.
+"""
 
 
 def ignore_frame(sent: bool, raw: bytes, time: int) -> None:
@@ -203,9 +224,11 @@ class BlockingCaller:
     """Makes calls over a channel, one after the other.
 
     Attributes:
-        late_replies: Late replies not yet evaluated; the code that evaluates them clears the list.
-        check_abort: Function called regularly while `perform_call` waits; its exception ends the call.
-        overslept: Time in ns by which the operating system prolonged the waits of the current call.
+        late_replies: Late replies that were not yet evaluated. The code that evaluates them clears the list.
+        check_abort: Function that is called regularly while `perform_call` waits. If the function raises an
+            exception, the call ends.
+        overslept: Time in ns by which waits of the current call lasted too long because of the operating
+            system.
     """
 
     def __init__(
@@ -227,9 +250,9 @@ class BlockingCaller:
     async def perform_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy
     ) -> RequesterOutcome:
-        """Make a call and return its outcome; block, without an event loop.
+        """Make a call and return its outcome. This method blocks and uses no event loop.
 
-        Raises LocalProtocolError if the call cannot be sent, and OSError if the link is gone.
+        Raises LocalProtocolError if the call cannot be sent, and OSError if the connection is lost.
         """
         try:
             self.begin_call(function_id, arguments, retry_policy, self.link.now())
@@ -245,7 +268,7 @@ class BlockingCaller:
     def begin_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy, at: int
     ) -> None:
-        """Prepare a call whose time-outs count from the time `at`; `send_due` sends it."""
+        """Prepare a call, which `send_due` then sends. The time-outs of the call count from the time `at`."""
         self._requester.start_call(function_id, arguments, retry_policy, at)
         self.overslept = 0
 
@@ -260,9 +283,10 @@ class BlockingCaller:
     def sleep_until_due(self, until: int) -> None:
         """Sleep for most of the time until the next retry or `until`, whichever is earlier.
 
-        The scheduler delays a program that used the processor shortly before a reply wakes it. Measured with
-        set points every 1 ms beside busy programs, without real-time priority (Linux 6.18, sched-eevdf):
-        three set points in a hundred were 2 ms late. With this sleep, three in a thousand were late.
+        Sleeping helps because the scheduler delays a program that used the processor shortly before a reply
+        wakes it. Measured with set points every 1 ms beside busy programs, without real-time priority (Linux
+        6.18, sched-eevdf): three set points in a hundred were 2 ms late. If the caller
+        slept, three in a thousand were late.
         """
         due, now = self._requester.deadline, self.link.now()
         end = max(now, min(until, until if due is None else due) - READ_RESERVE)
@@ -270,9 +294,10 @@ class BlockingCaller:
         self.overslept += max(0, self.link.now() - end)
 
     def wait_for_outcome(self, until: int) -> RequesterOutcome | None:
-        """Wait until the call ends or `until` passes, and send retries; return None if the call is not over.
+        """Wait until the call ends or `until` is reached, and send retries. Return None if the call has not
+        ended.
 
-        The method reads data in small portions, so that many late replies do not delay the caller.
+        Data are read in small portions, so that many late replies do not delay the caller.
         """
         requester = self._requester
         while True:
@@ -295,8 +320,8 @@ class BlockingCaller:
     def wait_for_late_reply(self, serials: Collection[int], until: int) -> LateReply | None:
         """Wait, without sending, for a reply to a call that was given up; return None if no reply came.
 
-        A reply to any attempt counts, even a reply that was discarded before. Another retry would bring the
-        same result, because the controller executes a call once.
+        A reply to any attempt counts, even one that was discarded before. Another retry is not needed: it
+        would bring the same result, because the controller executes a call only once.
         """
         while True:
             self._next_outcome()
@@ -311,14 +336,16 @@ class BlockingCaller:
                 return None
 
     def abandon(self) -> CallTimedOut:
-        """Give up the running call; return its outcome as timed out."""
+        """Give up the running call; return the outcome that it timed out."""
         return CallTimedOut(self._requester.abandon())
 
     def close(self) -> None:
         self.link.close()
 
     def _receive(self, until: int) -> bytes | None:
-        """Return received bytes. Note a closed UDP port; return None, so that retries continue."""
+        """Return received bytes. If the controller's UDP port is closed, record this and return None, so that
+        retries continue.
+        """
         link = self.link
         end = max(until, link.now())
         try:

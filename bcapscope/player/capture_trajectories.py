@@ -32,7 +32,7 @@ SOURCE_FORMAT = Message("trajectory.format.capture")
 
 @dataclass(slots=True)
 class _SlaveSessionPoints:
-    """Set points of one slave-mode session, collected while the capture is read."""
+    """Collects the set points of one slave-mode session while the capture is read."""
 
     trajectory: seen.CapturedTrajectory
     numbers: array[float] = field(default_factory=lambda: array("d"))
@@ -46,7 +46,8 @@ def read_capture(
 ) -> tuple[Trajectory, ...]:
     """Read the set points of each slave-mode session.
 
-    Raises TrajectoryError if there are none of the wanted type, or CaptureError for damage before them.
+    Raises TrajectoryError if there are no set points of the wanted type. Raises CaptureError if the capture
+    is damaged before the first set point.
     """
     sessions: dict[int, _SlaveSessionPoints] = {}
     extractor = TrajectoryExtractor()

@@ -1,4 +1,4 @@
-"""The pre-flight check's results, and its checks of a trajectory's numbers, type and times.
+"""Results of the pre-flight check, and the checks of a trajectory's numbers, type and times.
 
 Each check reports one problem, or one problem per axis.
 """
@@ -22,15 +22,17 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType, SlaveMode
 from bcapscope.protocol.slave_mode.poses import AXES
 
 MAX_NUMBERS = 8
-"""Maximum number of set points that a problem lists; `PreflightProblem.count` is their total number."""
+"""Maximum number of set points that a problem lists. `PreflightProblem.count` is the total number of set
+points with the problem.
+"""
 
 SAME_INTERVAL = 0.01
-"""Maximum difference between intervals that are treated as equal, as a share of the interval."""
+"""Maximum difference between two intervals that are treated as equal, as a share of the interval."""
 
 LARGEST_NUMBER = 1e9
 """Largest plausible number of mm or degrees in a set point."""
 
-_RADIANS, _METRES = 6.3, 2.0  # a largest value below this looks like radians or metres
+_RADIANS, _METRES = 6.3, 2.0  # if all values are smaller, they look like radians or metres
 _UNIT = 0.01  # maximum difference between the length of a unit vector and 1
 _USUAL_AXES = 6
 
@@ -40,15 +42,16 @@ _CORRECT = Message("preflight.advice.correct-file")
 
 @dataclass(frozen=True, slots=True)
 class PreflightProblem:
-    """A problem that forbids playing a trajectory, a warning, or a remark.
+    """A problem that the pre-flight check found. A problem is an error, a warning or a remark.
 
     Attributes:
         check: Name of the check, such as `speed`.
         severity: Severity of the problem; an error forbids playing.
         fact: One clause that says what is wrong.
         advice: One clause that says what to do; None if there is nothing to do.
-        points: Numbers of set points that show the problem, from 1, at most `MAX_NUMBERS`.
-        count: Total number of such set points; 0 if the problem concerns the trajectory as a whole.
+        points: Numbers of the set points that have the problem, counted from 1; at most `MAX_NUMBERS`.
+        count: Total number of set points that have the problem; 0 if the problem concerns the trajectory as a
+            whole.
     """
 
     check: str
@@ -61,9 +64,10 @@ class PreflightProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreflightContext:
-    """The trajectory, and the facts that the checks compare with it; an unknown fact is None.
+    """The trajectory, and facts with which the checks compare it. A fact is None if it is unknown.
 
-    `period` is in seconds between two calls of slvMove. `current_pose` has the pose type of the trajectory.
+    `period` is the time in seconds between two calls of slvMove. `current_pose` has the same pose type as the
+    trajectory.
     """
 
     trajectory: Trajectory
@@ -75,10 +79,11 @@ class PreflightContext:
 
     @property
     def axis_count(self) -> int | None:
-        """Number of joints of the known arm, or that the controller reports; None if unknown.
+        """Number of joints of the arm, if the arm is known, or the number that the controller reports; None
+        if unknown.
 
-        Most controllers report eight joints, with 0 for joints that the robot lacks. A report of eight joints
-        therefore does not prove that the robot has eight.
+        Most controllers report eight joints, with 0 for joints that the robot lacks. If a controller reports
+        eight joints, the robot may therefore have fewer.
         """
         if self.limits.axis_count is not None or self.current_pose is None:
             return self.limits.axis_count
@@ -88,14 +93,18 @@ class PreflightContext:
 
     @property
     def step(self) -> float | None:
-        """Seconds between two set points according to the file; None if the file's times are uneven."""
+        """Time in seconds between two set points according to the file; None if the intervals in the file
+        differ.
+        """
         if self.trajectory.period is None and self.trajectory.times is not None:
             return None
         return self.trajectory.period or self.period
 
 
 def set_point_numbers(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...], int]:
-    """Return the first `MAX_NUMBERS` numbers of set points for which an array is true, and their count."""
+    """Return the numbers of the first `MAX_NUMBERS` set points for which `where` is True, and the count of
+    all such set points.
+    """
     found = np.flatnonzero(where)
     return tuple((found[:MAX_NUMBERS] + first).tolist()), len(found)
 
@@ -103,7 +112,9 @@ def set_point_numbers(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...]
 def error_at(
     where: ArrayLike, check: str, id: str, advice: Message | None, **places: PlaceValue
 ) -> Iterator[PreflightProblem]:
-    """Yield an error if an array is true for any set point; the place `points` holds their count."""
+    """Yield an error if `where` is True for any set point. The placeholder `points` of the message holds the
+    count of such set points.
+    """
     points, count = set_point_numbers(where)
     if count:
         fact = Message(id, **places, points=Count(count, "set-point"))
@@ -115,7 +126,7 @@ def interval_ms(seconds: float) -> Measured:
 
 
 def check_finite(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Look for NaN, infinity and absurd numbers."""
+    """Look for NaN, infinity and implausibly large numbers."""
     yield from error_at(
         ~(np.abs(context.trajectory.points) <= LARGEST_NUMBER).all(axis=1),
         "not-finite",
@@ -127,7 +138,7 @@ def check_finite(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_mode(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the pose type of the set points with that of the slave mode."""
+    """Compare the pose type of the set points with the pose type of the slave mode."""
     mode_, kind = context.mode, context.trajectory.kind
     if mode_ is None or mode_.pose_type is kind:
         return

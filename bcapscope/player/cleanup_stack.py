@@ -1,4 +1,6 @@
-"""The cleanup of a player's session: the steps that the player must undo, however the session ends."""
+"""The cleanup at the end of a player's session: which steps the player must undo, however the session
+ends.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +15,18 @@ from bcapscope.player.robot_adapter import RobotAdapter
 from bcapscope.protocol.tables.hresult import E_BUSY
 
 _BUSY_TIMEOUT = 5_000_000_000
-"""Time in ns that a controller may need for a call that was given up; until then it accepts no other call."""
+"""Time in ns that a controller may still need for a call that was given up. During this time, the controller
+accepts no other call.
+"""
 
 _BUSY_PAUSE = 20_000_000
 
 
 class CleanupStack:
-    """Undoes steps, newest first; reports the steps that remain, so that another process can undo them.
+    """Undoes steps, newest first. The stack reports which steps remain, so that another process can undo them
+    if this process is killed.
 
-    If the controller stops answering (`is_controller_gone`), the remaining cleanup tasks are skipped.
+    If the controller no longer answers (`is_controller_gone`), the remaining cleanup tasks are skipped.
     """
 
     def __init__(self, robot: RobotAdapter, pipe: PlayerPipe, channel: Channel) -> None:
@@ -35,8 +40,8 @@ class CleanupStack:
     async def run_and_push(self, task: CleanupTask, step: Callable[[], Awaitable[None]]) -> None:
         """Push a cleanup task, then run the step that the task undoes.
 
-        The task is pushed before the step's call, because the reply to that call may be lost. The task is
-        removed if the controller refuses the call.
+        The task is pushed before the step makes its call, because the reply to that call may be lost. If the
+        controller refuses the call, the task is removed.
         """
         self.push(task)
         try:
@@ -50,7 +55,9 @@ class CleanupStack:
         self._report_tasks()
 
     async def clean_up_all(self) -> None:
-        """Run all tasks; if the controller refuses one, report that and continue with the next task."""
+        """Run all cleanup tasks. If the controller refuses the call of a task, report this and continue with
+        the next task.
+        """
         while self._tasks and not self.is_controller_gone:
             task = self._tasks[-1]
             await self._clean_up(task)

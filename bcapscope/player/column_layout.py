@@ -1,9 +1,9 @@
-"""Finding the columns of a trajectory in a table: by title, by number, or by the user's description.
+"""Find the columns of a trajectory in a table: by title, by number, or by the user's description.
 
-Known titles: those of `bcapscope extract`, and plain names of axes and joints. The titles of a controller's
-log and their English forms are also known: `[J1 - 指令値]`, `[FIG - 指令値]`
-(ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and DrawLineDemo). A title with an unknown word is
-ignored, so that a force or a distance is never read as a position.
+Known titles are those of `bcapscope extract`, plain names of axes and joints, and the titles of a
+controller's log with their English forms: `[J1 - 指令値]`, `[FIG - 指令値]`
+(ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and DrawLineDemo). A column whose title has an
+unknown word is ignored, so that a force or a distance is never read as a position.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ from bcapscope.protocol.slave_mode.poses import AXES, Axis
 
 
 class ColumnRole(StrEnum):
-    """Role of the numbers in a column, in order of preference."""
+    """Roles that the numbers in a column can have. If several columns fit, the role that is listed first is
+    preferred.
+    """
 
     COMMANDED = "commanded"
     UNMARKED = "not marked as commanded or measured"
@@ -32,7 +34,9 @@ class ColumnRole(StrEnum):
 
 
 class Unit(NamedTuple):
-    """A unit of an `angle`, a `length` or a `time`; the factor converts to degrees, mm or seconds."""
+    """A unit of an `angle`, a `length` or a `time`. Multiplied by `factor`, a number in this unit is in
+    degrees, mm or seconds.
+    """
 
     name: str
     kind: str
@@ -54,11 +58,13 @@ UNITS = {
 """Known units by their names."""
 
 TIME, COUNTER, NUMBER = "time", "counter", "number"
-"""Names of the columns that hold the time, the controller's counter, or the number of the record."""
+"""Names for the columns that hold the time, the controller's counter, or the number of the record."""
 
 
 class ColumnTitle(NamedTuple):
-    """Meaning of a title: axis, `TIME`, `COUNTER` or `NUMBER`; the column's role; its unit, if any."""
+    """What the title of a column means: an axis, `TIME`, `COUNTER` or `NUMBER`; the column's role; and its
+    unit, if the title names one.
+    """
 
     axis: str
     role: ColumnRole
@@ -101,7 +107,7 @@ _PREFERENCE = (PoseType.J, PoseType.P, PoseType.T)
 _HALF_TURN = 180.0
 _POSTURES = 31.0
 _MAX_NAMED = 12
-_EVEN = 1e-3  # maximum difference between even steps, as a share of the step
+_EVEN = 1e-3  # maximum difference between steps that count as equal, as a share of the step
 _USUAL_AXES = 6
 
 
@@ -110,10 +116,10 @@ class ReadOptions:
     """The user's description of a file with a trajectory.
 
     Attributes:
-        kind: Pose type to read; None to use a pose type that the file has, joints first.
-        columns: Column of each axis and of `time`, from 1; empty to use the titles.
-        angle: Unit of angles if the file does not say: `deg` or `rad`.
-        length: Unit of positions if the file does not say: `mm` or `m`.
+        kind: Pose type to read; None to use a pose type that the file has. Joints are preferred.
+        columns: Number of the column of each axis and of `time`, counted from 1; empty to use the titles.
+        angle: Unit of angles if the file names none: `deg` or `rad`.
+        length: Unit of positions if the file names none: `mm` or `m`.
     """
 
     kind: PoseType | None = None
@@ -124,7 +130,8 @@ class ReadOptions:
 
 @dataclass(frozen=True, slots=True)
 class ColumnLayout:
-    """The columns of the axes in their order, and those of the times and of a counter, if any.
+    """The columns of the axes, in the order of the axes, and the columns of time and counter, if there are
+    any.
 
     Each note is one clause about a choice or an assumption.
     """
@@ -137,7 +144,9 @@ class ColumnLayout:
 
 
 def parse_columns(text: str) -> dict[str, int]:
-    """Parse a description such as `time=1,J1..J6=2..7`: the column of each axis, from 1."""
+    """Parse a description such as `time=1,J1..J6=2..7`, which names the column of each axis, counted from
+    1.
+    """
     columns: dict[str, int] = {}
     for part in text.split(","):
         for name, place in _column_pairs(part):
@@ -168,7 +177,7 @@ def _column_pairs(part: str) -> Iterator[tuple[str, int]]:
 
 
 def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayout | None:
-    """Find the columns by their titles; return None if no pose type has all its columns."""
+    """Find the columns by their titles; return None if no pose type has a column for each axis it needs."""
     if options.columns:
         return _layout_as_given(options, titles, len(titles))
     read = [read_title(title) for title in titles]
@@ -194,7 +203,7 @@ def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayou
 
 
 def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> ColumnLayout:
-    """Guess columns without titles from some lines; raise TrajectoryError if several or no meanings fit."""
+    """Guess what columns without titles mean, from some rows; raise TrajectoryError if this is unclear."""
     count = len(rows[0])
     if options.columns:
         return _layout_as_given(options, (), count)
@@ -219,7 +228,7 @@ def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> 
 
 
 def _ambiguity(rows: Sequence[Sequence[float]]) -> Message | None:
-    """Return the reason why numbers cannot be joints; None if they look like joints."""
+    """Return why the numbers are probably not joint angles; None if they look like joint angles."""
     first = [row[0] for row in rows]
     steps = [b - a for a, b in pairwise(first)]
     if len(steps) > 1 and steps[0] > 0 and max(steps) - min(steps) <= _EVEN * steps[0]:
@@ -234,7 +243,7 @@ def _ambiguity(rows: Sequence[Sequence[float]]) -> Message | None:
 
 
 def _axis_columns(kind: PoseType, role: ColumnRole, read: Sequence[ColumnTitle | None]) -> list[int]:
-    """Return the columns of a pose type's axes up to the first missing axis; [] if these are too few."""
+    """Return the columns of a pose type's axes, up to the first axis without a column; [] if too few."""
     by_name: dict[str, int] = {}
     for place, title in enumerate(read):
         if title and title.role is role:
@@ -297,8 +306,8 @@ def _layout_as_given(options: ReadOptions, titles: Sequence[str], count: int) ->
 
 
 def _named_axis_count(kind: PoseType, columns: Mapping[str, int]) -> int:
-    """Return how many axes of a pose type the user named, up to the first axis that is missing; 0 if the pose
-    type needs more."""
+    """Count the axes of a pose type that the user named, up to the first axis without a column. Return 0 if
+    these axes are too few for the pose type."""
     count = len(list(takewhile(lambda axis: axis.name in columns, AXES[kind])))
     return count if count >= MIN_COLUMNS[kind] else 0
 
@@ -310,7 +319,8 @@ def _layout_notes(
     role: ColumnRole,
     read: Sequence[ColumnTitle | None],
 ) -> Iterator[Message]:
-    """Yield a note for each choice among roles, among pose types, and among columns of one axis."""
+    """Yield a note for each choice that the reader made: of a role, a pose type, or one of several
+    columns."""
     if role is ColumnRole.MEASURED:
         yield Message("trajectory.note.measured")
     elif role is ColumnRole.UNMARKED and any(title and title.role is ColumnRole.COMMANDED for title in read):
@@ -334,7 +344,7 @@ def list_titles(titles: Sequence[str]) -> Message:
 
 
 def read_title(text: str) -> ColumnTitle | None:
-    """Read a title; return None if its column is no part of a trajectory."""
+    """Read the title of a column; return None if the column does not belong to a trajectory."""
     words = _words(text)
     if "counter" in words:
         return ColumnTitle(COUNTER, ColumnRole.UNMARKED, None)
@@ -355,7 +365,8 @@ def read_title(text: str) -> ColumnTitle | None:
 
 
 def _words(text: str) -> list[str]:
-    """Split a title between letters, digits and Japanese; join a number to a preceding word for joint."""
+    """Split a title between letters, digits and Japanese; attach a number to a word before it that means
+    "joint"."""
     plain = unicodedata.normalize("NFKC", text[:_LONGEST]).casefold()
     words: list[str] = []
     for word in _WORD.findall(plain.replace("_", " ")):

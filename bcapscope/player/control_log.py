@@ -1,7 +1,7 @@
 """The controller's own log of a motion, saved as CSV.
 
-The content and order of a GetLogRecord record and the column titles are those of
-ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py.
+The sample others/Get_Syslog.py in ShoheiKobata/orin_bcap_python_samples shows the values that GetLogRecord
+returns, and their order. The titles of the CSV columns also come from Get_Syslog.py.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ _REST = (
 LOG_COLUMN_TITLES = tuple(f"[J{axis} - {what}]" for axis in range(1, 9) for what in _AXES) + tuple(
     f"[{title}]" for title in _REST
 )
-"""Titles of the 39 columns: set point, encoder, current and load of each axis, then program values."""
+"""Titles of the 39 columns: first the set point, encoder, current and load of each axis, then values of the
+program."""
 
 
 @contextmanager
@@ -45,12 +46,12 @@ def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
     if path is None:
         yield None
         return
-    file = open(path, "xb")  # noqa: SIM115 - closing it may fail, which must not end the block
+    file = open(path, "xb")  # noqa: SIM115 - with `with`, an error of close() would be raised
     try:
         yield file
     finally:
         is_empty = not file.tell()
-        with suppress(OSError):  # the writer flushed the file, and noticed any error
+        with suppress(OSError):  # the writing code has already flushed the file, and seen any error
             file.close()
         if is_empty:
             Path(path).unlink(missing_ok=True)
@@ -74,7 +75,7 @@ async def read_log_records(
 
 
 def read_control_log(target: ControllerTarget, robot: str, check_abort: Callable[[], None]) -> list[Value]:
-    """Return the log records that the controller holds, oldest first, or raise the errors of `Session.call`.
+    """Return the controller's log records, oldest first, or raise the exceptions of `Session.call`.
 
     The records are read over a separate TCP connection: a record has 39 values, too many for a datagram of
     503 bytes. `check_abort` is called before each record; an exception that it raises ends the reading.

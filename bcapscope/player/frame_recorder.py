@@ -1,7 +1,8 @@
-"""The frames of a player: the last frame of each direction for display, and all frames for a recording.
+"""Collects the frames that a player sends and receives, to display the last ones and to record all.
 
 The recorder keeps frames in memory and writes them at the end. A disk access may take longer than the time
-between two set points. A thread that writes would take the interpreter from the thread that sends set points.
+between two set points. A separate thread for writing is no solution: Python would make the thread that sends
+set points wait for it.
 """
 
 from __future__ import annotations
@@ -17,10 +18,11 @@ from bcapscope.player.blocking_caller import Channel
 from bcapscope.player.player_messages import FrameMessage
 
 MAX_FRAMES = 2_000_000
-"""Maximum number of frames kept, enough for more than two hours at 8 ms; later frames are not recorded."""
+"""Maximum number of frames kept, enough for more than two hours at a cycle time of 8 ms. The recorder drops
+later frames."""
 
 _FRAMES_PER_WRITE = 1000
-"""Number of frames written at once; if the disk becomes full, the last write is lost."""
+"""Number of frames that one write stores; if the disk becomes full, the frames of the last write are lost."""
 
 
 @contextmanager
@@ -38,10 +40,10 @@ def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
 
 
 class FrameRecorder:
-    """Receives every frame; while `is_pacing`, frames are kept but not reported."""
+    """Keeps every frame for the recording, and reports each frame for display unless `is_pacing`."""
 
     def __init__(self, send: Callable[[FrameMessage], object], recording: RotatingRecording | None) -> None:
-        """`send` gets each frame outside of pacing; `recording` is the file to write, or None."""
+        """`send` gets each frame unless `is_pacing`; `recording` is the file to write, or None."""
         self.last_sent = b""
         self.last_received = b""
         self.is_pacing = False
@@ -67,7 +69,8 @@ class FrameRecorder:
             return
         packets = self._recording.recording
         write = packets.write_datagram if link.datagrams else packets.write_segment
-        self._frames.sort(key=itemgetter(2))  # a reply may be read long after its arrival
+        # sort by time: the player may read a reply long after its arrival
+        self._frames.sort(key=itemgetter(2))
         for number, (sent, raw, now) in enumerate(self._frames, 1):
             ends = (link.local, link.peer) if sent else (link.peer, link.local)
             write(*ends, raw, now + self._epoch_offset)

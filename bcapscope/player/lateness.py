@@ -1,4 +1,4 @@
-"""Lateness of set points, recorded without allocating memory while they are sent."""
+"""How late the player sends set points, recorded without allocating memory during the motion."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ import msgspec
 import numpy as np
 
 _BINS_PER_OCTAVE = 16
-"""Number of bins between one power of two and the next; with 16, estimated percentiles are within 7 %."""
+"""Number of bins between one power of two and the next. With 16 bins, an estimated percentile differs from
+the exact one by at most 7 %."""
 
 _BINS = 64 * _BINS_PER_OCTAVE
 _PERCENTILES = (0.5, 0.99, 0.999)
 
 MAX_REPORTED_BINS = 40
-"""Maximum number of bins that `Lateness.bins` returns, so that a message fits into a pipe as a whole."""
+"""Maximum number of bins that `Lateness.bins` returns. With so few bins, the player can write its report to
+the pipe in one piece."""
 
 
 class Spread(msgspec.Struct, frozen=True):
-    """Distribution of values, ns. A percentile is the smallest value that covers this share of all values."""
+    """Distribution of values in ns. A percentile such as `p99` is the smallest value that 99 % of all values
+    do not exceed."""
 
     count: int = 0
     p50: int = 0
@@ -32,7 +35,7 @@ class Lateness:
     """Records the lateness of every set point in ns."""
 
     def __init__(self, capacity: int) -> None:
-        """Allocate room for `capacity` values; later values change only the bins and the maximum."""
+        """Allocate memory for `capacity` values; further values change only the bins and the maximum."""
         self._values = array("q", bytes(8 * capacity))
         self._capacity = capacity
         self._bins = array("q", bytes(8 * _BINS))
@@ -58,7 +61,7 @@ class Lateness:
         return Spread(self._count, p50, p99, p999, self._maximum)
 
     def bins(self) -> tuple[tuple[int, int, int], ...]:
-        """Return least value, greatest value and count of each of the `MAX_REPORTED_BINS` fullest bins."""
+        """Return the `MAX_REPORTED_BINS` fullest bins, each as smallest value, largest value and count."""
         filled = [(self._bins[number], number) for number in np.flatnonzero(self._counts).tolist()]
         if len(filled) > MAX_REPORTED_BINS:
             filled = sorted(filled, reverse=True)[:MAX_REPORTED_BINS]
@@ -66,7 +69,7 @@ class Lateness:
         return tuple(sorted(edges))
 
     def exact_spread(self) -> Spread:
-        """Return exact percentiles, which is slow; if not all values were kept, return estimated ones."""
+        """Return exact percentiles, or estimated ones if there were too many values to keep; slow."""
         if not 0 < self._count <= self._capacity:
             return self.estimated_spread()
         values = sorted(self._values[: self._count])

@@ -1,4 +1,4 @@
-"""Checks of the motion: first point, distances, speeds, and rest at both ends."""
+"""Checks of a trajectory's motion: first point, distances, speeds, and rest at its begin and end."""
 
 from __future__ import annotations
 
@@ -30,22 +30,23 @@ from bcapscope.protocol.slave_mode.poses import Axis
 from bcapscope.simulator.kinematics import AxisLimit
 
 POSITION_TOLERANCE = 0.05
-"""Largest distance, in mm or degrees, from the robot to the first point that needs no approach motion."""
+"""If the robot is farther than this from the first point, in mm or degrees, it needs an approach motion."""
 
-_SLACK = 1.000001  # tolerance for set points that were rounded to single precision
+_SLACK = 1.000001  # limits are raised by this factor, because set points may be rounded to single precision
 _DIRECTIONS = Axis("Ox..Az", "deg")
 _MOVE = Message("preflight.advice.move-there")
 _SLOWER, _POSITIONS = Message("preflight.advice.slower"), Message("preflight.advice.positions")
 _SLOWER_OR_RESAMPLE = Message("preflight.advice.slower-or-resample")
-_SLOW, _CRAWL = 0.1, 1.0  # maximum speed at rest: share of the top speed, units per second
+# the robot counts as at rest below this share of its top speed, or below this speed in units per second
+_SLOW, _CRAWL = 0.1, 1.0
 
 
 class AxisFigures(NamedTuple):
-    """Figures of one axis's motion, in the axis's unit and seconds; an unknown limit is infinite.
+    """How far and how fast one axis moves, in the axis's unit and seconds. An unknown limit is infinite.
 
     Attributes:
         step: Largest step from one set point to the next.
-        acceleration: Largest acceleration, with the robot at rest before the first and after the last point.
+        acceleration: Largest acceleration, if the robot is at rest before the first and after the last point.
         fastest: Number of the set point at the end of the fastest step, from 1.
     """
 
@@ -60,7 +61,7 @@ class AxisFigures(NamedTuple):
 
 
 def axis_figures(context: PreflightContext) -> tuple[AxisFigures, ...]:
-    """Return the figures of each axis, then the figures of the joints if the joints can be computed."""
+    """Return the figures of the trajectory's axes, then of the joints if bcapscope can compute them."""
     if context.step is None:
         return ()
     return tuple(
@@ -128,7 +129,7 @@ def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
 def first_point_offsets(context: PreflightContext) -> tuple[float, ...] | None:
     """Return the distance from the robot to the first point for each axis; None if the pose is unknown.
 
-    For rotations of P type, the distance is the smaller of the two angles.
+    For a rotation of P type, the distance is the shorter way around the circle.
     """
     if context.current_pose is None:
         return None
@@ -169,7 +170,8 @@ def _own_motion(context: PreflightContext) -> TrajectoryMotion:
 
 
 def _padded_motions(context: PreflightContext) -> Iterator[TrajectoryMotion]:
-    """Yield the motion of each set of axes, extended by rest or, in a loop, by the next round's start."""
+    """Yield the motion of each set of axes, with rest added at its start and end. In a loop, the start of the
+    next round follows instead of rest."""
     points = context.trajectory.points
     after = points[:2] if context.loop else points[-1:]
     return _motions_through(context, np.vstack((points[:1], points, after)))
@@ -252,7 +254,7 @@ def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def _mark_set_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
-    """Assign each violation to its set point; elements after the last point belong to the next round."""
+    """Assign each violation to its set point; rows after the last point are the start of the next round."""
     at = where[:count].copy()
     rest = where[count : 2 * count]
     at[: len(rest)] |= rest

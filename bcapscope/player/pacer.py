@@ -1,4 +1,4 @@
-"""Sending set points in time.
+"""Send each set point at its deadline.
 
 The slave mode decides whether the player or the controller sets the pace (DENSO Wave 2009, How to use the
 Slave mode; table of slave modes in ShoheiKobata/orin_bcap_python_samples):
@@ -6,16 +6,17 @@ Slave mode; table of slave modes in ShoheiKobata/orin_bcap_python_samples):
 * **Async, mode 1**: the player sets the pace. Deadlines are absolute, one per period. If no reply has arrived
   shortly before the next deadline, the pacer gives the call up and sends the next set point. In these modes
   the pacer never retries a set point: the newest set point wins, so a retry only wastes bandwidth. A reply
-  does not wake the player. The pacer looks for the reply shortly before it would give the call up or make the
-  next packet. The operating system gives the reply's arrival time (`BlockingCaller.sleep_until_due`). A late
-  reply still shows that the controller is alive, and a late refusal ends the play. If the newest answered set
-  point is older than `SILENCE_TIMEOUT`, the controller is behind or gone. In this case the pacer sends
-  nothing until a reply arrives.
+  does not wake the player: the pacer looks for the reply only shortly before it would give up the call or
+  make the next packet. The operating system gives the reply's arrival time
+  (`BlockingCaller.sleep_until_due`). A late reply still shows that the controller is alive, and a late
+  refusal ends the play. If the newest answered set point is older than `SILENCE_TIMEOUT`, the controller is
+  behind or gone. If the controller is behind or gone, the pacer sends nothing until a reply arrives.
 * **Sync, mode 2**: the controller sets the pace by answering only when its buffer has room. The next set
   point is due `_PREPARATION` after the reply, so that this delay is always the same. Without a reply the
   requester retries every `RetryPolicy.timeout`, and discards replies to earlier attempts. After the last
-  attempt the pacer sends nothing more and accepts a reply to any attempt: a controller with a full buffer
-  needs no set point yet. After `SILENCE_TIMEOUT` without a reply, the pacer treats the controller as gone.
+  attempt, the pacer sends nothing more, because a controller with a full buffer needs no set point yet. Then
+  the pacer accepts a reply to any attempt. After `SILENCE_TIMEOUT` without a reply, the pacer treats the
+  controller as gone.
 * **Mode 0**: player and controller set the pace together. S_BUF_FULL asks for a pause of one period. S_OK
   means that the buffer has room, so the next set point follows at once. 83201483 means that the buffer had no
   room, so the pacer sends the same set point again.
@@ -51,15 +52,15 @@ from bcapscope.protocol.tables.hresult import (
 
 SILENCE_TIMEOUT = 100_000_000
 """Time in ns without a reply after which the pacer treats a controller as behind or gone: a dozen periods.
-
-On TCP the time-out of a call applies instead, because TCP may need more than 100 ms to retransmit.
+Over TCP, the pacer uses the timeout of a call instead of this limit, because TCP may need more than 100 ms to
+retransmit.
 """
 
 OVERFLOW_DELAY = 1_000_000
 """Delay in ns before the pacer repeats a set point that found the buffer full."""
 
 MAX_REPEATS = 64
-"""Maximum number of times that the pacer sends one set point: eight periods."""
+"""Maximum number of times that the pacer sends one set point, which together take eight periods."""
 
 MIN_PERIOD_SHARE = 0.98
 """Minimum average time between set points, as a share of the period; clocks differ by far less than 2 %."""
@@ -67,24 +68,27 @@ MIN_PERIOD_SHARE = 0.98
 _START_DELAY = 5_000_000
 _PREPARATION, _PREPARATION_MAX, _PREPARATION_SHARE = 300_000, 1_000_000, 0.4
 """Time reserved before a deadline to make the next packet: minimum and maximum in ns, and share of the
-period. The first steps after a sleep take ten times as long as later ones, because other programs have filled
-the caches."""
+period. Right after a sleep, code runs ten times slower, because other programs have filled the processor's
+caches."""
 
 _MOTION_ERRORS = 0x8420
-"""Upper half of the results that late set points can cause: the buffer ran empty, or an axis was too fast."""
+"""Upper 16 bits of the result codes that late set points can cause: the buffer ran empty, or an axis was too
+fast."""
 _GAPS_KEPT = 8
-"""Number of gaps kept to explain a refused set point: more than any controller buffers."""
+"""Number of recent gaps between set points kept, to explain a refused set point. No controller buffers as
+many set points."""
 _ROBOT_EXECUTE = 64
 _NAME = "Robot_Execute slvMove"
 _BY_CLOCK = (ModeKind.ASYNC, ModeKind.MODE_1)
 
 
 class HaltedError(Exception):
-    """The user ordered the robot to halt."""
+    """Raised when the user orders the robot to halt."""
 
 
 class SlvMoveCall(NamedTuple):
-    """Parameters of slvMove: robot handle, VT_R8 (VT_R4 on RC7), mode, retry policy, and period in ns."""
+    """What all calls of slvMove share: robot handle, type of the numbers, mode, retry policy, period in
+    ns."""
 
     robot: int
     real_type: VT
@@ -97,7 +101,8 @@ class SlvMoveCall(NamedTuple):
 
 
 class _SetPointGap(NamedTuple):
-    """Time in ns between two set points: in all, the player's own lateness, and the reply's share."""
+    """Time in ns between two set points, and what the player's lateness and a slow reply contributed to
+    it."""
 
     length: int
     late: int
@@ -105,15 +110,15 @@ class _SetPointGap(NamedTuple):
 
 
 IdleCallback: TypeAlias = Callable[[int], None]
-"""Function that the pacer calls, with the time in ns, after each set point and regularly during waits. The
-function must return quickly, and raises HaltedError to end the play at once."""
+"""Function that the pacer calls after each set point and regularly during waits; the argument is the time in
+ns. The function must return quickly. To end the play at once, the function raises HaltedError."""
 
 
 class Pacer:
     """Sends the set points of a sequence in time.
 
     Attributes:
-        lateness: Recorded times from each set point's deadline to its sending; `cycle`: recorded cycle times.
+        lateness: Time from each set point's deadline to its sending; `cycle` holds the cycle times.
         started_at: Time in ns of the first set point; None before that set point is sent.
     """
 
@@ -145,11 +150,11 @@ class Pacer:
         self._repeated = self._shifted = self._held = 0
         self._recent_gaps: deque[_SetPointGap] = deque(maxlen=_GAPS_KEPT)
         self._overslept = self._reply_took = 0  # of the last call
-        self._is_behind = False  # replies to earlier set points may still arrive
+        self._is_behind = False  # True while replies to earlier set points may still arrive
 
     @property
     def counts(self) -> PlayCounts:
-        """Counts of what happened to the set points so far."""
+        """How many set points were sent, answered late, repeated and so on until now."""
         unanswered = max(0, self._sent - self._answered - self._pending)
         return PlayCounts(
             self._sent, self._retries, self._late, unanswered, self._repeated, self._shifted, self._held
@@ -159,7 +164,7 @@ class Pacer:
         """Send all set points.
 
         Raises ControllerError if the controller refuses a set point, CallTimeout if it no longer answers,
-        OSError if the link is gone, and what `on_idle` raises.
+        OSError if the link fails, and the exceptions of `on_idle`.
         """
         due = self._last_answered_at = self._caller.link.now() + _START_DELAY
         for point in self._sequence:
@@ -167,7 +172,7 @@ class Pacer:
             due = self._play_point(self._move.arguments(point), due)
 
     def _play_point(self, arguments: tuple[Variant, ...], due: int) -> int:
-        """Send one set point until the controller accepts it; return the deadline of the next."""
+        """Send one set point until the controller accepts it; return the deadline of the next set point."""
         for _ in range(MAX_REPEATS):
             sent = self._send_point(arguments, due)
             due = self._adjusted_deadline(due, sent)
@@ -186,7 +191,7 @@ class Pacer:
         return self._next_deadline(due, code)
 
     def _record_reply_time(self, settled: RequesterOutcome, sent: int) -> None:
-        """Note how long the reply took, less the known part of the player's own lateness."""
+        """Store how long the reply took, without the known time by which the player woke up too late."""
         caller = self._caller
         self._overslept = caller.overslept
         self._reply_took = caller.link.now() - sent - self._overslept
@@ -245,10 +250,11 @@ class Pacer:
             self._on_idle(self._caller.link.now())
 
     def _result_code(self, settled: RequesterOutcome) -> int | None:
-        """Count a call's outcome; return its result, or None if no reply arrived in time.
+        """Count the outcome of a call. Return the result code of the call, or None if no reply arrived in
+        time.
 
-        Raises CallTimeout if the controller no longer answers, and ControllerError if a late reply shows
-        that it refused an earlier set point.
+        Raises CallTimeout if the controller no longer answers, and ControllerError if a late reply shows that
+        the controller refused an earlier set point.
         """
         self._retries += len(settled.attempts) - 1
         self._count_late_replies()
@@ -269,7 +275,8 @@ class Pacer:
         return code
 
     def _refusal_error(self, code: int) -> ControllerError:
-        """Make the error for a refused set point; if lateness may be the cause, the error shows the times."""
+        """Make the error for a refused set point. If late set points may be the cause, the error names the
+        longest gap."""
         meaning = describe_hresult(code).meaning
         if code >> 16 == _MOTION_ERRORS and self._recent_gaps:
             gap, late, reply = (f"{each / 1e6:.1f}" for each in max(self._recent_gaps))
@@ -311,19 +318,19 @@ class Pacer:
         late.clear()
 
     def _adjusted_deadline(self, due: int, sent: int) -> int:
-        """Return the base of the next deadline: `due`, or `sent` if the set point was much too late."""
+        """Return the time from which the next deadline counts: `due`, or `sent` if much later than `due`."""
         if sent - due <= self._move.period // 2:
             return due
         self._shifted += 1
         return sent
 
     def _next_deadline(self, due: int, code: int | None) -> int:
-        """Return the deadline of the next set point."""
         if self._had_to_wait:
             self._had_to_wait = False
             return self._caller.link.now() + _PREPARATION
         if self._move.mode.kind in _BY_CLOCK or code == S_BUF_FULL:
-            self._overslept = 0  # this deadline does not depend on the reply, so the whole lateness counts
+            # the next deadline does not depend on the reply: `sent - due` is the whole lateness
+            self._overslept = 0
             return due + self._move.period
         ready, free = self._caller.link.now() + _PREPARATION, self._throttle.free_at
         self._held += free > ready
@@ -333,9 +340,10 @@ class Pacer:
 class _Throttle:
     """Limits how fast a controller that sets the pace can request set points.
 
-    The pacer may send two set points more than the buffer holds at once; after that, at most one per period
-    on average. A controller that confuses two modes may answer at once instead of holding the reply back.
-    Without this limit, the pacer would send the whole trajectory within moments.
+    At first, the pacer may send two set points more than the buffer holds. After these first set points, the
+    pacer sends at most one set point per period on average. A controller that confuses two slave modes may
+    answer at once instead of holding the reply back. If the rate of these requests were not limited, the
+    pacer would send the whole trajectory in an instant.
     """
 
     def __init__(self, period: int, burst: int) -> None:

@@ -2,9 +2,10 @@
 
 However the session ends, the player undoes its steps in reverse order: slave mode, the log, motor, arm,
 RobSlave, handles, Controller_Disconnect, Service_Stop. If the controller stops answering, the player skips
-the remaining steps. After an order to stop, the robot first slows to a halt on its path. After a failure, the
-robot cannot do this: a controller with an error has left slave mode, and a silent controller accepts no set
-points. Before the cleanup, an order from the user ends every wait.
+the remaining steps. After an order to stop, the robot first slows down on its path until it is at rest. After
+a failure, the robot cannot slow down on its path: a controller with an error has left slave mode, and a
+silent controller accepts no set points. Until the cleanup begins, an order from the user ends any wait at
+once.
 """
 
 from __future__ import annotations
@@ -68,11 +69,11 @@ YES, NO, CLEAR, AGAIN = "yes", "no", "clear", "again"
 """Answers to questions."""
 
 _ROBOT_EXECUTE = 64
-_LATENESS_CAPACITY = 1_000_000  # number of set points whose lateness is kept: two hours at 8 ms
+_LATENESS_CAPACITY = 1_000_000  # number of set points whose lateness the pacer keeps: two hours at 8 ms
 
 
 class PlayMonitor:
-    """Polls for orders and reports the progress of `pacer`; no method waits."""
+    """Polls for orders and reports the progress of `pacer`; all methods return at once."""
 
     pacer: Pacer
 
@@ -86,7 +87,8 @@ class PlayMonitor:
         self._next_report = 0
 
     def on_idle(self, now: int) -> None:
-        """Poll for an order, and report progress if due; an order to halt raises HaltedError."""
+        """Poll for an order, and report progress if a report is due. Raise HaltedError on an order to
+        halt."""
         order = self._pipe.poll_order()
         if order is Order.HALT:
             raise HaltedError
@@ -124,7 +126,7 @@ def _pose_in(reply: Frame | None) -> SetPointValues:
 
 
 class PlayAbortedError(Exception):
-    """Ends the session on the user's order, with `reason` None, or because `reason` forbids playing."""
+    """Ends the session before the play is complete; `reason` says why, if it is known."""
 
     def __init__(self, outcome: PlayOutcome, reason: Message | None) -> None:
         super().__init__(outcome, reason)
@@ -133,7 +135,7 @@ class PlayAbortedError(Exception):
 
 
 class PlaySession:
-    """A session with a controller; `has_log` says whether the controller's log holds the motion."""
+    """A session with a controller; `has_log` says whether the controller's own log contains the motion."""
 
     def __init__(self, plan: PlayPlan, channel: Channel, pipe: PlayerPipe, recorder: FrameRecorder) -> None:
         self.has_log = False
@@ -203,7 +205,7 @@ class PlaySession:
                 await self._offer_to_clear_errors(error)
 
     def _confirm_start(self) -> None:
-        """Ask the user to confirm the start, and to arm the player if a real robot will move."""
+        """Ask the user to confirm the start and, if a real robot will move, that it may move."""
         if not self._confirm(QuestionTopic.BEGIN, Message("play.question.begin")):
             raise PlayAbortedError(PlayOutcome.DECLINED, Message("play.not-confirmed"))
         robot = self._robot
@@ -215,7 +217,7 @@ class PlaySession:
             raise PlayAbortedError(PlayOutcome.UNARMED, Message("play.not-armed"))
 
     async def _clean_up_after_crash(self, left: PendingCleanup) -> None:
-        """Undo what a crashed player began, then report the errors that the controller shows."""
+        """Undo the steps of a crashed player, then report the errors that the controller shows."""
         self._robot.generation = Generation(left.generation)
         self._is_leaving = True
         self._report_state(PlayState.LEAVING)
@@ -234,7 +236,8 @@ class PlaySession:
             await self._prepare(trajectory)
             self._report_state(PlayState.ENTERING)
             await self._robot.set_formats(trajectory.kind)
-            self._cleanup.push(CleanupTask.SLAVE_MODE)  # slave mode is left even if slvChangeMode fails
+            # push before the call, so that the cleanup leaves slave mode even if slvChangeMode fails
+            self._cleanup.push(CleanupTask.SLAVE_MODE)
             await self._robot.robot.slv_change_mode(mode.value)
             await self._play(mode, trajectory)
         finally:
@@ -245,8 +248,8 @@ class PlaySession:
     async def _prepare(self, trajectory: Trajectory) -> None:
         """Bring the robot to a state from which it can enter slave mode.
 
-        If slave mode is on already, another client controls the robot. Most calls would cause an error that
-        ends that client's motion (issue 42 of DENSORobot/denso_robot_ros).
+        If slave mode is on already, another client controls the robot. Most calls of the player would cause
+        an error that ends the other client's motion (issue 42 of DENSORobot/denso_robot_ros).
         """
         robot, cleanup = self._robot, self._cleanup
         self._report_state(PlayState.PREPARING)
@@ -263,7 +266,8 @@ class PlaySession:
             self.has_log = True
 
     async def _switch_on(self, task: CleanupTask, is_on: bool, step: Callable[[], Awaitable[None]]) -> None:
-        """Switch RobSlave or the motor on; the cleanup switches off only what this session switched on."""
+        """Switch RobSlave or the motor on. The cleanup switches RobSlave or the motor off only if this
+        session switched it on."""
         was_off = self._was_off.setdefault(task, not is_on)
         if is_on:
             return
@@ -297,7 +301,7 @@ class PlaySession:
             self._cleanup.remove(CleanupTask.MOTION)
 
     async def _play(self, mode: SlaveMode, trajectory: Trajectory) -> None:
-        """Send the set points; on an order, bring the robot to rest or halt it."""
+        """Send the set points. If the user orders a stop or a halt, bring the robot to rest or halt it."""
         plan, robot = self._plan, self._robot
         hold = max(mode.buffer_slots + 1, -(-2 * PERIOD_NS // plan.period))
         sequence = SetPointSequence(trajectory, plan.period / 1e9, self._stop_limits(), plan.rounds, hold)
@@ -333,7 +337,7 @@ class PlaySession:
         try:
             await halt_robot(self._session, self._robot.robot.handle, self._wait_async)
         except BcapError:
-            pass  # a failed halt changes nothing: the cleanup leaves slave mode next
+            pass  # even if the halt fails, the cleanup leaves slave mode next
         except OSError:
             self._cleanup.is_controller_gone = True
 
@@ -341,7 +345,8 @@ class PlaySession:
         self._channel.wait_until(self._channel.now() + length)
 
     async def _offer_to_clear_errors(self, error: ControllerError) -> None:
-        """Report the controller's errors and offer to clear them; return if the user wants to play again.
+        """Report the controller's errors and offer to clear them. The method returns only if the user wants
+        to play again.
 
         If the user orders a stop instead, the session ends with the error as its reason.
         """
@@ -438,7 +443,7 @@ def _slave_mode_for(plan: PlayPlan, generation: Generation) -> SlaveMode:
 
 
 def _planned_trajectory(plan: PlayPlan, kind: PoseType, pose: SetPointValues) -> Trajectory | None:
-    """Return the set points with all numbers that slvMove needs; None if the plan has no set points."""
+    """Return the plan's set points, completed with axes from `pose`; None if the plan has no set points."""
     if not plan.points:
         return None
     return Trajectory(kind, np.array(plan.points, dtype=np.float64), TrajectorySource("")).completed(pose)

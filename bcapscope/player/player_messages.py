@@ -1,7 +1,7 @@
 """The messages between the player's process and its parent: JSON, one object per line.
 
-The parent process sends the `PlayPlan` first, then orders. The player sends facts, progress, questions and
-finally one `PlayEnded`.
+The parent process sends the `PlayPlan` first, then orders. The player sends facts about the controller,
+progress, questions and finally one `PlayEnded`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SetPointValues: TypeAlias = tuple[float, ...]
 
 
 TYPE_NAME_FACT = "type name"
-"""Key of the fact that holds the name of the robot's type."""
+"""Key of the robot type's name among the facts that the controller reports."""
 
 
 class SlaveModePacing(StrEnum):
@@ -43,23 +43,24 @@ class SlaveModePacing(StrEnum):
 
 
 class CleanupTask(StrEnum):
-    """A step that the player must undo, however the session ends."""
+    """A step that the player must undo at the end of the session, even after an error."""
 
     ROBSLAVE = "RobSlave"
     ARM = "arm"
     MOTOR = "motor"
     MOTION = "motion"
-    """The ordinary motion to the first point; the motion continues even if the player ends."""
+    """The ordinary motion to the first point. The robot completes this motion even if the player ends."""
     LOG = "log"
     SLAVE_MODE = "slave mode"
 
 
 class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
-    """Steps still to undo; the player sends this before each step and after each cleanup task.
+    """Steps still to undo. The player sends this message before each step and after each cleanup task.
 
     Attributes:
         debts: Cleanup tasks that remain, oldest first.
-        port: Local port of the player. It identifies a UDP client, so a cleanup uses the same port.
+        port: Local port of the player. The controller knows a UDP client by its port, so a cleanup uses the
+            same port.
     """
 
     debts: tuple[CleanupTask, ...]
@@ -72,16 +73,19 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         robot: Name that the player passes to Controller_GetRobot.
-        task: Name of the program that RC7 needs for slave mode.
+        task: Name of the program on the controller that must run on RC7 during slave mode.
         mode: Kind of slave mode, or the exact number for slvChangeMode.
         period: Time in ns between set points in the modes where the player sets the pace.
-        points: Set points of the trajectory, which begins and ends at rest. Other axes do not move.
-        limits: Limits of the arm as `arm_limits.with_limits` accepts them; a stop keeps within them.
-        rounds: Number of times to play the set points without a pause; 0 to play until an order to stop.
+        points: Set points of the trajectory, which begins and ends at rest. Axes without a value do not move.
+        limits: Limits of the arm as `arm_limits.with_limits` accepts them. A stop does not exceed these
+            limits.
+        rounds: How often to play the set points, without a pause between rounds; 0 to play until an order to
+            stop.
         approach: Speed, in percent, of the ordinary motion to the first point.
         may_approach: Whether to move to the first point without asking the user.
-        armed: Whether the user has confirmed that a robot will move.
-        look_only: Whether to connect, report facts and end, without moving or changing anything.
+        armed: Whether the user has confirmed that a robot may move.
+        look_only: Whether to connect, report facts about the controller and end, without moving or changing
+            anything.
         log: Path of a new CSV file for the controller's own log; None for no log.
         record: Path of a new recording of all frames; None for no recording.
         aftermath: Steps of a crashed player to undo, without playing anything; None to play.
@@ -109,7 +113,7 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Order(StrEnum):
-    """An order to a player while it works."""
+    """An order to a running player."""
 
     STOP = "stop"
     """Bring the robot to rest on its path, then clean up."""
@@ -149,7 +153,7 @@ class ControllerInfo(msgspec.Struct, frozen=True, tag=True):
         generation: RC7, or RC8 for all later generations.
         mode: Slave mode that the player will use.
         pose: Current pose of the robot, in the pose type of the set points.
-        distance: Distance to the first point: the largest difference of any axis, in degrees or mm.
+        distance: Distance to the first point: the difference of the axis that differs most, in degrees or mm.
     """
 
     simulator: bool
@@ -174,12 +178,14 @@ class PlayCounts(msgspec.Struct, frozen=True):
     """Counts of set points.
 
     Attributes:
-        sent: Set points sent, without retries; a set point that found the buffer full counts again.
+        sent: Set points sent, without retries. A set point sent again because the buffer was full counts
+            again.
         late: Late replies.
-        unanswered: Set points without any reply.
+        unanswered: Set points that got no reply.
         repeated: Set points sent again because the controller's buffer was full (83201483).
         shifted: Times that the pacer moved the deadlines because it was late by more than half a period.
-        held: Set points delayed because the controller, which should set the pace, asked for them too soon.
+        held: Set points that the player sent later, because the controller sets the pace but asked for them
+            too soon.
     """
 
     sent: int = 0
@@ -192,16 +198,17 @@ class PlayCounts(msgspec.Struct, frozen=True):
 
 
 class PlayProgress(msgspec.Struct, frozen=True, tag=True):
-    """Report of progress, about twenty times a second; the player drops reports that nobody reads.
+    """Report of progress, about twenty times a second. If the pipe is full, the player drops the report.
 
     Attributes:
         index: Number of set points of the trajectory sent so far, in all rounds.
         of: Total number of set points in all rounds; 0 if the play has no end.
-        elapsed: Seconds since the first set point; `left` are those until the last one, None without an end.
-        lateness: Distribution of the time from each set point's deadline to its sending, so far.
+        elapsed: Seconds since the first set point; `left` is the seconds until the last set point, or None if
+            the play has no end.
+        lateness: Distribution of the time from the deadline of each set point so far to its sending.
         commanded: The last set point sent; `returned` is the pose in the last reply.
         sent: The last frame sent; `received` is the last frame received.
-        cycle: Histogram of the time between set points: least ns, greatest ns and count of each bin.
+        cycle: Histogram of the time between set points: smallest ns, largest ns and count of each bin.
     """
 
     state: PlayState
@@ -228,7 +235,7 @@ class FrameMessage(msgspec.Struct, frozen=True, tag=True):
 
 class QuestionTopic(StrEnum):
     BEGIN = "begin"
-    """Everything that needs no motion is checked; may the play begin?"""
+    """All checks that need no motion are done; may the play begin?"""
     ARM = "arm"
     """The controller is not the simulator, so a real robot will move; may the robot move?"""
     APPROACH = "approach"
@@ -238,7 +245,7 @@ class QuestionTopic(StrEnum):
 
 
 class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
-    """A question to the user, whose answer the player awaits; the first choice changes nothing."""
+    """A question to the user. The player waits for the answer; the first choice is to change nothing."""
 
     topic: QuestionTopic
     text: Message
@@ -246,7 +253,7 @@ class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
 
 
 class PlayerProblem(msgspec.Struct, frozen=True, tag=True):
-    """A problem, with code and text of the errors that the controller shows, newest first."""
+    """A problem, and the errors that the controller shows: code and text of each, newest first."""
 
     text: Message
     errors: tuple[tuple[int, str], ...] = ()
@@ -267,14 +274,14 @@ class PlayOutcome(StrEnum):
 
 
 class PlayEnded(msgspec.Struct, frozen=True, tag=True):
-    """The last message of a player; the distributions are exact and in ns.
+    """The last message of a player. The distributions in this message are exact, not estimated, and in ns.
 
     Attributes:
         reason: Why the player ended; None if the play is complete.
         cycle: Distribution of the time between set points.
-        index: Number of set points of the trajectory that were sent.
+        index: Number of set points of the trajectory that the player sent.
         left: Whether the cleanup ran; False if the controller no longer answered.
-        logged: Number of records of the controller's log that were saved.
+        logged: Number of records of the controller's log that the player saved.
         retries_expected: Whether retries are normal, because replies came over UDP and set the pace.
     """
 

@@ -31,7 +31,8 @@ _SEND_TIMEOUT = 2.0
 """Seconds that `wait_until_sent` waits for the parent to read the last messages."""
 
 _MAX_UNWRITTEN = 1 << 20
-"""Maximum number of bytes that wait for the parent to read them; further messages are lost."""
+"""Maximum number of bytes that wait until the parent reads them. If more bytes wait, the player drops further
+messages."""
 
 PARENT_GONE = Message("play.parent-gone")
 
@@ -39,7 +40,8 @@ PARENT_GONE = Message("play.parent-gone")
 class PlayerPipe:
     """Receives orders and sends messages through the file descriptors of two pipes.
 
-    `order` is the most serious order so far, and `reason` says why it was given; at first, both are None.
+    `order` is the most serious order so far: a halt is more serious than a stop. `reason` says why the order
+    was given. `order` and `reason` are None before the first order.
     """
 
     def __init__(self, commands: int, messages: int) -> None:
@@ -70,11 +72,11 @@ class PlayerPipe:
         return decode_plan(b"".join(parts))
 
     def install_signal_handlers(self) -> None:
-        """Install the signal handlers.
+        """Treat signals as orders.
 
-        SIGINT, SIGTERM and SIGHUP are orders to stop; a further such signal, or SIGUSR1, is an order to halt.
-        If the parent started the player with SIGUSR1 blocked, a SIGUSR1 sent before this call takes effect
-        now.
+        The first SIGINT, SIGTERM or SIGHUP is an order to stop. A second of these signals, or SIGUSR1, is an
+        order to halt. If the parent started the player with SIGUSR1 blocked, a SIGUSR1 sent before this call
+        takes effect during this call.
         """
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)
@@ -100,7 +102,8 @@ class PlayerPipe:
             return False
         self._unwritten = data
         if not self._flush():
-            self._unwritten = b""  # nothing was sent: a pipe accepts so few bytes whole or not at all
+            # the pipe is full: it never takes only a part of so short a message
+            self._unwritten = b""
             return False
         return True
 
@@ -117,7 +120,8 @@ class PlayerPipe:
             select.select((), (self._messages,), (), _SEND_TIMEOUT)
 
     def ask(self, question: PlayerQuestion) -> str:
-        """Ask the user and return the answer; if an order arrives instead, return the first choice."""
+        """Ask the user and return the answer. If an order arrives instead of an answer, return the first
+        choice."""
         self._answers.clear()
         self.send(question)
         while self.poll_order() is None and not self._answers:
@@ -127,7 +131,7 @@ class PlayerPipe:
         return answer if answer in question.choices else question.choices[0]
 
     def set_order(self, order: Order, reason: Message) -> None:
-        """Store an order; an order to halt overrides an order to stop."""
+        """Store an order, but never replace an order to halt by an order to stop."""
         self.order_count += 1
         if self.order is not Order.HALT:
             self.reason = self.reason if self.order is order else reason

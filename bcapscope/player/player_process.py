@@ -1,7 +1,8 @@
-"""Starting a player: a separate process that receives a plan and sends messages.
+"""Start a player: a separate process that receives a plan and sends messages.
 
-In a separate process, no Python code of the parent can delay a set point. However the parent ends, the player
-brings the motion to an orderly end. If the player itself is killed, a second process cleans up.
+In a separate process, no Python code of the parent can delay a set point. If the parent ends or crashes, the
+player still brings the robot to rest and cleans up. If the player itself is killed, a second process cleans
+up.
 """
 
 from __future__ import annotations
@@ -45,18 +46,18 @@ _LEAVE_TIMEOUT = 20.0
 waits for a silent controller sends messages more often, because its time-outs are shorter."""
 
 _SERIAL_MARGIN = 5000
-"""More serials than a player can use between two progress reports."""
+"""Number of serials to skip after the last known one: a player uses fewer between two progress reports."""
 
 _SERIAL_MAX = 0xFFFF
 """Largest serial; serials run from 1 to 65535 and then start again at 1."""
 
 
 class PlayerProcess:
-    """A running player; `ended` is its last message, None while the player works.
+    """A running player. `ended` is the player's last message, or None while the player works.
 
     When `fileno` is readable, `read_messages` returns the messages; `wait_for_messages` waits for them. Any
-    thread may call either method. A caller that reads too slowly misses only progress reports. The last
-    message is always `PlayEnded`.
+    thread may call `read_messages` and `wait_for_messages`. A caller that reads too slowly misses only
+    progress reports. The last message is always `PlayEnded`.
     """
 
     def __init__(self, plan: PlayPlan) -> None:
@@ -70,7 +71,7 @@ class PlayerProcess:
         self._start(plan)
 
     def _start(self, plan: PlayPlan) -> None:
-        # The signal is blocked in the player, too, until the player has installed its handler.
+        # The player inherits the blocked SIGUSR1, and unblocks it once its handler is installed.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGUSR1,))
         try:
             self._process = subprocess.Popen(
@@ -78,8 +79,9 @@ class PlayerProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                bufsize=0,  # unbuffered: a signal handler may send an order while `_send` runs
-                start_new_session=True,  # Ctrl-C reaches only the parent, which stops the player
+                # no buffer: a signal handler may interrupt `_send` and write an order to the pipe itself
+                bufsize=0,
+                start_new_session=True,  # so that Ctrl-C reaches only the parent, which then stops the player
             )
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -126,7 +128,7 @@ class PlayerProcess:
         return found
 
     def _remember_state(self, message: PlayerMessage) -> None:
-        """Remember the facts that a second process needs to clean up after this player."""
+        """Store what a second process must know to clean up if this player crashes."""
         if isinstance(message, PendingCleanup):
             self._pending_cleanup = message
         sent = message.sent if isinstance(message, PlayProgress) else b""
@@ -147,7 +149,8 @@ class PlayerProcess:
     def halt(self) -> None:
         """Order the player to halt the robot at once, then clean up.
 
-        The order is a signal, which a full pipe cannot delay. A cleanup after a crash needs no such order.
+        The order is sent as a signal, because a full pipe cannot delay a signal. The process that cleans up
+        after a crashed player gets no signal, because it needs no order.
         """
         if not self._crash:
             with suppress(ProcessLookupError):
@@ -178,14 +181,15 @@ class PlayerProcess:
 
     def _send(self, data: bytes) -> None:
         rest = memoryview(data + b"\n")
-        with suppress(OSError, ValueError):  # the player is gone; its messages will show that
+        with suppress(OSError, ValueError):  # the player has ended, which `read_messages` will report
             while rest:
                 rest = rest[os.write(self._commands.fileno(), rest) :]
 
     def _on_crash(self) -> PlayerMessage:
         """Start a process that cleans up after a crashed player.
 
-        If no cleanup is needed, return the player's last message.
+        Return a message that says that the cleanup has begun or, if no cleanup is needed, that the play has
+        ended.
         """
         assert self._process.stderr is not None
         words = self._process.stderr.read().decode(errors="replace").strip().splitlines()
@@ -196,7 +200,7 @@ class PlayerProcess:
         crash = Message("play.crash.why", how=how, why=words[-1]) if words else Message("play.crash", how=how)
         crashed = self._process
         owed = self._pending_cleanup
-        # Nothing to undo over TCP: the connection ended with the player.
+        # Over TCP, the controller noticed the crash: the connection closed with the player.
         is_owing = bool(owed.debts) or (owed.port > 0 and not self._plan.target.tcp)
         try:
             if is_owing and not self._crash:
@@ -214,7 +218,8 @@ class PlayerProcess:
         owed, target = self._pending_cleanup, self._plan.target
         serial = (self._serial + _SERIAL_MARGIN - 1) % _SERIAL_MAX + 1
         if target.name and not target.connect_option:
-            target = replace(target, connect_option="@IfNotMember")  # over UDP, the client is still connected
+            # over UDP, the controller still holds the crashed player's connection
+            target = replace(target, connect_option="@IfNotMember")
         return structs.replace(
             self._plan,
             target=target,
@@ -227,7 +232,7 @@ class PlayerProcess:
         )
 
     def _with_crash(self, ended: PlayEnded) -> PlayEnded:
-        """Add to the last message that the player crashed, if it did."""
+        """If the player crashed, add this fact to the last message."""
         if not self._crash:
             return ended
         reason = Message("play.cleaned-up", crash=self._crash)

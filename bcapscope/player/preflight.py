@@ -1,4 +1,4 @@
-"""Pre-flight check: everything that can be checked in a trajectory before anything moves."""
+"""Pre-flight check: all checks of a trajectory that are possible before the robot moves."""
 
 from __future__ import annotations
 
@@ -44,7 +44,8 @@ class PreflightResult:
 
     Attributes:
         problems: Problems found, most serious first.
-        axis_figures: Figures of each axis at the file's own times; () for uneven times or infinite numbers.
+        axis_figures: Figures of each axis at the file's own times; () if the times are uneven or a number is
+            not finite.
         first_point_offsets: Distance from the robot to the first point for each axis; None if unknown.
     """
 
@@ -87,11 +88,11 @@ def run_preflight(
     mode: SlaveMode | None = None,
     loop: bool = False,
 ) -> PreflightResult:
-    """Check a trajectory without moving the robot; the arguments are the fields of `PreflightContext`."""
+    """Check a trajectory without moving the robot. `PreflightContext` describes the arguments."""
     case = PreflightContext(trajectory, period, limits, current_pose, mode, loop)
     findings = list(checks.check_finite(case))
     sound = not findings
-    with np.errstate(all="ignore"):  # absurd times cause absurd intervals, which the checks report
+    with np.errstate(all="ignore"):  # numpy must not warn about absurd times, because the checks report them
         for each in (*_FORM_CHECKS, *(_NUMBER_CHECKS if sound else ())):
             findings += each(case)
         figures = motion_checks.axis_figures(case) if sound else ()

@@ -1,9 +1,9 @@
-"""Keeping the processor: real-time priority, locked memory, no garbage collection.
+"""Keep the processor for the player: real-time priority, locked memory, no garbage collection.
 
-A program with SCHED_FIFO runs before all programs without real-time priority, so that no such program can
-delay a set point (sched(7)). Locked memory is never swapped to disk (mlockall(2)). Without real-time
-priority, the player asks for short time slices. It then gets the processor sooner, but no larger share of its
-time (sched-eevdf, Linux 6.12).
+A program with SCHED_FIFO runs before all programs without real-time priority (sched(7)). An ordinary program
+therefore cannot delay a set point. Locked memory is never swapped to disk (mlockall(2)). Without real-time
+priority, the player asks for short time slices. A program with short time slices gets the processor sooner,
+but for no more time in total (sched-eevdf, Linux 6.12).
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Enumeration
 
 FIFO_PRIORITY = 40
-"""Real-time priority: above ordinary programs, below interrupts (50), which deliver the replies."""
+"""Real-time priority of the player: above ordinary programs, but below the interrupts (50) that deliver
+replies."""
 
 _THROTTLE_FILES = Path("/proc/sys/kernel/sched_rt_runtime_us"), Path("/proc/sys/kernel/sched_rt_period_us")
 _NEEDED_SHARE = 0.5
@@ -35,14 +36,16 @@ _TIME_SLICE = 100_000
 """Requested time slice in ns; the shortest that Linux offers."""
 
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
-"""Number of the system call sched_setattr by machine; older C libraries have no function for it."""
+"""Number of the system call sched_setattr on each processor. Older C libraries have no function for
+sched_setattr."""
 
 _SCHED_ATTR = struct.Struct("=IIQiIQQQ")
-"""Size, policy, flags, niceness, priority, runtime, deadline, period (sched_setattr(2))."""
+"""Layout of the kernel's struct sched_attr: size, policy, flags, niceness, priority, runtime, deadline,
+period."""
 
 
 class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
-    """What the system grants: real-time priority, and locked memory that is never swapped to disk.
+    """Whether the system granted real-time priority, and locked memory that is never swapped to disk.
 
     `text` states both facts in a sentence, with advice if the system refused one.
     """
@@ -54,11 +57,11 @@ class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
 
 @contextmanager
 def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) -> Iterator[RealtimeReport]:
-    """Take all priority that the system grants, for the length of a block.
+    """Take the highest priority that the system grants while a `with` block runs.
 
-    Real-time priority and locked memory can disturb other programs, so the function takes them only if
-    `is_wanted`. Objects that exist before the block are excluded from garbage collection: examining these
-    objects repeatedly costs milliseconds. New objects are collected only if `collect_garbage`.
+    Real-time priority and locked memory can disturb other programs, so the function asks for them only if
+    `is_wanted`. The garbage collector skips objects that exist before the block, because examining them
+    repeatedly costs milliseconds. New objects are collected only if `collect_garbage`.
     """
     gc.collect()
     gc.freeze()
@@ -94,7 +97,7 @@ def _acquire() -> RealtimeReport:
 
 
 def _set_fifo_priority() -> Message | None:
-    """Take real-time priority; return the reason if the system refuses, else None."""
+    """Take real-time priority. Return None on success, or why the system refused."""
     if sys.platform != "linux":
         return Message("play.realtime.linux-only")
     try:
@@ -111,7 +114,8 @@ def _set_fifo_priority() -> Message | None:
 
 
 def _set_time_slice(length: int) -> None:
-    """Ask Linux for a time slice of `length` ns, or for the default if 0; do nothing on other systems."""
+    """Ask Linux for a time slice of `length` ns, or for the default if `length` is 0; ignore other
+    systems."""
     number = _SCHED_SETATTR.get(platform.machine()) if sys.maxsize > 1 << 32 else None
     if sys.platform == "linux" and number and os.sched_getscheduler(0) == os.SCHED_OTHER:
         nice = os.getpriority(os.PRIO_PROCESS, 0)

@@ -1,8 +1,9 @@
-"""New times for the same path: another period or speed, rest at both ends, or a stop at any point.
+"""Give the points of a path new times: another period or speed, rest at begin and end, or a stop at any
+point.
 
 The path is the `SmoothCurve` through the set points. Only the rate of motion along the path changes. The rate
 grows from 0 and falls to 0 by the polynomial 10u³ - 15u⁴ + 6u⁵, whose first and second derivatives are 0 at
-both ends. Position, speed and acceleration are therefore continuous, and both ends are at rest.
+both ends. Position, speed and acceleration are therefore continuous, and the path begins and ends at rest.
 """
 
 from __future__ import annotations
@@ -21,12 +22,12 @@ from bcapscope.player.smooth_curve import Array, SmoothCurve
 from bcapscope.player.trajectory import MAX_POINTS, Trajectory, TrajectoryError, find_gaps
 
 DEFAULT_RAMP = 0.25
-"""Default duration of a start or a stop, seconds."""
+"""Seconds that a start or a stop takes by default."""
 
 _SHORTEST_STOP, _LONGEST_STOP = 0.1, 2.0  # seconds
-_STOP_GROWTH = 1.5  # ratio of one candidate's duration to the previous one's
-_DEFAULT_STOP = 0.5  # minimum seconds of a stop if no acceleration limit is known
-_ROUNDING = 1e-9  # rounding may add this share of a cycle to a number of cycles
+_STOP_GROWTH = 1.5  # duration of each stop that is tried, relative to that of the previous one
+_DEFAULT_STOP = 0.5  # shortest stop, in seconds, if no acceleration limit is known
+_ROUNDING = 1e-9  # a computed number of cycles can be this share of a cycle too large, through rounding
 
 
 def resample(
@@ -34,11 +35,12 @@ def resample(
 ) -> Trajectory:
     """Return a finite trajectory with other times, and the same first and last point.
 
-    A trajectory without a period needs increasing times. Without either, `period` becomes its period.
+    A trajectory without a period needs times, which must increase. If a trajectory has neither a period nor
+    times, `period` becomes its period.
 
     Args:
         period: Seconds between the set points of the result.
-        speed: Share of the original speed, above 0, that the rate never exceeds.
+        speed: Maximum speed of the result, as a share of the original speed; above 0.
         ramp: Duration of the start and of the stop in seconds; 0 if the trajectory begins and ends at rest.
 
     Raises TrajectoryError if a number is not finite, times do not increase, or there would be too many set
@@ -87,9 +89,10 @@ def stop_after(
     """Return the set points, one row each, that bring the robot to rest on its path after set point `row`.
 
     The stop takes 0.1 s to 2 s; the function tries longer and longer stops until one keeps within the limits.
-    If the trajectory itself exceeds a limit, the stop may exceed this limit as much. If an acceleration limit
-    is unknown, the stop takes at least 0.5 s. If the trajectory ends sooner than a stop takes, the result is
-    its remaining points. `period` is in seconds; in a `loop`, the first point follows the last.
+    If the trajectory itself exceeds a limit, the stop may exceed this limit by the same factor. If an
+    acceleration limit is unknown, the stop takes at least 0.5 s. If the trajectory ends sooner than a stop
+    takes, the result is the remaining points of the trajectory. `period` is in seconds; in a `loop`, the
+    first point follows the last.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
     longest = min(ceil(_LONGEST_STOP / period), 2 * ahead)
@@ -142,6 +145,6 @@ def _knots(trajectory: Trajectory, period: float) -> Array:
 
 
 def _ramp_integral(part: Array) -> Array:
-    """Return the integral of the rate from rest to full rate: 0 at 0, 0.5 at 1."""
+    """Return how far the path advances during a share `part` of a start: 0 at 0, 0.5 at 1."""
     gained: Array = part**4 * (2.5 - part * (3.0 - part))
     return gained

@@ -1,8 +1,9 @@
-"""The calls before and after a play: identify the controller, RobSlave, arm, motor, first position, errors.
+"""The calls before and after a play: identify the controller, run RobSlave, take the arm, switch the motor,
+move to the first point, read errors.
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); ShoheiKobata/orin_bcap_python_samples and
-DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later). Every method waits with `pause`, which raises an
-exception on an order to stop.
+DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later). Every method that waits uses `pause`, which
+raises an exception if the user orders a stop.
 """
 
 from __future__ import annotations
@@ -30,10 +31,11 @@ from bcapscope.protocol.tables.hresult import E_ROBOTISBUSY, describe_hresult, h
 
 _MS = 1_000_000
 _POLL = 50 * _MS
-_ROBSLAVE_START_DELAY = 1000 * _MS  # as long as the samples for RC7 wait after Task_Start
+_ROBSLAVE_START_DELAY = 1000 * _MS  # DENSO's samples for RC7 wait this long after Task_Start
 _ARRIVAL_TIMEOUT = 1000 * _MS  # a robot that stands still for this long has stopped
 _RUNNING = 3  # state of a task
-_ON_RETRIES, _OFF_RETRIES = 119, 29  # two minutes to switch the motor on; less to switch it off
+# retries of the call that switches the motor: on takes up to two minutes, off takes less
+_ON_RETRIES, _OFF_RETRIES = 119, 29
 _MACHINE_LOCK = (0x81501005, 0x81201705, 0x81201748)
 _E_SWITCHING_OFF = 0x8350106E
 _SWITCH_OFF_TIMEOUT = 5000 * _MS
@@ -43,7 +45,7 @@ _POSES = {
     PoseType.J: ("@CURRENT_ANGLE", "CurJnt"),
     PoseType.T: ("@CURRENT_TRANS", "CurTrn"),
 }
-"""Variable of the robot that holds its pose, and command with the same result, by pose type."""
+"""For each pose type, the robot's variable that holds its pose, and the command with the same result."""
 
 _FACTS = (
     (TYPE_NAME_FACT, ObjectClass.ROBOT, "@TYPE_NAME"),
@@ -55,7 +57,8 @@ _FACTS = (
 class RobotAdapter:
     """A controller with its robot. Every method raises the exceptions of `Session.call`.
 
-    RC7 is recognised by joints as VT_R4, as DENSO's slides show. `facts` are the controller's own reports.
+    A controller that reports joints as VT_R4 is an RC7, as DENSO's slides show. `facts` holds what the
+    controller reports about itself and the robot.
     """
 
     robot: Robot
@@ -74,7 +77,7 @@ class RobotAdapter:
         return VT.R4 if self.generation is Generation.RC7 else VT.R8
 
     async def connect(self) -> None:
-        """Connect and open the robot, without any other call."""
+        """Connect and open the robot; send no other calls."""
         self.robot = await self._opener.open_remote(Robot)
 
     async def identify(self) -> None:
@@ -96,7 +99,8 @@ class RobotAdapter:
         return tuple(row[: len(AXES[kind])])
 
     async def read_slave_mode(self) -> int:
-        """Return the number of the current slave mode; 0 if slave mode is off or the controller refuses."""
+        """Return the number of the current slave mode; 0 if slave mode is off or the controller refuses the
+        call."""
         try:
             return await self.robot.slv_get_mode()
         except (ControllerError, RemoteProtocolError):
@@ -127,7 +131,7 @@ class RobotAdapter:
         self._pause(_ROBSLAVE_START_DELAY)
 
     async def take_arm(self) -> None:
-        """Take the arm, and keep the current tool and work."""
+        """Take the arm, and keep the current tool and work coordinates."""
         await self.robot.execute("TakeArm", [0, 1])
 
     async def is_motor_on(self) -> bool:
@@ -136,7 +140,8 @@ class RobotAdapter:
         return state is not None and bool(state.value)
 
     async def motor_on(self) -> None:
-        """Switch the motor on; if the motor is just switching off, wait until it is off."""
+        """Switch the motor on. If the motor is just switching off, wait until it is off, then switch it
+        on."""
         for _ in range(_SWITCH_OFF_TIMEOUT // _POLL):
             try:
                 return await self._switch_motor(True, _ON_RETRIES)
@@ -149,8 +154,9 @@ class RobotAdapter:
     async def _switch_motor(self, on: bool, retries: int) -> None:
         """Switch the motor on or off, with at least `retries` retries.
 
-        A controller with the machine lock on refuses. The method ignores this refusal, because then there is
-        no motor to switch. DENSO's slides recommend the machine lock for experiments.
+        A controller whose machine lock is on refuses to switch the motor. The method ignores the refusal,
+        because a locked machine has no motor to switch. DENSO's slides recommend the machine lock for
+        experiments.
         """
         parameter = Variant(VT.I2, int(on))
         if self.generation is not Generation.RC7:
@@ -168,11 +174,13 @@ class RobotAdapter:
             session.retry_policies = usual
 
     async def approach(self, kind: PoseType, goal: SetPointValues, percent: float) -> None:
-        """Move to a pose by an ordinary motion that ends with @E, as slave mode requires.
+        """Move to a pose by an ordinary motion. The motion ends with the pass motion @E, as slave mode
+        requires.
 
-        The controller answers the call at once (NEXT), so that the player can halt the robot on its way. If
-        the robot stands still elsewhere, raise the controller's error, or else RemoteProtocolError. If the
-        robot reaches the position and the controller still reports another Fig, the wait ends soon.
+        With NEXT, the controller answers the call at once, so that the player can halt the robot on its way.
+        If the robot stops before the goal, raise the controller's error or, if there is no error,
+        RemoteProtocolError. If the robot is at the goal but the controller reports another Fig, the method
+        returns after a second.
         """
         pose = f"@E {kind}({', '.join(map(_decimal, goal))})"
         while True:
@@ -242,7 +250,7 @@ class RobotAdapter:
         return required_variant(reply, command)
 
     async def _read_optional(self, object_class: ObjectClass, name: str) -> Variant | None:
-        """Read a variable that not every controller has; return None if the controller refuses."""
+        """Read a variable that only some controllers have; return None if the controller refuses."""
         try:
             return await self._opener.read_variable(object_class, name)
         except ControllerError:
@@ -250,9 +258,10 @@ class RobotAdapter:
 
 
 def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -> float:
-    """Return the largest difference of any axis in degrees or mm, without Fig.
+    """Return the difference of the axis that differs most, in degrees or mm, without Fig.
 
-    Direction cosines count as angles. Only axes of both poses count, because RC7 may report six joints.
+    Direction cosines count as angles. Only axes that both poses have count, because RC7 may report six
+    joints.
     """
     width = min(len(here), len(there))
     before, after = unwrap_rotations(kind, np.vstack((here[:width], there[:width])))
@@ -261,5 +270,5 @@ def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -
 
 
 def _decimal(value: float) -> str:
-    """Return a number as text without exponent, because no source shows a pose with exponents."""
+    """Write a number without an exponent, because no source shows a pose that contains exponents."""
     return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")

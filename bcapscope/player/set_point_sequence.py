@@ -1,7 +1,8 @@
-"""The sequence of set points to send: those of the trajectory, and additional ones at its start, end or stop.
+"""The sequence of set points to send: those of the trajectory, and additional ones at its start, its end or a
+stop.
 
-The first point is sent a few times before anything moves, so that the controller's buffer is full when the
-motion starts. Otherwise buffers run empty at the first points of a motion (issues 20 and 49 of
+The player sends the first point a few times before the robot moves, so that the controller's buffer is full
+when the motion starts. An unfilled buffer runs empty at the first points of a motion (issues 20 and 49 of
 DENSORobot/denso_robot_ros). nkawa/Denso_CobottaPro900_MQTT_Control sends the first point four times. The
 player sends the last point as often as the first, so that the robot stands still when slave mode ends.
 """
@@ -21,7 +22,8 @@ class SetPointSequence:
     """Iterates over the set points.
 
     Attributes:
-        index: Number of set points returned so far, of the trajectory in all rounds and of a stop.
+        index: Number of set points returned so far: those of the trajectory in all rounds, and those of a
+            stop.
         total: Total number of set points in all rounds; 0 if the sequence has no end.
         is_stopping: Whether the robot is coming to rest, or has come to rest.
     """
@@ -29,10 +31,11 @@ class SetPointSequence:
     def __init__(
         self, trajectory: Trajectory, period: float, limits: ArmLimits, rounds: int, hold_count: int
     ) -> None:
-        """Begin at the first point of a trajectory that has all numbers of slvMove and rests at both ends.
+        """Begin at the first point. The trajectory must have all numbers of slvMove, and begin and end at
+        rest.
 
-        `period` is in seconds, `rounds` 0 means no end, and a stop keeps within `limits`. The first and the
-        last point are sent `hold_count` additional times.
+        `period` is in seconds. With 0 `rounds`, the sequence has no end. A stop does not exceed `limits`. The
+        first and the last point are sent `hold_count` additional times.
         """
         self.index = 0
         self.is_stopping = False
@@ -50,7 +53,8 @@ class SetPointSequence:
         return next(self._remaining)
 
     def stop(self) -> None:
-        """Replace the remaining set points by a stop; further calls change nothing."""
+        """Replace the remaining set points by points that bring the robot to rest; further calls change
+        nothing."""
         if not self.is_stopping:
             self.is_stopping = True
             self._remaining = self._stopping_points()

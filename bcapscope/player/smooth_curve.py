@@ -1,12 +1,12 @@
-"""A smooth curve through set points, for set points in between and for stops on the path.
+"""A smooth curve through set points, to compute set points between them and stops on the path.
 
-Between two points, each axis follows the polynomial of fifth degree with the position, speed and acceleration
-of both points at its ends (quintic Hermite interpolation). Speed and acceleration at a point are those of the
-parabola through the point and its two neighbours. At both ends of the curve, speed and acceleration are those
-of the straight line to the neighbour. The curve therefore goes through every point, and position, speed and
-acceleration are continuous (C2). A bad point disturbs at most two pieces of the curve on either side. For
-points at equal times, the speed is nowhere above 1.75 times the speed of the fastest straight line between
-two points.
+Between two points, each axis follows a polynomial of fifth degree (quintic Hermite interpolation). At both
+points, the polynomial has the position, speed and acceleration of the point. Speed and acceleration at a
+point are those of the parabola through the point and its two neighbours. At the first and the last point,
+which have one neighbour, speed and acceleration are those of the straight line to the neighbour. The curve
+therefore goes through every point, and position, speed and acceleration are continuous (C2). A wrong point
+changes at most the two pieces of the curve before it and the two after it. For points at equal intervals, the
+speed never exceeds 1.75 times the speed of the fastest straight line between two points.
 """
 
 from __future__ import annotations
@@ -21,20 +21,22 @@ from bcapscope.protocol.slave_mode.modes import PoseType
 Array = NDArray[np.float64]
 
 ROTATION_COLUMNS = slice(3, 6)
-"""Columns of P type with rotations in degrees, where 180 and -180 are the same."""
+"""Columns of P type that hold rotations in degrees; 180 and -180 are the same rotation."""
 
 FIG_COLUMN = {PoseType.P: 6, PoseType.T: 9}
-"""Column of Fig, the number of a posture, by pose type; values between two postures mean nothing."""
+"""For each pose type, the column of Fig. Fig is the number of a posture, so values between two numbers mean
+nothing."""
 
 DIRECTION_COLUMNS = ORIENTATION, APPROACH = slice(3, 6), slice(6, 9)
-"""Columns of T type, two unit vectors at a right angle."""
+"""Columns of T type that hold its two unit vectors, which are at a right angle."""
 
 
 class SmoothCurve:
-    """The curve through a number of points; its parameter begins at 0."""
+    """The curve through a number of points. The parameter of the curve begins at 0."""
 
     def __init__(self, kind: PoseType, knots: Array, points: Array) -> None:
-        """Compute the curve through points, one row each; their parameters `knots` increase from 0."""
+        """Compute the curve through `points`, one row each. `knots` are the parameters of the points and
+        increase from 0."""
         self._kind = kind
         self._knots = knots
         self._points = points
@@ -42,7 +44,7 @@ class SmoothCurve:
         self._speeds, self._accelerations = _derivatives(knots, self._rows)
 
     def sample(self, parameters: Array) -> Array:
-        """Return one pose per parameter; a parameter outside the curve is clipped."""
+        """Return one pose per parameter; a parameter outside the curve gives its first or last pose."""
         where = np.clip(parameters, self._knots[0], self._knots[-1])
         left = np.clip(np.searchsorted(self._knots, where, side="right") - 1, 0, len(self._knots) - 2)
         width = self._knots[left + 1] - self._knots[left]
@@ -52,7 +54,7 @@ class SmoothCurve:
     def _interpolate(self, left: NDArray[np.intp], part: Array, width: Array) -> Array:
         u, h = part[:, None], width[:, None]
         u3, rest = u**3, 1 - u
-        # Bernstein form of the contributions of position, speed and acceleration at both ends.
+        # the parts of the curve from position, speed and acceleration at its start and end (Bernstein form)
         start = rest**3 * (
             self._rows[left] * (1 + 3 * u + 6 * u**2)
             + self._speeds[left] * h * u * (1 + 3 * u)
@@ -66,7 +68,8 @@ class SmoothCurve:
         return start + end
 
     def _to_poses(self, rows: Array, nearest: NDArray[np.intp]) -> Array:
-        """Turn rows into poses: rotations within half a turn, unit vectors, Fig of the previous point."""
+        """Make rows valid poses: limit rotations to half a turn, normalise vectors, take Fig from the
+        previous point."""
         fig = FIG_COLUMN.get(self._kind, rows.shape[1])
         if fig < rows.shape[1]:
             rows[:, fig] = self._points[nearest, fig]
@@ -84,7 +87,7 @@ class SmoothCurve:
 
 
 def unwrap_rotations(kind: PoseType, points: Array) -> Array:
-    """Return points whose rotations continue beyond half a turn instead of jumping by a full turn."""
+    """Return the points with rotations that continue beyond 180° instead of jumping by 360°."""
     if kind is not PoseType.P:
         return points
     return np.hstack(
@@ -93,7 +96,7 @@ def unwrap_rotations(kind: PoseType, points: Array) -> Array:
 
 
 def direction_turns(kind: PoseType, rows: Array) -> Array:
-    """Return the angle in degrees by which the directions of T type turn at each step; 0 for other types."""
+    """Return for each step the angle in degrees by which the vectors of T type turn; 0 for other types."""
     turned = np.zeros(len(rows) - 1)
     for columns in DIRECTION_COLUMNS if kind is PoseType.T else ():
         way = np.linalg.norm(np.diff(rows[:, columns], axis=0), axis=1)
@@ -104,7 +107,7 @@ def direction_turns(kind: PoseType, rows: Array) -> Array:
 def matches_posture(kind: PoseType, here: Sequence[float], there: Sequence[float]) -> bool:
     """Return whether two poses have the same Fig; True if either pose lacks Fig.
 
-    A Fig below 0 leaves the choice to the controller (nkawa/Denso_CobottaPro900_MQTT_Control, -2 and -3).
+    A Fig below 0 lets the controller choose the posture (nkawa/Denso_CobottaPro900_MQTT_Control, -2 and -3).
     """
     column = FIG_COLUMN.get(kind)
     if column is None or min(len(here), len(there)) <= column:

@@ -1,4 +1,4 @@
-"""Trajectories: set points in the order of slvMove, their source, and their timing: interval and gaps."""
+"""Trajectories: the set points with axes in slvMove's order, the source, the interval and the gaps."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAX_POINTS = 5_000_000
 
 
 class TrajectoryError(InputError):
-    """A file holds no valid trajectory; line and column of the fault count from 1, or are None if unknown."""
+    """A file holds no valid trajectory. Line and column of the error count from 1; None if unknown."""
 
     def __init__(self, reason: Message, line: int | None = None, column: int | None = None) -> None:
         if line is not None and column is not None:
@@ -38,7 +38,8 @@ class TrajectoryError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Column or element of a file that holds the numbers of one axis, or the times; without name or unit, "".
+    """Column or element of a file that holds the numbers of one axis, or the times. A missing name or unit is
+    "".
 
     Attributes:
         axis: Name of the axis, such as `J1`, or `time`.
@@ -56,13 +57,14 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class TrajectorySource:
-    """Where a trajectory comes from and how it was read; without a file, `file_format` is None.
+    """Where a trajectory comes from, and how it was read. `file_format` is None if the trajectory does not
+    come from a file.
 
     Attributes:
         file_format: Kind of the file, or the encoding of its text.
-        part: Name of the trajectory among several in the file; None if the file has only one.
-        columns: Columns in the order of `Trajectory.axes`, then those of times and counter, if any.
-        notes: Assumptions, omissions and conversions, one clause each.
+        part: Name of the trajectory if the file has several; None if the file has only one.
+        columns: Columns in the order of `Trajectory.axes`, then the columns of times and counter, if any.
+        notes: What the reader assumed, left out and converted, one clause each.
     """
 
     path: str
@@ -74,13 +76,14 @@ class TrajectorySource:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Set points of one pose type; an array whose shape does not fit raises ValueError.
+    """Set points of one pose type. An array with a wrong number of rows or columns raises ValueError.
 
     Attributes:
         points: Read-only array, one row per set point, one column per axis in the order of slvMove: 1 to 8
             joints, 6 or 7 numbers of P type, 9 or 10 of T type. Units are mm and degrees.
         period: Seconds between two set points according to the file; None if the file does not say.
-        times: Read-only array: seconds from the first set point to each one; None if the file has no times.
+        times: Read-only array: seconds from the first set point to each set point; None if the file has no
+            times.
     """
 
     kind: PoseType
@@ -113,9 +116,10 @@ class Trajectory:
         return tuple(self.points[row].tolist())
 
     def completed(self, current_pose: Sequence[float]) -> Trajectory:
-        """Fill in the axes that the file lacks with the robot's current pose, so that these axes do not move.
+        """Fill the axes that the file lacks from the robot's current pose, so that these axes do not move.
 
-        The result has 7 columns for P type, 8 for J type, 10 for T type. Axes that the pose lacks get 0.
+        The result has 7 columns for P type, 8 for J type, 10 for T type. Axes that the current pose lacks too
+        get 0.
         """
         have, width = self.points.shape[1], len(AXES[self.kind])
         missing = np.zeros(width - have)
@@ -132,19 +136,20 @@ CYCLES = (PERIOD_MS / 1000, 0.001)
 """Cycle times of set points, seconds (DENSO Wave 2009, How to use the Slave mode)."""
 
 EVEN_TOLERANCE = 0.01
-"""Maximum difference between intervals that are treated as even, as a share of the interval."""
+"""Intervals count as even if none differs from the usual interval by more than this share of it."""
 
 MAX_PARTS = 64
-"""Maximum number of trajectories into which records with gaps are split."""
+"""Records with gaps are split into at most this number of trajectories."""
 
 GAP_FACTOR = 1.5
-"""Number of usual intervals above which a step is a gap."""
+"""An interval is a gap if it is longer than this multiple of the usual interval."""
 
 _CYCLE_TOLERANCE = 0.05
 
 
 class SetPointTiming(NamedTuple):
-    """Timing of set points in seconds; `period` is None if uneven, `times` is None if meaningless."""
+    """Timing of set points in seconds. `period` is None if the intervals are uneven. `times` is None if there
+    are no useful times."""
 
     period: float | None
     times: Array | None
@@ -152,7 +157,7 @@ class SetPointTiming(NamedTuple):
 
 
 def timing_from_due_times(times: Array) -> SetPointTiming:
-    """Return the timing that results from the times, in seconds, at which set points are due."""
+    """Compute the timing from the times, in seconds, at which set points are due."""
     shifted = times - times[0]
     steps = np.diff(shifted)
     if not len(steps) or not np.isfinite(steps).all():
@@ -163,10 +168,10 @@ def timing_from_due_times(times: Array) -> SetPointTiming:
 
 
 def timing_from_send_times(times: Array) -> SetPointTiming:
-    """Return the timing that results from the times, in seconds, at which set points were sent.
+    """Compute the timing from the times, in seconds, at which set points were sent.
 
-    If the usual interval is close to a cycle time, each set point counts as one cycle. A controller takes one
-    set point per cycle, whatever its exact arrival time.
+    If the usual interval is close to a cycle time, each set point counts as one cycle. This is correct
+    because a controller takes one set point per cycle, whenever in the cycle it arrives.
     """
     steps = np.diff(times)
     if not len(steps):
@@ -183,16 +188,17 @@ def timing_from_send_times(times: Array) -> SetPointTiming:
 
 
 def find_gaps(times: Array) -> NDArray[np.bool_]:
-    """Return, for each step between two times, whether it is a gap where set points may be missing."""
+    """Return, for each interval between two times, whether set points may be missing in it."""
     steps = np.diff(times)
     return np.asarray(steps > GAP_FACTOR * np.median(steps))
 
 
 def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
-    """Use a counter to find the runs of records without gaps; also return its growth per record.
+    """Use a counter to find the runs of records without gaps. The second returned value is the growth of the
+    counter per record.
 
-    A run is a pair: the index of its first record, and the index after its last record. If the counter does
-    not grow evenly enough, return one run of all records, and None.
+    A run is a pair: the index of its first record, and the index after its last record. If the counter grows
+    too unevenly, return all records as one run, and None as the growth.
     """
     whole = ((0, len(counter)),)
     steps = np.diff(counter)

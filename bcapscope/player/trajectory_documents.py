@@ -35,14 +35,14 @@ EXTRACT_FORMAT = "bcapscope trajectory 1"
 """Format name that `extract` writes."""
 
 MAX_VALUES = 1_500_000
-"""Maximum number of values in a JSON or YAML file: 28 minutes of six joints and a time at 8 ms. A value takes
-up to 72 bytes of memory, so all values together take 110 MB."""
+"""Maximum number of values in a JSON or YAML file: enough for 28 minutes of six joints and a time every 8 ms.
+A value takes up to 72 bytes of memory, so all values together take 110 MB."""
 
 TOO_MANY_VALUES = Message("trajectory.too-many-values", limit=MAX_VALUES)
 
 _DEEPEST, _MAX_TRAJECTORIES, _SHOWN = 8, 256, 40
 _DEGREES_PER_RADIAN = degrees(1.0)
-_NONE = (None, "", "~", "null")  # the YAML reader leaves scalars as text
+_NONE = (None, "", "~", "null")  # the YAML reader returns a missing value as one of these texts
 _LAST_NUMBER = re.compile(r"(\d+)\D*$")
 _AXIS_NUMBERS = range(1, len(AXES[PoseType.J]) + 1)
 
@@ -52,7 +52,8 @@ def read_documents(
 ) -> tuple[Trajectory, ...]:
     """Read trajectories from the documents of a parsed file, or raise TrajectoryError if there are none.
 
-    A JSON file is one document. For ROS messages, options apply only to facts that the messages leave open.
+    A JSON file is one document. For ROS messages, an option applies only where the message does not state the
+    fact.
     """
     only = documents[0] if len(documents) == 1 else None
     if isinstance(only, dict) and only.get("format") == EXTRACT_FORMAT:
@@ -110,7 +111,8 @@ def _select_values(row: object, places: Sequence[int], width: int, number: int) 
 
 
 def _find_ros_messages(node: object, deep: int, seen: set[int]) -> Iterator[dict[str, Any]]:
-    """Yield each object that looks like a JointTrajectory; search nodes that YAML repeats only once."""
+    """Yield each object that looks like a JointTrajectory. Search each node of a YAML document only once,
+    even if aliases repeat it."""
     if id(node) in seen:
         return
     seen.add(id(node))
@@ -163,7 +165,8 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
 
 
 def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[Message, ...]]:
-    """Return the position of J1, J2 and so on in the message, by number or in listed order; and notes."""
+    """Return the positions of J1, J2 and so on in the message, and notes. The joints are ordered by the
+    numbers in their names if possible, or else as the message lists them."""
     numbers = [_LAST_NUMBER.search(name) for name in names]
     by_number = {int(found[1]): place for place, found in enumerate(numbers) if found and len(found[1]) < 3}
     count = sum(found is not None for found in numbers)
@@ -197,7 +200,7 @@ def _float(value: object) -> float:
 
 
 def _number_table(rows: Sequence[Sequence[object]], names: Sequence[str]) -> Array:
-    """Convert values to numbers; NaN and infinities may be written as text."""
+    """Convert values to numbers. Accept NaN and infinities as text."""
     if len(rows) > MAX_POINTS:
         raise TrajectoryError(Message("trajectory.too-long", limit=MAX_POINTS))
     table = np.array([[_float(value) for value in row] for row in rows], dtype=np.float64)
@@ -214,8 +217,9 @@ def _number_table(rows: Sequence[Sequence[object]], names: Sequence[str]) -> Arr
 def read_yaml(data: bytes) -> Iterator[object]:
     """Yield the documents of a YAML stream as lists, dictionaries and text, or raise TrajectoryError.
 
-    Even numbers are text. PyYAML's loaders first build a node for each value. For a trajectory of 140,000
-    values, these nodes took 71 MB more memory, and reading took four times as long (PyYAML 6, libyaml).
+    The values in the documents stay text, even numbers. PyYAML's own loaders would first build a node for
+    each value. For a trajectory of 140,000 values, PyYAML's nodes took 71 MB more memory, and reading took
+    four times as long (PyYAML 6, libyaml).
     """
     events = yaml_events(data)
     try:
@@ -227,9 +231,10 @@ def read_yaml(data: bytes) -> Iterator[object]:
 
 
 def _build_document(events: Iterator[yaml.Event]) -> object:
-    """Build a document from the parser events up to its end, without recursion."""
+    """Build a document from the parser's events, up to the end of the document, without recursion."""
     roots: list[object] = []
-    open_nodes: list[tuple[Any, list[str]]] = [(roots, [])]  # each with the key of its next value, if known
+    # lists and dictionaries that have not ended yet, each with the key of its next value, if known
+    open_nodes: list[tuple[Any, list[str]]] = [(roots, [])]
     anchors: dict[str, object] = {}
     values = 0
     for event in events:

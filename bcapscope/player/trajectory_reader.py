@@ -1,10 +1,11 @@
-"""Reading trajectories from files: detect the kind of a file and call the reader for it.
+"""Read trajectories from files: detect the kind of a file and call the reader for this kind.
 
-This is the only module of the player that opens files to read set points. The content of a file is not
-trusted: sizes are limited, and any content gives either trajectories or one `TrajectoryError`.
+This is the only module of the player that opens files to read set points. Files are not trusted: their size
+is limited, and wrong content of any kind raises `TrajectoryError`.
 
-No public source describes how a project of WINCAPS III stores a log itself. bcapscope does not guess, and
-looks for exported logs in the project. Without any, the error lists the files and says what to export.
+No public source describes how a project of WINCAPS III stores a log itself. bcapscope does not guess the
+format, and looks for exported logs in the project. If the project has no exported logs, the error lists the
+files and says what to export.
 """
 
 from __future__ import annotations
@@ -40,12 +41,13 @@ MAX_TABLE_SIZE = 1 << 30
 """Largest table that is read, in bytes: two hours of a log with 73 columns."""
 
 MAX_OBJECT_SIZE = 24 << 20
-"""Largest JSON or YAML file in bytes; it takes up to 24 times its size in memory. See `MAX_VALUES`."""
+"""Largest JSON or YAML file that is read, in bytes. A JSON or YAML file takes up to 24 times its size in
+memory. See `MAX_VALUES`."""
 
 LONGEST_LINE = 1 << 16
 
 MAX_FILES = 5000
-"""Maximum number of files in a folder that are examined."""
+"""Maximum number of files to examine in a folder."""
 
 MAX_TRAJECTORIES = 64
 """Maximum number of trajectories read from a folder; a longer list would be of no use to the user."""
@@ -76,17 +78,19 @@ _BOM_ENCODINGS = (
 def read_trajectories(
     path: str | os.PathLike[str], options: ReadOptions | None = None
 ) -> tuple[Trajectory, ...]:
-    """Read the trajectories of a file or of a WINCAPS III project: its folder or its .wpj file.
+    """Read the trajectories of a file or of a WINCAPS III project, given as its folder or its .wpj file.
 
     A file is a table (CSV, TSV, numbers separated by spaces; UTF-8, UTF-16 or Shift-JIS), output of
     `bcapscope extract`, a JointTrajectory as JSON or YAML, or a capture.
 
     Returns one trajectory per slave-mode session of a capture, per message of a ROS file, or per control log
-    of a project. A table gives one trajectory, or one per part without a gap if records are missing.
+    of a project. A table gives one trajectory. A table that lacks records gives one trajectory for each part
+    between the gaps.
     """
     options = options or ReadOptions()
     try:
-        with np.errstate(all="ignore"):  # no warning here: the pre-flight check reports absurd numbers
+        # numpy does not warn about absurd numbers here, because the pre-flight check reports them
+        with np.errstate(all="ignore"):
             if _is_project(Path(path)):
                 return _read_project(Path(path), options)
             return _read_file(Path(path), options)
@@ -145,7 +149,8 @@ def _read_whole(stream: BinaryIO, size: int) -> bytes:
 
 
 def _parse_json(data: bytes) -> list[object]:
-    if sum(map(data.count, (b",", b"[", b"{"))) > MAX_VALUES:  # one of these characters precedes each value
+    # in JSON and YAML, one of these characters precedes each value
+    if sum(map(data.count, (b",", b"[", b"{"))) > MAX_VALUES:
         raise TrajectoryError(TOO_MANY_VALUES)
     try:
         return [orjson.loads(data.removeprefix(codecs.BOM_UTF8))]
@@ -187,15 +192,15 @@ def _is_project(path: Path) -> bool:
     """Return whether a path is a folder or a project file."""
     try:
         return path.is_dir() or (path.suffix.casefold() == ".wpj" and path.is_file())
-    except ValueError:  # the path is invalid; the file reader reports that
+    except ValueError:  # the path is invalid, which the code that opens the file will report
         return False
 
 
 def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
     """Read every control log in a project, given as its folder or file.
 
-    Reading stops after the file that reaches `MAX_TRAJECTORIES`. A table without titles is not read as a log,
-    because its meaning is unknown. A capture is not read either, because WINCAPS III exports no captures.
+    The function reads no further file once it has `MAX_TRAJECTORIES` trajectories or more. The function skips
+    tables without titles, because their meaning is unknown, and captures, because WINCAPS III exports none.
 
     Raises:
         TrajectoryError: There is no control log; the message lists the files and says what to export.
@@ -221,7 +226,7 @@ def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
 
 def _files(folder: Path) -> Iterator[Path]:
     """Yield the files in a folder and its subfolders, in order, without following links."""
-    os.scandir(folder).close()  # scandir raises if the folder is unreadable; os.walk does not
+    os.scandir(folder).close()  # unlike os.walk, scandir raises an error if the folder is unreadable
     count = 0
     for place, folders, names in os.walk(folder):
         deep = len(Path(place).relative_to(folder).parts)
@@ -234,7 +239,8 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _with_file_name(trajectories: Sequence[Trajectory], name: str) -> Iterator[Trajectory]:
-    """Yield the trajectories whose columns have names, and add the file name to their source."""
+    """Add the file name to the source of each trajectory, and skip trajectories whose columns have no
+    names."""
     for trajectory in trajectories:
         source = trajectory.source
         part = Message.from_table("text", name)

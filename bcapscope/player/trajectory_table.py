@@ -38,7 +38,7 @@ from bcapscope.player.trajectory import (
 from bcapscope.protocol.slave_mode.modes import PoseType
 
 HEAD_LINES = 32
-"""Number of lines that are searched for the titles."""
+"""Number of lines, from the start of the file, in which the reader looks for the titles."""
 
 _PLAIN_CELLS = 60
 _SPACES = re.compile(r"\s+")
@@ -58,7 +58,8 @@ class TableLine(NamedTuple):
 def read_table(
     lines: Iterable[str], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read a table; `source.file_format` holds its encoding. Raise TrajectoryError if it has no set points.
+    """Read a table; `source.file_format` holds its encoding. Raise TrajectoryError if the table has no set
+    points.
 
     Returns one trajectory, or one per run of records if records are missing between the runs.
     """
@@ -96,7 +97,7 @@ def read_table(
 
 
 def _separator(head: Sequence[str]) -> str:
-    """Return the separator that half of the lines or more hold: tab, semicolon or comma; else a space."""
+    """Return tab, semicolon or comma if at least half of the lines contain it; otherwise a space."""
     lines = [line for line in head if line.strip() and not line.lstrip().startswith("#")]
     for mark in "\t;,":
         if lines and 2 * sum(mark in line for line in lines) >= len(lines):
@@ -105,7 +106,6 @@ def _separator(head: Sequence[str]) -> str:
 
 
 def _table_lines(lines: Iterable[str], separator: str) -> Iterator[TableLine]:
-    """Yield the lines that hold cells."""
     if separator == " ":
         for number, text in enumerate(lines, 1):
             plain = text.strip()
@@ -122,7 +122,8 @@ def _table_lines(lines: Iterable[str], separator: str) -> Iterator[TableLine]:
 
 
 def _find_layout(first: Sequence[TableLine], options: ReadOptions) -> tuple[ColumnLayout, int, Sequence[str]]:
-    """Return the layout, the number of lines before the numbers, and the titles, () if there are none."""
+    """Return the layout of the columns, the number of lines before the numbers, and the titles, or () without
+    titles."""
     if _is_numeric(first[0]):
         bare = [[_lenient_float(cell) for cell in line.cells if cell.strip()] for line in first]
         even = [row for row in bare if len(row) == len(bare[0])]
@@ -152,10 +153,11 @@ def _lenient_float(cell: str) -> float:
 def _read_numbers(
     lines: Iterable[TableLine], columns: Sequence[Column], width: int, decimal_comma: bool
 ) -> tuple[Array, list[bool]]:
-    """Return the numbers of some columns, NaN in empty columns; and whether each column has numbers.
+    """Return the numbers of the given columns, and whether each column has numbers. An empty column gives
+    NaN.
 
-    Raises TrajectoryError if a cell is no number, if a column is empty in only some lines, or if a line has
-    another number of cells.
+    Raises TrajectoryError if a cell is not a number, a column is empty in only some lines, or a line does not
+    have `width` cells.
     """
     numbers, filled, count = array("d"), [False] * len(columns), 0
     for count, line in enumerate(lines, 1):
@@ -180,7 +182,7 @@ def _read_numbers(
 
 
 def _parse_number(text: str, line: int, column: Column) -> float:
-    """Return a number in the unit of the axis; raise TrajectoryError if the text is no number."""
+    """Return a number in the unit of the axis; raise TrajectoryError if the text is not a number."""
     try:
         if "_" not in text:
             return float(text) * column.factor
@@ -191,7 +193,8 @@ def _parse_number(text: str, line: int, column: Column) -> float:
 
 
 def _without_empty(layout: ColumnLayout, filled: Sequence[bool]) -> tuple[Column, ...]:
-    """Return the columns before the first empty one; raise if these are no pose or a later one is filled."""
+    """Return the columns before the first empty one. Raise TrajectoryError if these columns are too few for a
+    pose, or if a column after the empty one has numbers."""
     columns, axes_filled = layout.columns, filled[: len(layout.columns)]
     width = axes_filled.index(False) if False in axes_filled else len(axes_filled)
     if any(axes_filled[width:]) or width < MIN_COLUMNS[layout.kind]:
@@ -224,7 +227,8 @@ def _split_parts(
 
 
 def _counter_timing(column: Column | None, step: float | None) -> SetPointTiming:
-    """Derive the interval from the growth of the counter; no public source says what the counter counts."""
+    """Guess the interval from the growth of the counter, because no public source says what the counter
+    counts."""
     if column is None or column.axis != COUNTER or step is None:
         return SetPointTiming(None, None)
     if step <= 1:

@@ -1,7 +1,7 @@
 """The b-CAP protocol: frames, VARIANTs, functions, commands and result codes.
 
-Standard library only, no I/O and no clock. Other programs can import these names directly from
-`bcapscope.protocol`:
+The package uses only the standard library, and neither I/O nor a clock. Other programs can import these names
+directly from `bcapscope.protocol`:
 
 * `Frame`, `Malformed`, `parse_datagram`, `parse_single_frame`, `encode_frame`: read and write single frames
   and datagrams.
@@ -10,8 +10,8 @@ Standard library only, no I/O and no clock. Other programs can import these name
 * `FUNCTIONS`, `Function`, `function_name`, `function_by_name`, `call_name`: the functions that requests call.
 * `is_failure`, `is_success`, `hresult_name`, `describe_hresult`, `HresultInfo`: the meanings of result codes.
 
-The submodules hold the rest. Each name is loaded on first use, so that an import of one submodule does not
-load the other submodules.
+All other names are in the submodules. Each name is loaded on first use, so that an import of one submodule
+does not load the other submodules.
 """
 
 from __future__ import annotations
@@ -75,14 +75,15 @@ _NAMES_BY_MODULE = {
 _MODULE_BY_NAME = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
 
 
-if not TYPE_CHECKING:  # A type checker that sees `__getattr__` accepts any name of the module.
+# Hide `__getattr__` from type checkers, because they would accept any name of the module.
+if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> object:
         """Import the submodule that defines a name of `__all__`, and return the named object."""
         module = _MODULE_BY_NAME.get(name)
         if module is None:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        from importlib import import_module  # noqa: PLC0415 - most imports of a submodule do not need it
+        from importlib import import_module  # noqa: PLC0415 - seldom needed
 
         value = getattr(import_module(f"{__name__}.{module}"), name)
         globals()[name] = value

@@ -1,6 +1,6 @@
 """The calls that close a session.
 
-A client makes these calls when it ends. The proxy makes them for a client that is lost.
+A client calls these functions when it ends. The proxy calls them for a client that crashed or is gone.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, Ob
 RELEASES: Mapping[ObjectClass, Function] = {
     function.releases: function for function in FUNCTIONS.values() if function.releases is not None
 }
-"""The function that releases an object, by the object's class; Service_Stop for the service."""
+"""For each class of objects, the function that releases such an object. The service counts as an object that
+Service_Stop releases."""
 
 ClosingCall = tuple[int, tuple[Variant, ...]]
 

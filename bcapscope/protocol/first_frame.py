@@ -7,7 +7,7 @@ from bcapscope.protocol.codec.frame_content import has_compressed_header
 from bcapscope.protocol.guard import always_passes
 
 LONGEST_FIRST_FRAME = 4096
-"""Number of bytes after which a first frame is treated as complete. Calls that open a session are much
+"""If this number of bytes has arrived, the first frame counts as complete. Calls that open a session are much
 shorter."""
 
 _LONGEST_STOP = 1024
@@ -27,7 +27,7 @@ def is_first_frame_incomplete(data: bytes | bytearray) -> bool:
 
 
 def first_frame_stops(data: bytes) -> bool:
-    """Return whether a datagram or stream begins with a request that stops something or releases a handle."""
+    """Return whether the first request in a datagram or stream stops something or releases a handle."""
     if len(data) < SMALLEST_FRAME or data[0] != SOH:
         return False
     length = _length(data)

@@ -1,7 +1,7 @@
-"""Decide from a request's function and arguments how the request affects the robot, and what stops the robot.
+"""Decide from a request's function and arguments how the request affects the robot, and whether it is a stop.
 
 All clients of bcapscope and the proxy's guard use these functions. The functions assume that a request moves
-the robot if its function id or command is unknown, or if arguments are missing or mistyped.
+the robot if its function id or command is unknown, or if an argument is missing or has a wrong type.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ _SWITCH_COMMANDS = frozenset(("motor", "slvchangemode"))
 """Commands that switch the motor or slave mode off if their parameter is 0."""
 
 _ARGUMENTS_WITH_PARAMETER = 3
-"""Number of arguments of an ..._Execute function: handle, command, parameter."""
+"""Number of arguments of a function such as Robot_Execute: handle, command, parameter."""
 
 
 def request_effect(function_id: int, arguments: Sequence[Variant], variable: str = "") -> CallEffect:
     """Return the strongest effect that a request can have.
 
-    `variable` is the name of the variable behind the handle; "" if unknown.
+    `variable` is the name of the variable to which the handle refers; "" if unknown.
     """
     if function_id == _PUT_VALUE:
         return write_effect(variable, arguments[1]) if len(arguments) == 2 else CallEffect.MOVES
@@ -50,8 +50,8 @@ def always_passes(function_id: int, arguments: Sequence[Variant]) -> bool:
     """Return whether a request stops something or releases a handle, so that no guard may block it.
 
     Such requests are Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, TwofgStop, slvChangeMode 0,
-    the ..._Release functions, Controller_Disconnect and Service_Stop. A stop command with surplus arguments
-    may be blocked, since it is unclear which argument the controller uses.
+    the ..._Release functions, Controller_Disconnect and Service_Stop. A guard may block a stop command with
+    too many arguments, because it is unclear which of them the controller uses.
     """
     function = FUNCTIONS.get(function_id)
     if function is None:
@@ -69,8 +69,8 @@ def always_passes(function_id: int, arguments: Sequence[Variant]) -> bool:
 def passes_read_only(function_id: int, arguments: Sequence[Variant]) -> bool:
     """Return whether a read-only proxy forwards a request.
 
-    A read-only proxy also forwards requests that open a session or an object, such as Controller_Connect. A
-    client can read nothing without the handles in the replies.
+    A read-only proxy also forwards requests that open a session or an object, such as Controller_Connect.
+    Without the handles in the replies to these requests, a client could not read anything.
     """
     return (
         always_passes(function_id, arguments) or request_effect(function_id, arguments) <= CallEffect.SESSION
@@ -81,7 +81,7 @@ def needs_arming(function_id: int, arguments: Sequence[Variant], variable: str =
     """Return whether a client of bcapscope must be armed to send a request to a real controller.
 
     Requests that may energise or move the robot need arming; requests that stop something do not. `variable`
-    is the name of the variable behind the handle; "" if unknown.
+    is the name of the variable to which the handle refers; "" if unknown.
     """
     if always_passes(function_id, arguments):
         return False
@@ -97,7 +97,7 @@ def _command_effect(function_id: int, arguments: Sequence[Variant]) -> CallEffec
 
 
 def _switches_off(arguments: Sequence[Variant]) -> bool:
-    """Return whether the parameter of Motor or slvChangeMode is certainly 0.
+    """Return True if the parameter of Motor or slvChangeMode is surely 0, so that the call switches it off.
 
     For Motor, the parameter may also be an array whose first element is 0.
     """

@@ -1,7 +1,7 @@
 """Parse numbers that people type: only ASCII digits, of limited length and value.
 
-Python's own functions also accept digits of every script, integers of 4,300 digits, and floats that overflow
-to infinity.
+Python's own functions accept too much: digits of every script, integers of 4,300 digits, and floats that
+overflow to infinity.
 """
 
 from __future__ import annotations
@@ -9,14 +9,15 @@ from __future__ import annotations
 import re
 
 LONGEST_NUMBER = 40
-"""Maximum length, in characters, of the text of a number. An integer of 64 bits needs 20."""
+"""Maximum length, in characters, of the text of a number. An integer of 64 bits needs 20 characters."""
 
 _INTEGER = re.compile(r"[-+]?(?:[0-9]+|0[xX][0-9A-Fa-f]+)")
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 
 def parse_integer(text: str, minimum: int, maximum: int) -> int | None:
-    """Parse a decimal integer, or a hexadecimal integer with prefix 0x; None if invalid or out of bounds."""
+    """Parse a decimal or 0x-prefixed hexadecimal integer. Return None if the text is invalid or the number
+    out of bounds."""
     text = text.strip()
     if len(text) > LONGEST_NUMBER or not _INTEGER.fullmatch(text):
         return None
@@ -25,7 +26,8 @@ def parse_integer(text: str, minimum: int, maximum: int) -> int | None:
 
 
 def parse_number(text: str, minimum: float, maximum: float) -> float | None:
-    """Parse a decimal number, with or without exponent; None if invalid or out of bounds."""
+    """Parse a decimal number, with or without exponent. Return None if the text is invalid or the number out
+    of bounds."""
     text = text.strip()
     if len(text) > LONGEST_NUMBER or not _NUMBER.fullmatch(text):
         return None

@@ -10,7 +10,7 @@ _FORMULA_STARTS = tuple("=+-@\t\r＝＋－＠")
 def is_spreadsheet_formula(text: str) -> bool:
     """Return whether a spreadsheet would interpret a text as a formula.
 
-    Japanese spreadsheets also interpret the full-width signs.
+    Japanese spreadsheets also interpret the full-width forms of `=`, `+`, `-` and `@`.
     """
     return text.lstrip(" \u3000").startswith(_FORMULA_STARTS)
 
@@ -21,7 +21,7 @@ def counted(count: int, noun: str, plural: str = "") -> str:
 
 
 def shortened(text: str, most: int) -> str:
-    """Return the first `most` characters of a text, followed by an ellipsis if the text is longer."""
+    """Return the first `most` characters of a text. Append an ellipsis if the text is longer."""
     return text if len(text) <= most else f"{text[:most]}…"
 
 

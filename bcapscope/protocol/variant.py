@@ -1,4 +1,5 @@
-"""Deprecated location of `VT` and `Variant`, kept for programs copied from older versions of the screen."""
+"""Deprecated location of `VT` and `Variant`, kept for user programs copied from the screen of an older
+version."""
 
 import warnings
 from typing import Any

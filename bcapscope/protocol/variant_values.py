@@ -17,11 +17,12 @@ _TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
 
 
 def variant_of(value: object) -> Variant:
-    """Convert a Python value to a VARIANT, or raise LocalProtocolError if b-CAP has no type for it.
+    """Convert a Python value to a VARIANT. Raise LocalProtocolError if b-CAP has no type for this value.
 
-    None becomes EMPTY, bool BOOL, int I4 (or I8 if too large), float R8, str BSTR and bytes an array of UI1.
-    A list of values of one type becomes an array of that type, and a list of int and float an array of R8.
-    Any other list becomes an array of VARIANT. A Variant stays unchanged.
+    None becomes EMPTY, bool becomes BOOL, int becomes I4 (or I8 if too large for I4), float becomes R8, str
+    becomes BSTR, and bytes become an array of UI1. A list of values of one type becomes an array of that
+    type, and a list of int and float an array of R8. Any other list becomes an array of VARIANT. A Variant
+    stays unchanged.
     """
     if isinstance(value, Variant):
         return value
@@ -38,7 +39,7 @@ def variant_of(value: object) -> Variant:
 
 
 def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant, ...]:
-    """Convert values to the arguments of a request, handle first.
+    """Convert values to the arguments of a request. The first value is the handle.
 
     Raises:
         LocalProtocolError: The number of values is wrong, or a value does not fit its argument.
@@ -49,15 +50,23 @@ def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant,
             Message("value.argument-count", function=function.name, wanted=wanted, given=len(values))
         )
     return tuple(
-        variant_of(value)
-        if isinstance(value, Variant) or param.type == "VARIANT"
-        else _typed_variant(function, param, value)
-        for param, value in zip(function.params, values, strict=True)
+        argument_of(function, param, value) for param, value in zip(function.params, values, strict=True)
     )
 
 
+def argument_of(function: Function, param: Param, value: object) -> Variant:
+    """Convert a value to one argument of a request. A Variant stays unchanged.
+
+    Raises:
+        LocalProtocolError: The value does not fit the argument.
+    """
+    if isinstance(value, Variant) or param.type == "VARIANT":
+        return variant_of(value)
+    return _typed_variant(function, param, value)
+
+
 def plain_value(variant: Variant) -> Value:
-    """Return the Python value of a VARIANT, and of all elements of a VARIANT array."""
+    """Return the Python value of a VARIANT. If the value is a VARIANT array, convert its elements, too."""
     if isinstance(variant.value, tuple):
         return tuple(plain_value(item) if isinstance(item, Variant) else item for item in variant.value)
     return variant.value
@@ -73,7 +82,7 @@ def date_of(days: float) -> datetime | None:
 
 
 def _typed_variant(function: Function, param: Param, value: object) -> Variant:
-    variant = Variant(_TYPES[param.type], value)  # type: ignore[arg-type]  # checked by encode_variant below
+    variant = Variant(_TYPES[param.type], value)  # type: ignore[arg-type]  # encode_variant checks the value below
     try:
         encode_variant(variant)
     except LocalProtocolError:

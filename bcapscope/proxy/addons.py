@@ -1,7 +1,7 @@
 """Add-ons: the user's classes, which see each message and may change, drop or answer it.
 
-A script is a Python file. The proxy creates one object of each class in the file that has a method with one
-of these names. It then calls these methods. The class needs a constructor without arguments.
+A script is a Python file. The proxy creates one object of each class in the file that has at least one of the
+methods below. Then it calls these methods. The constructor of the class must need no arguments.
 
     request(message)      a request arrived from a client
     reply(message)        a reply arrived from the controller
@@ -40,15 +40,15 @@ from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 HOOKS = ("request", "reply", "settled", "connected", "gone", "done")
 
 SLOW_HOOK_NS = 2_000_000
-"""Time in ns after which a hook counts as slow: the time of a set point (DENSO Wave 2009, How to use the
-Slave mode)."""
+"""Time in ns after which a hook counts as slow: no more than a set point may take (DENSO Wave 2009, How to
+use the Slave mode)."""
 
 
 class AddonClient(NamedTuple):
-    """A client, as add-ons see it.
+    """A client, as the proxy describes it to add-ons.
 
     Attributes:
-        number: Number of the client, never used twice.
+        number: Number of the client. No other client ever gets the same number.
     """
 
     number: int
@@ -63,8 +63,8 @@ class PassingMessage:
     Attributes:
         client: Client that sent the message, or that receives it.
         data: Bytes of the message. Assign other bytes to replace the message.
-        dropped: True if the message is not forwarded.
-        call_kind: Call that the message requests or answers; None if it is unknown.
+        dropped: True if the proxy will not forward the message.
+        call_kind: Function and command that the message calls or answers; None if unknown.
     """
 
     def __init__(self, client: AddonClient, message: WireMessage) -> None:
@@ -99,14 +99,15 @@ class PassingMessage:
 
     @property
     def answers(self) -> tuple[int, ...]:
-        """Result codes that the client gets in place of the controller's reply."""
+        """Result codes that the proxy sends to the client instead of the controller's reply."""
         return tuple(self._answers)
 
     def drop(self) -> None:
         self.dropped = True
 
     def answer(self, hresult: int | str) -> None:
-        """Drop a request, and answer it with a result code, given by name or number.
+        """Drop the request, and answer the client with a result code. `hresult` is the name or number of this
+        code.
 
         Raises:
             ValueError: There is no such result code.
@@ -116,14 +117,14 @@ class PassingMessage:
 
 
 class AddonRunner(PipelineSubscriber):
-    """Calls the hooks of all add-ons. Each hook's first error is reported, and the other hooks still run.
+    """Calls the hooks of all add-ons. Reports the first error of each hook; the other hooks still run.
 
     Attributes:
-        notify: Called with each message for the user.
+        notify: Function that gets each message for the user.
     """
 
     def __init__(self, addons: Sequence[object], clock: Callable[[], int] = time.perf_counter_ns) -> None:
-        """Call the add-ons in this order. `clock` returns ns and measures slow hooks."""
+        """Prepare to call `addons` in this order. `clock` returns ns, to measure how long a hook takes."""
         self.notify: Callable[[Message], None] = lambda message: None
         self.errors = 0
         self._clock = clock
@@ -139,8 +140,8 @@ class AddonRunner(PipelineSubscriber):
         return frozenset(name for name, found in self._hooks.items() if found)
 
     def run_message_hooks(self, client: AddonClient, message: WireMessage) -> PassingMessage:
-        """Show a message to the add-ons one after another, with the changes of the previous ones. Return the
-        result."""
+        """Pass a message to the add-ons one after another. Each add-on gets the message as the previous
+        add-on changed it. Return the changed message."""
         passing = PassingMessage(client, message)
         name = "request" if message.flow.direction is Direction.REQUEST else "reply"
         for addon, hook in self._hooks[name]:
@@ -160,23 +161,23 @@ class AddonRunner(PipelineSubscriber):
         self._call_all("connected", client)
 
     def client_gone(self, client: AddonClient, conversation: Conversation) -> None:
-        """Complete the open calls of a client that is gone, and report the client's end to the add-ons."""
+        """Complete the open calls of a client that is gone, and call the hook `gone`."""
         if self._pipeline is not None:
             self._pipeline.close_conversation(conversation)
         self._call_all("gone", client)
 
     def expire_calls(self, since_1970: int) -> None:
-        """Report the calls that are complete because no reply arrived in time."""
+        """Complete the calls to which no reply arrived in time, and report them to the add-ons."""
         if self._pipeline is not None:
             self._pipeline.expire(since_1970)
 
     @property
     def has_open_calls(self) -> bool:
-        """Whether `expire_calls` must be called regularly, because calls are open."""
+        """Whether calls are open, so that the proxy must call `expire_calls` regularly."""
         return self._pipeline is not None and self._pipeline.has_open_calls
 
     def proxy_ended(self) -> None:
-        """Complete the open calls, and report the end of the proxy to the add-ons."""
+        """Complete the open calls, and call the hook `done`."""
         if self._pipeline is not None:
             self._pipeline.finish()
         self._call_all("done")
@@ -193,8 +194,9 @@ class AddonRunner(PipelineSubscriber):
         began = self._clock()
         try:
             hook(*arguments)
-        except BaseException as error:  # even SystemExit, because the process must continue
-            if self._is_new(addon, name, "error"):  # finding the place of an error takes long
+        except BaseException as error:  # catch even SystemExit, because the process must continue
+            # first, because it takes long to find the line of an error
+            if self._is_new(addon, name, "error"):
                 self.notify(
                     Message("addon.error", hook=f"{type(addon).__name__}.{name}", error=_where(error))
                 )
@@ -203,7 +205,8 @@ class AddonRunner(PipelineSubscriber):
             self.notify(Message("addon.slow", hook=hook_name, time=f"{took / 1e6:.1f} ms"))
 
     def _is_new(self, addon: object, name: str, kind: str) -> bool:
-        """Count an error. Return True for the first error of its kind, which the user must see."""
+        """Count an error. Return True if the error is the first of its kind in this hook, so that the user
+        must see the error."""
         self.errors += kind != "slow"
         key = (id(addon), name, kind)
         is_new = key not in self._reported
@@ -212,7 +215,7 @@ class AddonRunner(PipelineSubscriber):
 
 
 def load_addons(path: str) -> list[object]:
-    """Run a script, and return one object of each add-on class in the script.
+    """Run a script. Return one object of each class in the script that has a hook.
 
     Raises:
         ScriptError: The script cannot be read, fails, or contains no add-on.
@@ -243,7 +246,7 @@ def _load_module(path: str) -> ModuleType:
     if spec is None or spec.loader is None:
         raise ScriptError(Message("script.no-python", path=path))
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look up their module in sys.modules
+    sys.modules[name] = module  # needed by dataclasses, which look up their module in sys.modules
     try:
         spec.loader.exec_module(module)
     except BaseException as error:
@@ -255,7 +258,7 @@ def _load_module(path: str) -> ModuleType:
 
 
 def _where(error: BaseException) -> str:
-    """Return the error of a script and its place, on one line."""
+    """Return the error of a script and the line where it occurred, as one line of text."""
     if isinstance(error, SyntaxError):
         return f"{error.msg} (line {error.lineno})"
     frames = traceback.extract_tb(error.__traceback__)

@@ -1,8 +1,8 @@
 """Decides which clients the proxy admits when there are too many. This module uses no socket and no clock.
 
 Each transport has its own slots, and no client address may take all of them. A stop is a request that only
-stops the robot or releases something. A new client whose first frame is a stop always gets a slot, because
-some slots are reserved for stops.
+stops the robot or releases something. Some slots are reserved for stops, so a new client whose first frame is
+a stop always gets a slot.
 """
 
 from __future__ import annotations
@@ -22,22 +22,23 @@ MAX_CLIENTS = 256
 """Maximum number of clients per transport; DENSO's C server has 20 (orin_bcap C/src/bcap_server.c)."""
 
 MAX_PER_SOURCE = 192
-"""Maximum number of clients per address, since a whole plant may share one address behind NAT.
-
-The remaining 64 slots are enough for three controllers.
+"""Maximum number of clients per address. An address may have many clients, because a whole plant may share
+one address behind NAT. The slots that remain for other addresses (64) are enough for three controllers.
 """
 
 RESERVED_SLOTS = 4
-"""Number of additional slots per transport for stops. A new stop evicts the oldest client in them."""
+"""Number of additional slots per transport for clients that send a stop. If all these slots are taken, a new
+client that sends a stop evicts the oldest client in them."""
 
 REPLACE_INTERVAL_NS = 5_000_000
-"""Time in ns between two evictions of fresh clients; limits the cost of a flood from new UDP ports."""
+"""Time in ns between two evictions of fresh clients, which have sent one datagram. This interval limits the
+cost of a flood from new UDP ports."""
 
 REPLACE_BURST = 64
-"""Number of fresh clients that may be evicted without a delay after a quiet time."""
+"""Number of fresh clients that the proxy may evict at once after a time without evictions."""
 
 TOO_MANY_CLIENTS = Message("client.silent.too-many")
-"""Reason that the user sees when a client is evicted for another client."""
+"""Reason that the user sees if the proxy evicts a client to admit another one."""
 
 
 class ClientSlot(Enum):
@@ -65,7 +66,7 @@ class ClientSlots:
         return len(self._regular) + len(self._reserved)
 
     def find_slot(self, host: str, now: int, is_stop: bool) -> ClientSlot:
-        """Find a slot for a new client at the address `host`. To free a slot, other clients may be evicted.
+        """Find a slot for a new client at the address `host`. Evict another client if no slot is free.
 
         `is_stop` is True if the client's first frame is a stop. `now` is in ns of a monotonic clock.
         """
@@ -113,7 +114,8 @@ class ClientSlots:
                 del self._sources[source]
 
     def end_oldest_stop(self) -> bool:
-        """End the client that has held a reserved slot longest. Return whether there was such a client."""
+        """Disconnect the client that has held a reserved slot longest. Return False if there is no such
+        client."""
         oldest = next(iter(self._reserved.values()), None)
         if oldest is None:
             return False
@@ -122,7 +124,8 @@ class ClientSlots:
         return True
 
     def _evict_one(self, source: str | None, now: int) -> bool:
-        """Evict a client of one source, or of any source, if possible. Return whether one was evicted."""
+        """Evict a client of `source`, or of any source if this is None. Return False if the proxy must not
+        evict any of these clients."""
         victim = self._oldest_replaceable(source, now) or self._longest_idle(source, now)
         if victim is None:
             return False
@@ -131,9 +134,9 @@ class ClientSlots:
         return True
 
     def _longest_idle(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the longest idle client that may be evicted; None if there is none.
+        """Return the client that has been idle longest; None if no client may be evicted.
 
-        A search without a result is not repeated for the same `now`.
+        If a search finds no client, it is not repeated for the same `now`.
         """
         if now != self._exhausted_at:
             self._exhausted_at = now
@@ -149,7 +152,8 @@ class ClientSlots:
         return None
 
     def _oldest_replaceable(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the oldest fresh client of one source or of any; None if none may be evicted now."""
+        """Return the oldest fresh client of `source`, or of any if this is None; None if no client may be
+        evicted now."""
         earned = (now - self._replaced_at) // REPLACE_INTERVAL_NS
         if earned:
             self._replacements_left = min(self._replacements_left + earned, REPLACE_BURST)

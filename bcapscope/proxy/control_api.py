@@ -1,4 +1,4 @@
-"""Executes control requests to a running proxy. This module uses no socket and no clock."""
+"""Executes the control requests that a running proxy receives. This module uses no socket and no clock."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ControlResponse(NamedTuple):
 
     Attributes:
         line: Response as JSON, with a line feed.
-        is_json: True if the request was JSON. A program that sends anything else is not a control client.
+        is_json: True if the request was JSON. A program that does not send JSON is not a control client.
     """
 
     line: bytes
@@ -40,17 +40,17 @@ class ControlApi:
         figures: Callable[[], Mapping[str, Any]] = dict,
         upstream: Callable[[int], str] = lambda number: "",
     ) -> None:
-        """Use the rules of a proxy.
-
-        `figures` returns the relay's figures, by their names in `ProxyStats`. `upstream` returns the state of
-        a client's connection to the controller, by client number.
+        """Control a proxy that has these `rules`. `figures` returns the relay's figures, with the names of
+        `ProxyStats`. `upstream` takes a client's number and returns the state of its connection to the
+        controller.
         """
         self._rules = rules
         self._figures = figures
         self._upstream = upstream
 
     def handle_line(self, line: bytes, now: int) -> ControlResponse:
-        """Execute a request, given as a line of JSON. Return the response, also if the request is invalid."""
+        """Execute a request, given as a line of JSON. Return the response; an invalid request also gets a
+        response."""
         is_json = True
         try:
             return ControlResponse(
@@ -125,7 +125,8 @@ class ControlApi:
         if request.hex:
             return bytes.fromhex(request.hex)
         data = rewrite_message(held.data, held.flow, request.rewrite)
-        if data == held.data:  # after a typing error, a motion must not pass unchanged
+        # refuse an edit without effect: after a typing error, the motion must not pass unchanged
+        if data == held.data:
             raise InputError(Message("control.no-change"))
         return data
 

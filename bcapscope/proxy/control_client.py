@@ -1,7 +1,7 @@
 """The client of the control socket, which sends requests to a proxy and reads the responses.
 
-Any program may listen on the address. So the client limits the size and the time of a response. The values in
-a response are strings from the wire: escape them before you print them.
+Any program may listen on the proxy's address, so the client limits the size and the time of a response. A
+response contains strings from the wire: escape them before you print them.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ ANSWERS_WITHIN = 10.0
 """Maximum time in seconds that a whole response may take."""
 
 LARGEST_LIST = 16 << 20
-"""Maximum number of bytes of a list of held messages, enough for a thousand messages of 8,000 bytes. For
-other responses, the maximum is `LONGEST_LINE`.
+"""Maximum size, in bytes, of a response that lists held messages: enough for a thousand messages of 8,000
+bytes. Other responses have at most `LONGEST_LINE` bytes.
 """
 
 _LONGEST_REASON = 1000
@@ -31,7 +31,7 @@ R = TypeVar("R", bound=control.DoneResponse)
 
 
 class ControlRefused(BcapError):
-    """The proxy rejected a request; the text of the error is the proxy's reason.
+    """The proxy rejected a request. The text of the error is the reason that the proxy gave.
 
     Attributes:
         line: Response as received, in JSON.
@@ -45,10 +45,10 @@ class ControlRefused(BcapError):
 
 
 class ControlClient:
-    """A control connection to a proxy. It opens at the first request, and again after a failure."""
+    """A control connection to a proxy. The first request opens the connection; after a failure, the next
+    request opens it again."""
 
     def __init__(self, address: str) -> None:
-        """Store the address on which the proxy listens for control requests (its option ``--control``)."""
         self._address = address
         self._socket: socket.socket | None = None
 
@@ -56,7 +56,7 @@ class ControlClient:
         """Send a request and return the response as an object of type `kind`.
 
         Raises:
-            ControlError: No program listens on the address, or the program is no proxy of this version.
+            ControlError: No program listens on the address, or the program is not a proxy of this version.
             ControlRefused: The proxy rejected the request.
         """
         line = self.request_raw(request)
@@ -70,7 +70,7 @@ class ControlClient:
         """Send a request and return the response as received, as one line of JSON.
 
         Raises:
-            ControlError, ControlRefused: as `request`.
+            ControlError, ControlRefused: For the same reasons as in `request`.
         """
         limit = LARGEST_LIST if isinstance(request, control.ListHeld) else control.LONGEST_LINE
         try:
@@ -84,7 +84,8 @@ class ControlClient:
         return line
 
     def _failure_reason(self, error: OSError | ValueError) -> Message:
-        if isinstance(error, ConnectionError):  # during the request; connecting raises `ControlError`
+        # the proxy ended during the request (a failure to connect raises `ControlError`)
+        if isinstance(error, ConnectionError):
             return Message("control.ended", address=self._address)
         if isinstance(error, OSError):
             return Message("control.failed", address=self._address, reason=os_reason(error))

@@ -1,4 +1,4 @@
-"""Requests to a running proxy, and its responses. Each is one line of JSON.
+"""Requests to a running proxy, and the proxy's responses. Each request or response is one line of JSON.
 
     {"do": "rules"}                              the faults, their switches and counts
     {"do": "add", "rule": "loss=5% request"}     one line, or "fault" as in a file
@@ -32,7 +32,14 @@ from bcapscope.messages import Message
 from bcapscope.messages.message import foreign_text
 from bcapscope.messages.message_codec import message_from_data
 from bcapscope.traffic.call_kind import CallKind
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PARTICIPANT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Transport,
+)
 
 T = TypeVar("T")
 
@@ -43,7 +50,8 @@ JsonHex: TypeAlias = Annotated[str, Meta(pattern=r"^([0-9A-Fa-f]{2} ?)*\Z")]
 Seconds: TypeAlias = Annotated[float, Meta(ge=-1e9, le=1e9)]
 
 LONGEST_LINE = 1 << 20
-"""Maximum size of a line in bytes. Held messages have up to 1006 hexadecimal digits on UDP, more on TCP."""
+"""Maximum size of a line in bytes. A held message needs up to 1006 hexadecimal digits over UDP, and more over
+TCP."""
 
 
 class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, tag_field="do"):
@@ -55,7 +63,7 @@ class ListFaults(_Request, frozen=True, tag="rules"):
 
 
 class AddFault(_Request, frozen=True, tag="add"):
-    """Request to add a fault, as one line (`rule`) or as in a file (`fault`); answered by `FaultResponse`."""
+    """Request to add a fault, given as one line (`rule`) or as in a file (`fault`)."""
 
     rule: str = ""
     fault: dict[str, Any] = {}
@@ -74,7 +82,8 @@ class DisableFault(_Request, frozen=True, tag="off"):
 
 
 class SetIntercept(_Request, frozen=True, tag="intercept", rename={"condition": "if"}):
-    """Request to hold messages that match another filter from now on; without a filter, hold none.
+    """Request to change which messages the proxy holds from now on. If the filter is None, the proxy holds no
+    messages.
 
     Without `patience`, the maximum hold time does not change.
     """
@@ -92,7 +101,7 @@ class ForwardHeld(_Request, frozen=True, tag="forward"):
 
 
 class EditHeld(_Request, frozen=True, tag="edit"):
-    """Request to forward a held message with other bytes, or changed as by a rewrite fault."""
+    """Request to forward a held message with the bytes `hex`, or changed by the rewrite fault `rewrite`."""
 
     number: int
     hex: str = ""
@@ -117,7 +126,7 @@ ControlRequest: TypeAlias = FaultChange | HoldChange | ListFaults | ListHeld | L
 
 
 class ErrorResponse(msgspec.Struct, frozen=True):
-    """Response to a rejected request: the reason in English, and as the data of `message_to_data`.
+    """Response to a rejected request. It holds the reason in English, and as data made by `message_to_data`.
 
     The client first decodes every response as an `ErrorResponse`.
     """
@@ -138,13 +147,13 @@ class ErrorResponse(msgspec.Struct, frozen=True):
 
 
 class DoneResponse(msgspec.Struct, frozen=True, kw_only=True):
-    """Response to a request that was carried out."""
+    """Response to a request that the proxy has carried out."""
 
     ok: bool = True
 
 
 class FaultResponse(DoneResponse, frozen=True, kw_only=True):
-    """Response to the change of a fault."""
+    """Response to a request that added, removed or switched a fault."""
 
     name: str
 
@@ -168,7 +177,8 @@ class FaultsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class ClientStatus(msgspec.Struct, frozen=True):
-    """A client of the proxy. `up` and `down` count datagrams or stream reads; a time of None means never."""
+    """A client of the proxy. `up` and `down` count datagrams or reads of a stream. A member that holds the
+    time of an event is None if the event never happened."""
 
     number: JsonCount
     client: str
@@ -187,7 +197,8 @@ class ClientsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class HeldStatus(msgspec.Struct, frozen=True):
-    """A held message. `given_up` is why the client no longer waits. `more` is the old name of `retries`."""
+    """A held message. `given_up` says why the client no longer waits for the message. `more` is the old name
+    of `retries`."""
 
     number: JsonCount
     client: JsonEndpoint
@@ -214,11 +225,11 @@ class HeldStatus(msgspec.Struct, frozen=True):
     @property
     def flow(self) -> Flow:
         ends = _endpoint(self.client), _endpoint(self.server)
-        return Flow(Conversation(*ends, self.transport, "the proxy"), self.direction)
+        return Flow(Conversation(*ends, self.transport, SERVER_PARTICIPANT), self.direction)
 
     @property
     def call_kind(self) -> CallKind | None:
-        """Call that the held message requests or answers; None if it is unknown."""
+        """Function and command that the held message calls or answers; None if unknown."""
         return None if self.function_id is None else CallKind(self.function_id, self.command)
 
 
@@ -227,7 +238,8 @@ class HeldResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class RelayDelays(msgspec.Struct, frozen=True):
-    """Delays in ns of data that the relay forwards unchanged; `slow` is the number of excessive delays."""
+    """Delays in ns of data that the relay forwards unchanged. `slow` is the number of delays that were too
+    long."""
 
     p50_up: JsonCount = 0
     p99_up: JsonCount = 0
@@ -241,10 +253,10 @@ class RelayDelays(msgspec.Struct, frozen=True):
 
 
 class ProxyStats(DoneResponse, frozen=True, kw_only=True):
-    """Figures of the proxy; `RelayCounter` describes the counters of the relay.
+    """Figures of the proxy. `RelayCounter` describes those that the relay counts.
 
-    `injected` is the number of injections of each fault. `struck` and `held_up_ns` are the old names of
-    `injected` and `delays_ns`.
+    `injected` counts for each fault how often the proxy injected it. `struck` and `held_up_ns` are the old
+    names of `injected` and `delays_ns`.
     """
 
     injected: dict[str, JsonCount]
@@ -291,7 +303,8 @@ def encode_line(message: ControlRequest | DoneResponse | ErrorResponse) -> bytes
     """Return a request or a response as one line of JSON."""
     try:
         return msgspec.json.encode(message) + b"\n"
-    except UnicodeEncodeError:  # UTF-8 cannot encode a lone surrogate from the wire or a file name
+    # text from the wire or a file name may have a lone surrogate, which UTF-8 cannot encode
+    except UnicodeEncodeError:
         text = json.dumps(msgspec.to_builtins(message), ensure_ascii=False)
         return text.encode("utf-8", "replace") + b"\n"
 
@@ -301,7 +314,7 @@ def decode_request(line: bytes) -> ControlRequest:
 
     Raises:
         JSONDecodeError: The line is not JSON. A program that sends such a line is not a control client.
-        DocumentError: The JSON is not a valid request; the error names the field.
+        DocumentError: The JSON is not a valid request; the error names the wrong field.
     """
     request: ControlRequest = convert_data(orjson.loads(line), ControlRequest)
     return request

@@ -1,4 +1,5 @@
-"""The socket on which the proxy receives control requests: a path with mode 0600, or a port on loopback."""
+"""The socket on which the proxy receives control requests: a Unix socket that only its owner may use (mode
+0600), or a port on loopback."""
 
 from __future__ import annotations
 
@@ -22,11 +23,11 @@ MAX_CONNECTIONS = 16
 _BACKLOG = 128
 
 IDLE_AFTER = 10.0
-"""Idle time in seconds after which a new control connection may replace an old one."""
+"""A new control connection may replace one that has been idle for this number of seconds."""
 
 
 class ControlError(BcapError):
-    """The control socket cannot be opened at this address, or no proxy listens on the address."""
+    """The proxy cannot open its control socket at an address, or a client finds no proxy there."""
 
 
 class ControlServer:
@@ -37,10 +38,10 @@ class ControlServer:
     """
 
     def __init__(self, address: str, api: ControlApi, watcher: DescriptorWatcher) -> None:
-        """Listen at `HOST:PORT` on loopback; any other address is a path.
+        """Listen at `HOST:PORT` on loopback. An address of any other form is the path of a Unix socket.
 
         Raises:
-            ControlError: The address cannot be listened on.
+            ControlError: The proxy cannot listen on the address.
         """
         self._api = api
         self._watcher = watcher
@@ -70,7 +71,7 @@ class ControlServer:
             sock, _address = self._socket.accept()
         except (BlockingIOError, ConnectionError):
             return
-        except OSError:  # for example, no free file descriptor, so the client has to wait
+        except OSError:  # for example, if no file descriptor is free; the client then has to wait
             self._watcher.pause(self._socket.fileno())
             return
         if len(self._connections) >= MAX_CONNECTIONS and not self._close_idle_connection():
@@ -80,7 +81,8 @@ class ControlServer:
         self._connections[sock.fileno()] = _Connection(sock, self._api, self._watcher, self._connections)
 
     def _close_idle_connection(self) -> bool:
-        """Close the longest idle connection, or one that sent no command. Return False if none is idle."""
+        """Close a connection that never sent a command, or the one that has been idle longest. Return False
+        if no connection is idle."""
         idle = min(self._connections.values(), key=lambda each: each.last_command_at)
         if time.monotonic() - idle.last_command_at < IDLE_AFTER:
             return False
@@ -93,7 +95,7 @@ class _Connection:
 
     Attributes:
         last_command_at: Time of the last command in seconds of `time.monotonic`; minus infinity before the
-            first.
+            first command.
     """
 
     def __init__(
@@ -120,8 +122,8 @@ class _Connection:
             self._socket.close()
 
     def _on_ready(self, _: int) -> None:
-        """Answer at most one line per event, so that control requests neither delay traffic for long nor fill
-        the memory."""
+        """Answer at most one line per event. Many control requests therefore do not delay traffic for long,
+        and do not fill the memory."""
         try:
             if not self._backlog and (b"\n" in self._received or self._read()):
                 self._answer_next_line()
@@ -147,11 +149,12 @@ class _Connection:
             self.last_command_at = time.monotonic()
             reply = self._api.handle_line(line, time.monotonic_ns())
             self._backlog += reply.line
-            # A web page can make a browser connect here and send HTTP, then JSON of the page's choice.
+            # Close after non-JSON: a web page can make a browser send HTTP here, followed by malicious JSON.
             self._closes_after_send = not reply.is_json
 
     def _send(self) -> None:
-        """Send the bytes that the client accepts. Then close the connection, or wait for the next event."""
+        """Send as many pending bytes as possible. After this, close the connection or wait for the next
+        event."""
         with suppress(BlockingIOError):
             while self._backlog:
                 del self._backlog[: self._socket.send(self._backlog)]
@@ -172,7 +175,7 @@ def connect_control(address: str, timeout: float = 5.0) -> socket.socket:
     """Connect to the control socket of a proxy.
 
     Raises:
-        ControlError: No proxy listens on the address.
+        ControlError: No proxy listens on `address`.
     """
     try:
         if is_tcp_address(address):

@@ -1,4 +1,5 @@
-"""The state of each direction of a client's traffic, how its data is split, and which messages are stops."""
+"""The state of each direction of a client's traffic, the splitting of data into messages, and the recognition
+of stops."""
 
 from __future__ import annotations
 
@@ -31,14 +32,14 @@ class DirectionState:
     Attributes:
         client: Number of the client.
         connected_at: Time of the client's first bytes, in ns.
-        budget: Limit for the bytes of unfinished frames of all streams together.
+        budget: Limit for the bytes of unfinished frames that all streams together hold.
         splitter: Splitter of a TCP stream into frames; None while no rule needs frames.
-        has_begun: True after bytes of this direction were forwarded.
+        has_begun: True once the proxy has forwarded bytes of this direction.
         has_ended: True after the stream has ended.
         piece_count: Number of datagrams received, or of reads of a stream.
-        last_piece_at: Time of the last datagram or read, in ns; 0 for never.
-        overtaken_by: Message number of the latest stop; waiting motions with a lower number must not start. 0
-            for no stop.
+        last_piece_at: Time of the last datagram or read, in ns; 0 before the first.
+        overtaken_by: Message number of the latest stop, or 0 before the first stop. Waiting motions with a
+            lower number must not start.
     """
 
     client: int
@@ -54,7 +55,7 @@ class DirectionState:
 
     @property
     def is_stream(self) -> bool:
-        """Whether the messages of this direction are a stream, which has no boundaries."""
+        """Whether the data of this direction is a stream, in which nothing separates the messages."""
         return self.flow.conversation.transport is Transport.TCP
 
     def cut_messages(self, data: bytes, into_frames: bool) -> Iterator[bytes]:
@@ -73,7 +74,7 @@ class DirectionState:
             yield whole
 
     def take_incomplete(self) -> list[bytes]:
-        """Stop splitting the stream. Return the bytes kept of an incomplete frame."""
+        """Stop splitting the stream. Return the bytes of an incomplete frame that the splitter kept."""
         splitter, self.splitter = self.splitter, None
         return [piece.item.raw for piece in splitter.close()] if splitter else []
 
@@ -97,14 +98,14 @@ class ClientStates:
         del self._numbers[states[Direction.REQUEST].flow.conversation]
 
     def directions(self, client: int) -> Mapping[Direction, DirectionState]:
-        """Return the states of both directions of a client; {} for a client that is gone."""
+        """Return the states of both directions of a client; {} for a client that has disconnected."""
         return self._directions.get(client, {})
 
     def number_of(self, conversation: Conversation) -> int:
         return self._numbers[conversation]
 
     def pairs(self) -> Iterator[tuple[DirectionState, DirectionState]]:
-        """Yield the request direction and the response direction of each client."""
+        """For each client, yield the states of its request direction and of its response direction."""
         return ((each[Direction.REQUEST], each[Direction.RESPONSE]) for each in self._directions.values())
 
     def split_streams(self) -> list[DirectionState]:
@@ -113,12 +114,12 @@ class ClientStates:
 
 @dataclass(eq=False, slots=True)
 class DecisionBuilder:
-    """Collects the rules' decision about received data: actions in order, and notes.
+    """Collects what the rules decide about received data: actions in order, and notes for the user.
 
     Attributes:
-        actions: Actions to do, without those already returned.
+        actions: Actions to do that were not returned to the relay yet.
         waiting: Number of messages in the data that wait for a decision of the scripts.
-        ticket: Number that identifies the data while a message in it waits; 0 if none has waited.
+        ticket: Number that identifies the data while a message in it waits; 0 if no message has waited.
     """
 
     actions: list[SendAction | CloseAction] = field(default_factory=list)
@@ -128,7 +129,7 @@ class DecisionBuilder:
 
     @property
     def note(self) -> Message | None:
-        """All different notes as one message; None if there are no notes."""
+        """All notes as one message, each note once; None if there are no notes."""
         return joined_clauses(self.notes)
 
 
@@ -145,13 +146,14 @@ class UndecidedMessage(NamedTuple):
 
 
 def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitRequests:
-    """Choose the held requests that are still sent: those that stop the robot or release something.
+    """Choose which held requests to send although the client no longer waits: only the stops.
 
-    Return the bytes to send, and the frames and other bytes that are dropped.
+    Return the bytes to send, and the frames and other bytes to drop.
 
-    A motion is dangerous if it starts when its client no longer waits. A stop is never dangerous. On a
-    stream, the rest of a partly sent frame is sent first. Otherwise the controller would read the stop as
-    that rest.
+    A motion is dangerous if it starts after its client has stopped waiting. A stop, which only stops the
+    robot or releases something, is never dangerous. If a stream was interrupted within a frame, the rest of
+    this frame is sent first. Without the rest of the frame, the controller would read the bytes of the stop
+    in its place.
     """
     if not state.is_stream:
         return _split_frames([item for data in held for item in parse_datagram(data)])
@@ -191,13 +193,15 @@ def is_stop_request(message: WireMessage) -> bool:
 def mark_overtaken(
     stop: WireMessage, state: DirectionState, request_states: Iterable[DirectionState]
 ) -> None:
-    """Mark the motions that wait for the scripts and must not start any more, because a stop overtakes them.
+    """Mark motions that wait for the scripts and must not start any more, because the proxy forwards a stop
+    before them.
 
-    A stop ends the motions of its own client. Robot_Halt and Robot_Hold end the motions of all clients of the
-    controller, because these calls may arrive over a separate connection. A release ends no motion.
+    A stop cancels the waiting motions of its own client. Robot_Halt and Robot_Hold cancel the waiting motions
+    of all clients of the controller, because a program may send these calls over a separate connection. A
+    call that only releases something cancels no motion.
 
     Args:
-        stop: Message that does not wait for the scripts.
+        stop: The stop, which does not wait for the scripts.
         state: State of the request direction of the stop's client.
         request_states: States of the request directions of all clients.
     """
@@ -214,7 +218,7 @@ def mark_overtaken(
 def join_untouched_bytes(
     actions: list[SendAction | CloseAction], state: DirectionState
 ) -> Sequence[SendAction | CloseAction]:
-    """Join consecutive bytes of a stream that no rule touched, so that the relay sends them as one piece."""
+    """Join consecutive bytes of a stream that no rule changed, so that the relay sends them in one piece."""
     if not state.is_stream or len(actions) < 2:
         return actions
     found: list[SendAction | CloseAction] = []

@@ -1,4 +1,4 @@
-"""The intercept: it holds messages until the user forwards them, edited or not, or drops them."""
+"""The intercept: it holds messages until the user forwards, edits or drops them."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow, Transpo
 from bcapscope.traffic.pairing_windows import RETRY_WITHIN_NS
 
 MAX_HELD = 1000
-"""Maximum number of held messages. Further messages pass, with a note for the user."""
+"""Maximum number of held messages. The proxy forwards further messages, with a note for the user."""
 
 MAX_BYTES = 16 << 20
 """Maximum number of bytes of all held messages."""
 
 HOLD_TIME_NS = 60_000_000_000
-"""Default time in ns that a message is held: long enough to edit it, short enough for a waiting robot."""
+"""Default time in ns for which the proxy holds a message: long enough to edit the message, but not so long
+that a robot waits for ever."""
 
 _Subject: TypeAlias = tuple[AttemptedCall, Direction]
 """A UDP call or its reply. The user's decision applies to every attempt of the call."""
@@ -35,17 +36,18 @@ class HeldMessage(NamedTuple):
     """A held message.
 
     Attributes:
-        number: Number that identifies the message to the user, never used twice.
-        data: Bytes of the message. For a retried call, those of the latest attempt, because the client
-            accepts no other reply.
-        call_kind: Call that the message requests or answers; None if it is unknown.
+        number: Number by which the user names the message; every held message has a different one.
+        data: Bytes of the message. If the client has retried, `data` is the latest attempt, because the
+            client only accepts a reply to this attempt.
+        call_kind: Function and command that the message calls or answers; None if unknown.
         since: Start of the hold, in ns.
-        until: End of the hold, in ns. The message is then forwarded unchanged, or dropped if it is abandoned.
+        until: End of the hold, in ns. At this time, the proxy forwards the message unchanged, or drops it if
+            the client no longer waits.
         last_attempt_at: Time of the latest attempt, in ns.
         repeats: Number of later packets of the same call, which are not held separately.
-        subject: Call or reply that the decision applies to; None if there are no retries.
-        abandoned_because: Reason why the client no longer waits, as far as the client's traffic shows; None
-            otherwise.
+        subject: Call or reply to which the user's decision applies; None for messages without retries.
+        abandoned_because: Why the client no longer waits, if its traffic shows this; None if it may still
+            wait.
     """
 
     number: int
@@ -61,12 +63,12 @@ class HeldMessage(NamedTuple):
     abandoned_because: Message | None = None
 
     def abandonment_reason(self, now: int) -> Message | None:
-        """Return the evidence that the client no longer waits for a reply; None if the client may wait.
+        """Return what shows that the client no longer waits for a reply; None if the client may still wait.
 
         A motion is dangerous if it starts long after the client reported a failure to its user. A client
-        makes one call at a time. It therefore no longer waits after it has sent another request or ended its
-        stream. On UDP, a client that has not retried within `RETRY_WITHIN_NS` no longer waits. On TCP there
-        are no retries, so a silent client may wait.
+        makes one call at a time, so it no longer waits after it has sent another request or ended its stream.
+        Over UDP, a client that has not retried within `RETRY_WITHIN_NS` no longer waits. Over TCP there are
+        no retries, so a silent client may still wait.
         """
         if self.abandoned_because is not None or self.flow.direction is Direction.RESPONSE:
             return self.abandoned_because
@@ -81,7 +83,7 @@ class InterceptResult:
 
     Attributes:
         note: Description of the decision, for the user.
-        data: Bytes to forward now in place of the message; None if nothing is forwarded.
+        data: Bytes to forward now instead of the message; None to forward nothing.
     """
 
     note: Message
@@ -93,8 +95,8 @@ class _PastDecision:
     """A decision of the user about a message whose retries may still arrive.
 
     Attributes:
-        data: Bytes that replace the message; None to leave the message unchanged, empty to drop it.
-        until: Time in ns after which no retry can arrive any more.
+        data: Bytes that replace the message. None leaves the message unchanged; b"" drops it.
+        until: Time in ns after which retries of the message no longer arrive.
     """
 
     number: int
@@ -105,13 +107,13 @@ class _PastDecision:
 class Intercept:
     """Holds the messages that match a filter.
 
-    Each call is held once, and the decision applies to its retries. Requests that stop the robot or release
-    something are never held.
+    The intercept holds each call once; the user's decision also applies to the retries of the call. The
+    intercept never holds requests that only stop the robot or release something.
 
     Attributes:
         condition: Filter for the messages to hold; None to hold nothing.
-        hold_time: Maximum time that a message is held, in ns.
-        held_so_far: Number of messages held since the start.
+        hold_time: Maximum time in ns for which a message is held.
+        held_so_far: Number of messages held since the start of the proxy.
     """
 
     def __init__(self, condition: FrameCondition | None = None, hold_time: int = HOLD_TIME_NS) -> None:
@@ -124,8 +126,8 @@ class Intercept:
         self.set_condition(condition)
 
     def set_condition(self, condition: FrameCondition | None) -> None:
-        """Hold messages that match another filter from now on. Messages that are already held are not
-        affected."""
+        """Set another filter for the messages to hold from now on. Messages that are already held stay
+        held."""
         self.condition = condition
         self._matches_frame: Callable[[AnnotatedFrame], bool] | None = None
         if condition is not None:
@@ -133,7 +135,8 @@ class Intercept:
 
     @property
     def is_idle(self) -> bool:
-        """Whether the intercept ignores every message: it has no filter and no open decision."""
+        """Whether the intercept can ignore all messages: it has no filter, no held message and no decision to
+        repeat."""
         return self.condition is None and not self._held and not self._past_decisions
 
     @property
@@ -142,12 +145,12 @@ class Intercept:
 
     @property
     def is_full(self) -> bool:
-        """Whether the intercept can hold no further message."""
+        """Whether the limit of held messages, or of their bytes, is reached."""
         held = sum(len(held.data) for held in self._held.values())
         return len(self._held) >= MAX_HELD or held >= MAX_BYTES
 
     def hold_or_pass(self, client: int, message: WireMessage) -> InterceptResult | None:
-        """Hold a message or let it pass. Return None if the message does not concern the intercept.
+        """Decide whether to hold a message. Return None if the intercept has nothing to do with the message.
 
         The caller must pass all messages to this method, in order.
         """
@@ -177,7 +180,7 @@ class Intercept:
         """Stop holding a message and return it. The decision also applies to the message's retries.
 
         Args:
-            data: Bytes that replace the message; None to leave it unchanged, empty to drop it.
+            data: Bytes that replace the message. None leaves the message unchanged; b"" drops it.
 
         Raises:
             KeyError: No message with this number is held.
@@ -193,7 +196,8 @@ class Intercept:
         return min((held.until for held in self._held.values()), default=None)
 
     def pop_expired(self, now: int) -> list[HeldMessage]:
-        """Return the messages whose hold has ended. Retries of abandoned messages will be dropped."""
+        """Return the messages whose hold has ended. If the client no longer waits, drop later retries of the
+        message."""
         return [
             self.release(held.number, now, None if held.abandonment_reason(now) is None else b"")
             for held in self.held
@@ -201,7 +205,8 @@ class Intercept:
         ]
 
     def mark_abandoned(self, flow: Flow, why: Message) -> None:
-        """Record `why` the client no longer waits for the held messages of a flow."""
+        """Note `why` a client no longer waits for the held messages of `flow`, one direction of its
+        traffic."""
         for held in self.held:
             if held.flow is flow and held.abandoned_because is None:
                 self._held[held.number] = held._replace(abandoned_because=why)
@@ -222,8 +227,8 @@ class Intercept:
         self._attempts.close_conversation(conversation)
 
     def _subject(self, message: WireMessage) -> tuple[_Subject | None, bool]:
-        """Return the call or reply in a message, or None if there are no retries. Also return whether the
-        message is a first attempt.
+        """Return the call or reply in a message, or None for messages without retries. Also return whether
+        the message is a first attempt.
         """
         if self.is_idle or not message.is_datagram or len(message.frames) != 1:
             return None, bool(message.frames)
@@ -252,7 +257,7 @@ class Intercept:
         return InterceptResult(Message("held.dropped-as", number=number), None)
 
     def _remember_decision(self, subject: _Subject, decided: _PastDecision) -> None:
-        """Store a decision after all others, because decisions expire in the stored order."""
+        """Store a decision as the last one, because the first stored decision expires first."""
         self._past_decisions.pop(subject, None)
         self._past_decisions[subject] = decided
         if len(self._past_decisions) > MAX_HELD:

@@ -1,4 +1,5 @@
-"""The addresses on which a proxy listens, the controllers it forwards to, and the clients it accepts."""
+"""The addresses on which a proxy listens, the controllers to which it forwards, and the clients that it
+accepts."""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ _IPV6 = frozenset("0123456789abcdefABCDEF:.")
 
 
 class ListenerSpecError(BcapError):
-    """The options of a listener are invalid; the error names the wrong part."""
+    """The options of a listener are invalid. The error names the wrong option or address."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +31,7 @@ class ListenerSpec:
     """Address on which the proxy listens for the clients of one controller.
 
     Attributes:
-        listen: IP address and port of this machine; port 0 takes a free port.
+        listen: IP address and port of this machine; port 0 selects a free port.
         to: Address or name of the controller, and its port.
         transports: Transports on which the proxy listens.
         allow: Networks from which clients may connect; () for all networks.
@@ -52,13 +53,13 @@ class ListenerSpec:
 def parse_listener_specs(
     listen: Sequence[str], to: Sequence[str], transport: str = "both", allow: Sequence[str] = ()
 ) -> tuple[ListenerSpec, ...]:
-    """Return one specification per listener, combined from the options of the command line.
+    """Combine the options of the command line to one `ListenerSpec` per listener.
 
     Args:
         listen: `HOST:PORT` of each listener, `[HOST]:PORT` for IPv6. The prefix `udp:` or `tcp:` selects a
             transport.
         to: `HOST:PORT` of each listener's controller, in the order of the listeners.
-        transport: Transport of listeners without a prefix: `udp`, `tcp` or `both`.
+        transport: Transport of listeners whose address has no prefix: `udp`, `tcp` or `both`.
         allow: Addresses or networks in CIDR notation from which clients may connect.
 
     Raises:

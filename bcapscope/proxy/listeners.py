@@ -1,4 +1,4 @@
-"""Opens the listeners of a specification."""
+"""Open the listeners that a `ListenerSpec` describes."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ _TRIES = 20
 def open_listeners(
     relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS
 ) -> tuple[Endpoint, list[TcpListener | UdpListener]]:
-    """Open the listeners. Return their address, and the listeners.
+    """Open the listeners for the transports of `spec`. Return the common address of the listeners, and the
+    listeners.
 
-    Port 0 takes a free port, the same one for both transports. The listeners accept clients when the relay
+    Port 0 selects a free port, the same for both transports. The listeners accept clients once the relay
     opens them.
 
     Raises:
-        ProxyListenError: The address cannot be listened on.
-        UnreachableError: The controller's name cannot be resolved.
+        ProxyListenError: The proxy cannot listen on the address.
+        UnreachableError: The name of the controller has no address.
     """
     for last in range(_TRIES - 1, -1, -1):
         listeners: list[TcpListener | UdpListener] = []

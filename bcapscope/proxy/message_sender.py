@@ -1,4 +1,5 @@
-"""The last step of the rules: the guard, and replies that the proxy makes in the controller's place."""
+"""The last step of the rules: the guard refuses requests, and the proxy answers them instead of the
+controller."""
 
 from __future__ import annotations
 
@@ -31,14 +32,14 @@ class MessageSender:
         self._replies = ReplyFactory()
 
     def on_message(self, flow: Flow, data: bytes) -> None:
-        """Learn from a message how the controller fills in its replies."""
+        """Learn from a message how the controller fills the headers of its replies."""
         self._replies.on_message(flow, data)
 
     def close_conversation(self, conversation: Conversation) -> None:
         self._replies.close_conversation(conversation)
 
     def send(self, state: DirectionState, data: bytes, note: Message | None, work: DecisionBuilder) -> None:
-        """Forward a message. A request passes the guard first."""
+        """Forward a message. Before this, the guard checks a request."""
         direction = state.flow.direction
         if self.guard is not None and direction is Direction.REQUEST:
             data = self._apply_guard(self.guard, state, data, work)
@@ -49,7 +50,8 @@ class MessageSender:
     def refuse_motion(
         self, state: DirectionState, message: WireMessage, note: Message, work: DecisionBuilder
     ) -> bytes:
-        """Refuse the motions in a request. Return the bytes of the other frames."""
+        """Refuse the frames of a request that may move the robot. Return the bytes of the frames that were
+        not refused."""
         items = [each.observation.item for each in message.annotated_frames]
         refused = [item for item in items if isinstance(item, Frame) and _may_move(item)]
         if not refused:
@@ -67,7 +69,7 @@ class MessageSender:
         note: Message,
         work: DecisionBuilder,
     ) -> None:
-        """Reply to each request in the controller's place, with a result code and no value."""
+        """Reply to each request instead of the controller, with a result code and no value."""
         for request in requests:
             raw = self._replies.make_reply(state.flow.conversation, request, code)
             work.actions.append(SendAction(state.client, Direction.RESPONSE, raw, note))
@@ -75,7 +77,7 @@ class MessageSender:
     def _apply_guard(
         self, guard: RequestGuard, state: DirectionState, data: bytes, work: DecisionBuilder
     ) -> bytes:
-        """Return the part of a request that the guard passes, and answer the other frames."""
+        """Return the frames of a request that the guard passes, and answer those that it refuses."""
         passing, refused, dropped = guard.filter_frames(data)
         for frame, why in refused:
             self.refused_requests += 1

@@ -1,5 +1,5 @@
-"""TCP clients that have connected but not sent their first frame. The first frame decides whether a client
-gets a slot."""
+"""TCP clients that have connected but not yet sent a complete first frame. The first frame decides whether a
+client gets a slot."""
 
 from __future__ import annotations
 
@@ -17,15 +17,17 @@ if TYPE_CHECKING:
     from bcapscope.proxy.relay import Relay
 
 Admit: TypeAlias = Callable[[socket.socket, SocketAddress, bytes, int], None]
-"""Function that admits a client: socket, address, bytes so far, and time of the last bytes in ns since 1970.
+"""Function that admits a client. It takes the socket, the address, the bytes received so far, and the time of
+the last bytes in ns since 1970.
 """
 
 _AT_ONCE = 4096
-"""Maximum number of bytes of one read."""
+"""Maximum number of bytes to read at once."""
 
 
 class PendingConnections:
-    """Connected clients that have not sent a complete frame yet. The controller does not know them."""
+    """Connected clients that have not sent a complete frame yet. The proxy connects to the controller only
+    after a client's first frame."""
 
     def __init__(self, relay: Relay) -> None:
         self._relay = relay
@@ -36,7 +38,7 @@ class PendingConnections:
         return len(self._clients)
 
     def add(self, client: socket.socket, address: SocketAddress, admit: Admit) -> None:
-        """Add a client that has just connected. When its first frame is complete, call `admit`."""
+        """Add a client that has just connected. Once the client's first frame is complete, call `admit`."""
         client.setblocking(False)
         descriptor = client.fileno()
         dropped = self._lobby.add(descriptor, address[0])
@@ -47,7 +49,7 @@ class PendingConnections:
         self._read(descriptor)
 
     def drop_lowest_priority(self) -> bool:
-        """End the pending client with the lowest priority. Return whether there was one."""
+        """Disconnect the pending client with the lowest priority. Return False if no client is pending."""
         dropped = self._lobby.drop_one()
         if dropped is None:
             return False
@@ -55,7 +57,7 @@ class PendingConnections:
         return True
 
     def sweep(self, now: int) -> None:
-        """End the clients whose first frame takes too long."""
+        """Disconnect clients that take too long to send their first frame."""
         for descriptor in self._lobby.drop_overdue(now):
             self._refuse(descriptor, Message("client.slow-first-frame"))
 

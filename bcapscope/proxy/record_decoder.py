@@ -1,7 +1,8 @@
 """Decodes the records in the relay's ring into observations: the requests and replies of each client.
 
 Observations show the client's side: requests as the proxy received them, and replies as it sent them to the
-client. A request that a rule dropped is observed; a reply that a rule dropped is not.
+client. A request that a rule dropped therefore gives an observation, but a reply that a rule dropped does
+not.
 """
 
 from __future__ import annotations
@@ -19,13 +20,21 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import StreamPiece, StreamSplitter
 from bcapscope.proxy.relay_session import ClientEndpoints, read_endpoints
 from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind, hole_sizes
-from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PARTICIPANT,
+    Conversation,
+    Direction,
+    Flow,
+    Observation,
+    Transport,
+)
 
 NotedObservation: TypeAlias = tuple[Observation, Message | None]
-"""An observation, and a note of what a rule did to the message (None for nothing)."""
+"""An observation, and a note of what a rule did to the message; None if no rule changed it."""
 
 _MAX_MARKS = 256
-"""Maximum number of pieces of one unfinished frame whose times are kept separately."""
+"""An unfinished frame of a stream arrives in pieces. The decoder keeps the arrival times of at most this
+number of pieces."""
 
 
 class _DirectionStream:
@@ -34,7 +43,7 @@ class _DirectionStream:
     Attributes:
         size: Number of bytes of the stream so far.
         arrival_times: Offsets in the stream, each with the time of the bytes that start there, in ns.
-        packet: Number, in the recording, of the last packet with bytes of the stream; 0 for none.
+        packet: Number of the last packet of the stream in the recording; 0 if there is no such packet.
     """
 
     def __init__(self, flow: Flow, splitter: StreamSplitter) -> None:
@@ -49,7 +58,9 @@ class _Client:
         self, endpoints: ClientEndpoints, received_at: int, budget: ByteBudget, templates: FrameTemplates
     ) -> None:
         self.last_heard = received_at
-        conversation = Conversation(endpoints.client, endpoints.controller, endpoints.transport, "the proxy")
+        conversation = Conversation(
+            endpoints.client, endpoints.controller, endpoints.transport, SERVER_PARTICIPANT
+        )
         self.conversation = conversation
         self.is_stream = endpoints.transport is Transport.TCP
         self.streams = tuple(
@@ -81,18 +92,18 @@ class RecordDecoder:
         return {client.conversation: client.last_heard for client in self._clients.values()}
 
     def pop_closed_clients(self) -> list[tuple[Conversation, Message]]:
-        """Return the clients that are gone since the previous call, each with the relay's reason."""
+        """Return the clients that the relay removed since the previous call, each with the reason."""
         gone, self._closed_clients = self._closed_clients, []
         return gone
 
     def decode(
         self, records: Iterable[RingRecord], packets: Iterable[int] | None = None
     ) -> Iterator[NotedObservation]:
-        """Yield each observation, with a note of what a rule did to the message (None for nothing).
+        """Yield each observation, with a note of what a rule did to the message; None if no rule changed it.
 
         Args:
-            packets: For each record, the number of its packet in the recording, or 0. None without a
-                recording.
+            packets: For each record, the number of its packet in the recording, or 0 if it has none.
+                `packets` is None if there is no recording.
         """
         clients = self._clients
         for record, packet in zip(records, packets or repeat(0), strict=False):
@@ -123,7 +134,7 @@ class RecordDecoder:
                 yield from self._decode_event(client, record)
 
     def _decode_event(self, client: _Client, record: RingRecord) -> Iterator[NotedObservation]:
-        """Yield the observations that result from a record of a kind other than `DATA`."""
+        """Yield the observations that a record gives if its kind is not `DATA`."""
         kind = record.kind
         if kind is RingRecordKind.HOLE:
             if record.up and record.received_at:
@@ -141,7 +152,8 @@ class RecordDecoder:
         self, stream: _DirectionStream, data: bytes, time: int, note: Message | None
     ) -> Iterator[NotedObservation]:
         if not stream.splitter.pending_bytes:
-            stream.arrival_times.clear()  # the first time that is kept belongs to the first byte of a frame
+            # after this, the first entry is the arrival time of a frame's first byte
+            stream.arrival_times.clear()
         stream.arrival_times.append((stream.size, time))
         stream.size += len(data)
         yield from self._make_observations(stream, stream.splitter.feed(data), time, note)
@@ -158,7 +170,7 @@ class RecordDecoder:
 
     def _decode_end(self, client: _Client, record: RingRecord) -> Iterator[NotedObservation]:
         _, up, _, received_at, sent_at, *_ = record
-        if received_at:  # otherwise the proxy itself ended the connection
+        if received_at:  # `received_at` is 0 if the proxy itself ended the connection
             is_reset = record.kind is RingRecordKind.RESET
             client.conversation.record_end(client.streams[up].flow.direction, is_reset, received_at)
         if time := received_at if up else sent_at:

@@ -1,6 +1,6 @@
 """The relay: one thread that moves bytes between clients and controllers without inspecting them.
 
-The relay writes its traffic into a ring buffer that another process reads. If there are rules, the relay
+The relay writes all traffic into a ring buffer, which another process reads. If there are rules, the relay
 forwards only the data that the rules allow.
 """
 
@@ -25,23 +25,27 @@ from bcapscope.traffic.observation import Direction, Endpoint, Transport
 from bcapscope.transport.descriptors import SpareDescriptors
 
 Handler: TypeAlias = Callable[[int], None]
-"""Function that is called with the events of a file descriptor, as bits such as `READ`."""
+"""Function that handles the events of a file descriptor, given as bits such as `READ`."""
 
 POLL_INTERVAL = 0.05
-"""Time in seconds between two ticks. At a tick, the relay writes pending records, and may stop."""
+"""Time in seconds between two ticks. At each tick, the relay writes pending records and checks whether to
+stop."""
 
 _SWEEP_EVERY = 20
-"""Number of ticks between two sweeps. A sweep finds silent clients and full buffers, which cause no event."""
+"""Number of ticks between two sweeps. A sweep looks for silent clients and full buffers, because these do not
+cause an event."""
 
 _LONGEST_NOTE = 4096
 """Maximum size of a rule's note, in bytes."""
 
 _LONGEST_CUT_NOTE = 600
-"""Number of characters kept of a note that is too long. Each character takes at most six bytes."""
+"""If a note is too long, the relay keeps this number of its characters. Each character of a note takes at
+most six bytes."""
 
 _SPARE_DESCRIPTORS = 4
 """Number of spare file descriptors for clients that send a stop when no other descriptor is free. A TCP
-client needs two, a UDP client one, and a client without a complete frame one.
+client needs two descriptors. A UDP client needs one descriptor, and so does a client that has not sent a
+complete frame.
 """
 
 
@@ -53,11 +57,11 @@ class Relay:
         counts: Counters in the ring, indexed by `RelayCounter`.
         policy: Rules that decide about each message; None without rules.
         sessions: Open sessions by client number.
-        slots: Admission of clients, by transport.
+        slots: For each transport, the slots that decide which clients are admitted.
         pending_connections: TCP clients that have not sent a complete frame yet.
         spares: Spare file descriptors for clients that send a stop.
         buffer: Receive buffer, which all streams share because one thread reads them.
-        now: Time of a monotonic clock in ns, at most about `POLL_INTERVAL` old.
+        now: Time of a monotonic clock in ns, which is updated about every `POLL_INTERVAL`.
     """
 
     def __init__(self, ring: RingWriter, policy: Policy | None = None) -> None:
@@ -95,11 +99,12 @@ class Relay:
             listener.open()
 
     def stop(self) -> None:
-        """Make `run` return soon. A signal handler, or code that `run` calls, may call this method."""
+        """Make `run` return soon. Signal handlers, and functions that `run` calls, may call this method."""
         self._is_stopped = True
 
     def run(self, idle: Callable[[], None] = lambda: None) -> None:
-        """Move bytes until `stop` is called, and call `idle`, which must not block, every `POLL_INTERVAL`."""
+        """Forward traffic until `stop` is called. Every `POLL_INTERVAL`, call `idle`, which must not
+        block."""
         self._is_stopped, self._idle = False, idle
         handler_of, poll, policy = self._handlers.get, self._poller.poll, self.policy
         patience = POLL_INTERVAL if self._ticker is None else None
@@ -117,7 +122,7 @@ class Relay:
                 self._tick()
 
     def release_all_held(self) -> None:
-        """Send the held messages that the rules release when the proxy ends."""
+        """At the end of the proxy, send the held messages that the rules release."""
         for session in list(self.sessions.values()):
             self.release_held(session)
 
@@ -148,8 +153,9 @@ class Relay:
     def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
         """Call `handler` for every event of a file descriptor.
 
-        The system may reuse the number of a descriptor that was just closed. The events of the current poll
-        belong to the closed descriptor, so `handler` is called from the next poll on.
+        The system may give a new descriptor the number of a descriptor that was just closed. The events of
+        the current poll still belong to the closed descriptor, so the relay calls `handler` only from the
+        next poll on.
         """
         handlers = self._new_handlers if descriptor in self._just_unwatched else self._handlers
         handlers[descriptor] = handler
@@ -170,7 +176,8 @@ class Relay:
         self._paused.add(descriptor)
 
     def deny(self, client: Endpoint, why: Message, is_datagram: bool = False) -> None:
-        """Count a rejected client. Report the 1st, 2nd, 4th, 8th … rejected client to the user."""
+        """Count a rejected client. To limit the messages, report only the 1st, 2nd, 4th, 8th and so on to the
+        user."""
         self.counts[RelayCounter.DENIED] += 1
         self._denied += 1
         if should_report(self._denied):
@@ -178,9 +185,8 @@ class Relay:
             self.notify(Message(case, client=str(client), reason=why))
 
     def free_descriptor(self, *, is_admitted: bool = True) -> bool:
-        """Free a file descriptor for a client that was admitted, or for a TCP client that may send a stop.
-
-        Return whether a descriptor was freed.
+        """Free a file descriptor for an admitted client, or for a new TCP client whose first frame may be a
+        stop. Return whether this succeeded.
         """
         return (
             (not is_admitted and self.spares.release_one(keep=1))
@@ -203,8 +209,8 @@ class Relay:
         return self.counts[RelayCounter.CLIENTS] + 1
 
     def remove_client(self, session: RelaySession, why: Message) -> None:
-        """Drop the data of a client. The next tick writes its `CLIENT_CLOSED` record, after the client's last
-        data."""
+        """Drop the data of a client. The next tick writes the `CLIENT_CLOSED` record, so that it follows the
+        client's last data."""
         self._paused_sessions.pop(session.number, None)
         if self.sessions.pop(session.number, None) is not None:
             self.slots[session.conversation.transport].release(session.number)
@@ -219,7 +225,7 @@ class Relay:
         self.ring.write_required(RingRecordKind.NOTICE, 0, encode_message(message), time.time_ns())
 
     def apply_rules(self, session: RelaySession, up: bool, data: bytes, received_at: int) -> None:
-        """Let the rules decide about received data, and carry out the decision."""
+        """Ask the rules about received data, and carry out their decision."""
         assert self.policy is not None
         decision = self.policy.receive(session.number, direction_of(up), data, time.monotonic_ns())
         arrival = _Arrival(session, up, data, received_at)
@@ -227,11 +233,13 @@ class Relay:
             self._undecided[decision.ticket] = arrival
             self._perform(decision.actions)
         else:
-            self.record_undecided(session, up)  # keeps the order of this direction
+            # write waiting data first, so that the records of this direction stay in order
+            self.record_undecided(session, up)
             self._record_and_perform(arrival, decision.note, decision.actions)
 
     def record_undecided(self, session: RelaySession, up: bool) -> None:
-        """Record the undecided data of a direction, so that later records follow that data in the ring."""
+        """Write data without a decision to the ring now, so that later records of this direction follow
+        it."""
         for ticket, each in list(self._undecided.items()) if self._undecided else ():
             if each.session is session and each.up is up:
                 del self._undecided[ticket]
@@ -252,29 +260,31 @@ class Relay:
         self._perform(actions)
 
     def on_stream_end(self, session: RelaySession, up: bool) -> bool:
-        """Report the end of a stream to the rules. Return whether to forward that end to the receiver now."""
+        """Report the end of a stream to the rules. Return whether to forward the end to the receiver now."""
         if self.policy is None:
             return True
         self._perform(self.policy.on_stream_end(session.number, direction_of(up), time.monotonic_ns()))
         return not self.holds(session, up)
 
     def holds(self, session: RelaySession, up: bool) -> bool:
-        """Return whether rules hold data of a direction. If so, the end of the stream has to wait."""
+        """Return whether rules hold data of a direction, so that the end of the stream has to wait."""
         return self.policy is not None and self.policy.holds(session.number, direction_of(up))
 
     def hides_end(self, session: RelaySession) -> bool:
-        """Return whether rules hide the end of a client's connection from the other side."""
+        """Return whether rules hide the end of one of a client's two connections from the other one."""
         return self.policy is not None and self.policy.hides_end(session.number)
 
     def pauses_reading(self, session: RelaySession) -> bool:
-        """Return whether rules hold too much data to read more. If so, `resume_reading` is called later."""
+        """Return True if rules hold so much data that the session must not read more. After a pause, the
+        relay calls `resume_reading` once the rules hold less data."""
         if self.policy is None or not self.policy.is_full(session.number):
             return False
         self._paused_sessions[session.number] = session
         return True
 
     def release_held(self, session: RelaySession) -> bool:
-        """Send the held messages that rules release when a client ends. Return whether there were any."""
+        """Send the held messages that the rules release when a client ends. Return whether the rules released
+        any message."""
         if self.policy is None or session.number not in self.sessions:
             return False
         actions = self.policy.release_held(session.number, time.monotonic_ns())
@@ -288,7 +298,7 @@ class Relay:
                 continue
             if isinstance(action, LateDecision):
                 arrival = self._undecided.pop(action.ticket, None)
-                if arrival is None:  # the ring already has the data, without the decision
+                if arrival is None:  # `record_undecided` has already written the data to the ring
                     self.counts[RelayCounter.RULED] += action.note is not None
                     self._perform(action.actions)
                 else:
@@ -339,14 +349,14 @@ class Relay:
             self.ring.streams.discard(number)
 
     def _tick(self) -> None:
-        """Write pending records and call `idle`. Every `_SWEEP_EVERY` ticks, sweep all sessions."""
+        """Write pending records and call `idle`. In every `_SWEEP_EVERY`th tick, sweep all sessions."""
         self.ring.flush()
         self._record_removed_clients()
         self._idle()
         self._tick_count += 1
         if self._tick_count % _SWEEP_EVERY == 0:
             self._sweep()
-        # Updated after the sweep, so that after a standstill no client seems silent before its data is read.
+        # Not before the sweep: after a standstill, clients whose data is unread must not count as silent.
         self.now = time.monotonic_ns()
 
     def _sweep(self) -> None:
@@ -360,7 +370,7 @@ class Relay:
             session.sweep(self.now)
 
     def _adopt_new_handlers(self) -> None:
-        """Activate the handlers of new file descriptors that have the numbers of closed ones."""
+        """Start to call the handlers of new file descriptors that have the same numbers as closed ones."""
         self._just_unwatched.clear()
         self._handlers.update(self._new_handlers)
         self._new_handlers.clear()
@@ -374,7 +384,8 @@ class _Arrival(NamedTuple):
 
 
 def encode_note(note: Message | None) -> bytes:
-    """Encode a note for the ring; None gives b"". A note that is too long is cut to English text."""
+    """Encode a note for the ring; None gives b"". Replace a note that is too long by a shortened English
+    text."""
     if note is None:
         return b""
     data = encode_message(note)
@@ -382,5 +393,5 @@ def encode_note(note: Message | None) -> bytes:
 
 
 def direction_of(up: bool) -> Direction:
-    """Return the direction: requests go up, replies go down."""
+    """Return `Direction.REQUEST` for up, `Direction.RESPONSE` for down."""
     return Direction.REQUEST if up else Direction.RESPONSE

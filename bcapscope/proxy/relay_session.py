@@ -1,4 +1,4 @@
-"""Base classes of the relay's sessions and listeners, and the addresses of a client."""
+"""Base classes for the relay's sessions and listeners, and the addresses of a client's connections."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.admission import ClientSlot
 from bcapscope.proxy.listener_spec import ListenerSpec
 from bcapscope.proxy.sockets import SocketAddress, endpoint_of, listen_on, resolve
-from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+from bcapscope.traffic.observation import SERVER_PARTICIPANT, Conversation, Endpoint, Transport
 from bcapscope.transport.descriptors import is_out_of_descriptors
 from bcapscope.transport.first_frame_queue import source_network
 
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 
 class ClientDeniedError(BcapError):
-    """The proxy rejects a new client, because there is no slot."""
+    """The proxy rejects a new client, because no slot or file descriptor is free."""
 
 
 class RelaySession(ABC):
     """The relay's session with one client, which forwards data between the client and the controller.
 
     Attributes:
-        number: Number of the client, never used twice.
+        number: Number of the client. No other client ever has the same number.
         conversation: Conversation between the client and the controller, as if there were no proxy.
         source: Network of the client, as `source_network` returns it.
         last_heard: Value of `Relay.now` when the client last sent something.
@@ -40,7 +40,7 @@ class RelaySession(ABC):
 
     def __init__(self, relay: Relay, transport: Transport, client: SocketAddress, to: Endpoint) -> None:
         self.number = relay.next_number()
-        self.conversation = Conversation(endpoint_of(client), to, transport, "the proxy")
+        self.conversation = Conversation(endpoint_of(client), to, transport, SERVER_PARTICIPANT)
         self.source = source_network(client[0])
         self.last_heard = relay.now
         self._relay = relay
@@ -52,13 +52,14 @@ class RelaySession(ABC):
 
     @abstractmethod
     def send(self, up: bool, data: bytes) -> int:
-        """Send data up or down. Return the time in ns since 1970; 0 if some of the data was not sent yet."""
+        """Send data to the controller (`up`) or to the client. Return the time in ns since 1970; 0 if part of
+        the data still waits."""
 
-    def on_nothing_held(self, up: bool) -> None:  # noqa: B027 - datagrams have no end to forward
-        """Continue after rules have released all data of a direction."""
+    def on_nothing_held(self, up: bool) -> None:  # noqa: B027 - UDP has no end to forward
+        """Forward the end of a stream if it had to wait until the rules released the data."""
 
-    def resume_reading(self) -> None:  # noqa: B027 - datagrams are always read
-        """Read from the client again, after rules held too much data."""
+    def resume_reading(self) -> None:  # noqa: B027 - UDP sessions never stop reading
+        """Read from the client again. The session had stopped reading, because rules held too much data."""
 
     @abstractmethod
     def sweep(self, now: int) -> None:
@@ -66,11 +67,12 @@ class RelaySession(ABC):
 
     @abstractmethod
     def evictable_idle_ns(self, now: int) -> int | None:
-        """Return how many ns the client has been idle, if it may be evicted for another client; else None."""
+        """Return how many ns the client has been idle; None if it must not be evicted for another client."""
 
     @abstractmethod
     def close(self, reset: bool, why: Message) -> None:
-        """Send the held messages that rules release, then close the session. `reset` resets a stream."""
+        """Send the held messages that the rules release, then close the session. With `reset`, reset a
+        stream."""
 
 
 class ClientListener(ABC):
@@ -87,8 +89,8 @@ class ClientListener(ABC):
         """Open the socket for clients.
 
         Raises:
-            ProxyListenError: The address cannot be listened on.
-            UnreachableError: The controller's name cannot be resolved.
+            ProxyListenError: The proxy cannot listen on the address.
+            UnreachableError: The name of the controller has no address.
         """
         self.relay = relay
         self.controller = resolve(spec.to, transport)
@@ -118,7 +120,8 @@ class ClientListener(ABC):
     ) -> tuple[socket.socket, ClientSlot]:
         """Find a slot for a new client at the address `host`, and open a socket toward the controller.
 
-        If the first frame of the new client is a stop, other clients are ended to free a file descriptor.
+        If the first frame of the new client is a stop and no file descriptor is free, disconnect another
+        client.
 
         Args:
             is_stop: True if the client's first frame is a stop.
@@ -153,7 +156,7 @@ class ClientEndpoints(NamedTuple):
 
     Attributes:
         listen: Address of the proxy to which the client sends.
-        upstream: Address of the proxy from which it sends to the controller.
+        upstream: Address from which the proxy sends to the controller.
     """
 
     transport: Transport

@@ -1,4 +1,4 @@
-"""The guard of the proxy: it refuses requests that are not allowed, and always passes stops."""
+"""The guard of the proxy: it refuses requests that are not allowed, and always lets stops pass."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ _COMMANDS = {
 
 
 class GuardTarget(NamedTuple):
-    """Requests to block or allow: those of a function, of a command, or of one command of a function.
+    """Which requests to block or allow: those that call a function, a command, or one command of a function.
 
     Attributes:
-        function_id: Number of the function; None for any.
-        command: Command in lower case; None for any.
+        function_id: Id of the function; None for any function.
+        command: Command in lower case; None for any command.
     """
 
     function_id: int | None
@@ -51,11 +51,11 @@ class GuardTarget(NamedTuple):
         return self.command is None or (kind.command or "").casefold() == self.command
 
     def may_match(self, function_id: int, command: str | None) -> bool:
-        """Return whether a controller may read a request as a request of this target.
+        """Return whether a controller may interpret a request as one that this target describes.
 
         Args:
-            command: Command of the request; None if readers may disagree about it. Text after a NUL, and
-                blanks around the command, are ignored, as in orin_bcap's C.
+            command: Command of the request; None if controllers may interpret it differently. As in
+                orin_bcap's C, text after a NUL and blanks around the command are ignored.
         """
         if self.function_id not in (None, function_id):
             return False
@@ -67,7 +67,7 @@ class GuardTarget(NamedTuple):
 
 
 def read_target(text: str) -> GuardTarget:
-    """Read ``Robot_Move``, ``slvMove``, or ``Robot_Execute:AnyName`` for an unknown command.
+    """Parse a target: ``Robot_Move``, ``slvMove``, or ``Robot_Execute:AnyName`` for an unknown command.
 
     Raises:
         InputError: There is no such function or command.
@@ -103,10 +103,9 @@ class GuardResult(NamedTuple):
 
 
 class RequestGuard:
-    """Refuses requests. Requests that stop something or release a handle always pass.
-
-    Only whole frames pass. Therefore a controller that skips rejected bytes finds no frame that the guard has
-    not seen.
+    """Refuses requests. Requests that stop something or release a handle always pass. Only whole frames pass.
+    Therefore the guard has checked every frame that a controller can find, even if the controller skips
+    invalid bytes.
     """
 
     def __init__(
@@ -117,7 +116,7 @@ class RequestGuard:
         Args:
             read_only: If True, refuse unknown requests, and requests that move the robot or change its state.
             block: Requests to refuse.
-            allow: Requests that pass despite `read_only`. `block` has precedence.
+            allow: Requests that pass although `read_only` is True. `block` overrides `allow`.
         """
         self.read_only = read_only
         self._block = tuple(block)
@@ -126,7 +125,7 @@ class RequestGuard:
         self._kinds = CallKinds()
 
     def filter_frames(self, data: bytes) -> GuardResult:
-        """Separate the frames of a datagram, or of a piece of a stream, into passing and refused ones."""
+        """Split a datagram, or a piece of a stream, into frames that pass and frames that are refused."""
         passing, refused, dropped = [], [], 0
         for item in parse_datagram(data, self._templates):
             if not isinstance(item, Frame):
@@ -140,10 +139,11 @@ class RequestGuard:
     def refusal_reason(self, request: Frame) -> Message | None:
         """Return the reason why the guard refuses a request; None if the request passes.
 
-        Controllers read a damaged frame in different ways. Some read the values of its arguments one after
-        the other, as orin_bcap's C, C#, Java and Python do. Others use the lengths of the arguments, as the
-        older C client does. The guard refuses the frame if any reading might be refused. A frame inside the
-        value of an argument is data, which all readers skip.
+        Controllers interpret a damaged frame in different ways. Some controllers read the values of the
+        arguments one after the other, as orin_bcap's C, C#, Java and Python do. Other controllers use the
+        lengths of the arguments, as the older C client does. The guard refuses a damaged frame if it would
+        refuse one of the possible interpretations. Bytes inside the value of an argument are data: no
+        controller takes them for a frame.
         """
         if _only_stops(request):
             return None
@@ -172,29 +172,28 @@ class RequestGuard:
 
 
 def _only_stops(request: Frame) -> bool:
-    """Return whether every reading of a request only stops something or releases a handle."""
+    """Return whether a request only stops something or releases a handle, whichever way it is interpreted."""
     values = request.variants
     if not always_passes(request.code, values) or not _is_whole(request) or not _reads_one_way(request):
         return False
     if not request.problems:
         return True
-    # The function number alone determines the effect of the request, so errors in the arguments do not
-    # matter.
+    # Errors in the arguments do not matter if the function always stops or releases something.
     by_number = request.body is request.raw and always_passes(request.code, ())
     return by_number and not _hides_frame(request.raw)
 
 
 def _is_whole(frame: Frame) -> bool:
-    """Return whether all readers find the frame's end in the same place."""
+    """Return whether all controllers agree where the frame ends."""
     raw = frame.raw
     return SMALLEST_FRAME <= len(raw) == frame.length and raw[-1] == EOT and frame.external_problem is None
 
 
 def _reads_one_way(frame: Frame) -> bool:
-    """Return whether all readers agree that a frame is compressed, or that it is plain.
+    """Return whether all controllers agree that a frame is compressed, or all agree that it is plain.
 
-    A frame that looks compressed must be valid as a compressed frame. As a plain frame it would have at least
-    376 arguments, which must not fit into the frame.
+    A frame that looks compressed must be valid when unpacked. Read as a plain frame, the same bytes would
+    have at least 376 arguments, which must be too many for the frame's length.
     """
     raw = frame.raw
     if not has_zlib_header(raw):
@@ -205,7 +204,7 @@ def _reads_one_way(frame: Frame) -> bool:
 
 
 def _hides_frame(raw: bytes) -> bool:
-    """Return whether readers may find another frame in these bytes, or the start of another frame."""
+    """Return whether a controller may find another frame, or the start of one, inside these bytes."""
     place = raw.find(SOH, 1)
     while place > 0:
         length = int.from_bytes(raw[place + 1 : place + 5], "little")

@@ -1,9 +1,9 @@
 """A ring buffer in shared memory, through which the relay passes its traffic to the watcher process.
 
 A write takes about a microsecond, makes no system call and never waits. If the ring has no room for a record,
-the record is lost and counted. One process writes and one process reads. A processor may store a record later
-than the position that announces the record. So each poll returns only the records written before the previous
-poll.
+the record is lost and counted. One process writes and one process reads. The processor may store the new
+write position before it stores the record itself. Therefore each poll of the ring returns only the records
+that were written before the previous poll.
 """
 
 from __future__ import annotations
@@ -16,28 +16,31 @@ from typing import NamedTuple, TypeAlias
 from bcapscope.transport.receive_timestamps import AncillaryData, kernel_timestamp
 
 RING_OVERHEAD = 1 << 17
-"""Size in bytes of the memory besides the ring: a header, and a margin behind the end of the ring."""
+"""Size in bytes of the shared memory without the ring itself: a header, and a margin behind the end of the
+ring."""
 
 _HEADER_SIZE = 4096
 """Size in bytes of the header: positions of writer and readers, urgency, counters and figures."""
 
 _MARGIN = RING_OVERHEAD - _HEADER_SIZE
-"""Number of bytes behind the end of the ring, into which a write may reach, so that no record is split.
-
-Together with the header, a multiple of every page size, so that all processes see the same size.
+"""Number of bytes behind the end of the ring. A record may extend into these bytes, so that no record is ever
+split. Header and margin together are a multiple of every page size, so that all processes see the same size.
 """
 
 SET_POINT_DEADLINE_NS = 2_000_000
-"""Time in ns in which a set point must be answered (DENSO Wave 2009, How to use the Slave mode)."""
+"""Time in ns within which the controller must answer a set point (DENSO Wave 2009, How to use the Slave
+mode)."""
 
 BATCH_SIZE = 16
-"""Number of datagrams that are written to the ring together. New datagrams wait while the relay writes."""
+"""Number of datagrams that the relay writes to the ring at once. While the relay writes to the ring, new
+datagrams wait."""
 
 DELAY_FIGURES = 9
-"""Number of figures that the watcher writes for the relay: the fields of `RelayDelays`, in order."""
+"""Number of figures that the watcher process writes for the relay: the fields of `RelayDelays`, in order."""
 
 MAX_WAITING_NOTICES = 1024
-"""Maximum number of messages for the user that wait for room. Further messages are lost and counted."""
+"""Maximum number of messages to the user that wait for room in the ring. Further messages are lost and
+counted."""
 
 _HEAD = struct.Struct("=IBBHIIqq")
 _HOLE = struct.Struct("=QQ")
@@ -53,19 +56,20 @@ class RingRecordKind(IntEnum):
     CLIENT_OPENED = 1
     """A new client; `data` holds its `ClientEndpoints` as JSON."""
     END = 2
-    """A FIN that the relay received or sent. `data` is the reason if the relay ended the stream itself."""
+    """A FIN that the relay received or sent. If the relay itself ended the stream, `data` is the reason."""
     CLIENT_CLOSED = 3
     """The relay removed a client; `data` is the encoded reason."""
     NOTICE = 4
     """A message for the user, encoded with `encode_message`."""
     RESET = 5
-    """An RST, which ends both directions of the connection; otherwise like `END`."""
+    """An RST, which ends both directions of the connection. If the relay itself reset the connection, `data`
+    is the reason."""
     HOLE = 6
     """Bytes of a stream that are missing because the ring was full; see `hole_sizes`."""
 
 
 class RelayCounter(IntEnum):
-    """Index of a counter of the relay."""
+    """Indices of the counters that the relay keeps in the ring."""
 
     CAME_UP = 0
     """Datagrams received from clients."""
@@ -79,9 +83,10 @@ class RelayCounter(IntEnum):
     FULL = 6
     """Datagrams that the operating system refused to send."""
     LOST = 7
-    """Datagrams that the operating system dropped because a socket's receive buffer was full."""
+    """Datagrams that the operating system dropped because the receive buffer of a socket was full."""
     DENIED = 8
-    """Datagrams and connections that were rejected: clients that are not allowed, or too many clients."""
+    """Datagrams and connections that the proxy rejected, because the client is not allowed or there are too
+    many clients."""
     CLIENTS = 9
     """Clients since the start."""
     UNWATCHED = 10
@@ -104,11 +109,12 @@ class RingRecord(NamedTuple):
     Attributes:
         up: True from client to controller, False from controller to client.
         client: Number of the client; 0 if the event concerns no client.
-        received_at: Time of the receipt or the event, in ns since 1970; 0 for data that was only sent.
-        sent_at: Time just before sending, in ns since 1970, so that no reply is older; 0 for data not sent
-            yet.
+        received_at: Time at which the data was received or the event occurred, in ns since 1970; 0 for data
+            that was only sent.
+        sent_at: Time just before sending, in ns since 1970, so that a reply is never older than its request;
+            0 for data not sent yet.
         data: Content of the record, as `kind` defines it.
-        note: What a rule did, encoded with `encode_message`; b"" if no rule affected the data.
+        note: What a rule did to the data, encoded with `encode_message`; b"" if no rule affected the data.
     """
 
     kind: RingRecordKind
@@ -121,13 +127,13 @@ class RingRecord(NamedTuple):
 
 
 def hole_sizes(record: RingRecord) -> tuple[int, int]:
-    """Return how many received bytes and how many sent bytes a record of the kind `HOLE` replaces."""
+    """Return how many received and how many sent bytes were lost at a record of the kind `HOLE`."""
     received, sent = _HOLE.unpack(record.data)
     return received, sent
 
 
 class _Hole(NamedTuple):
-    """Numbers of lost bytes of one direction, and the times of the last lost bytes in ns."""
+    """Lost bytes of one direction: how many received and sent ones, and the times of the last in ns."""
 
     received: int = 0
     sent: int = 0
@@ -137,7 +143,8 @@ class _Hole(NamedTuple):
 
 class _Ring:
     def __init__(self, memory: memoryview) -> None:
-        """Use shared memory of `RING_OVERHEAD` bytes plus a multiple of 8 bytes, all initially zero."""
+        """Use shared memory, initially all zero. The size of the memory is `RING_OVERHEAD` plus a multiple of
+        8 bytes."""
         self._marks = memory[:_HEADER_SIZE].cast("Q")
         self._space = memory[_HEADER_SIZE:]
         self._size = len(memory) - RING_OVERHEAD
@@ -150,12 +157,12 @@ class _Ring:
 
     @property
     def fill_ratio(self) -> float:
-        """Share of the ring that holds unread records, from 0 to 1."""
+        """Share of the ring that unread records occupy, from 0 to 1."""
         return (self._marks[_WRITTEN] - self._marks[_READ]) / self._size
 
     @property
     def urgency(self) -> int:
-        """Urgency of the watcher process, as a `WatcherUrgency` number that the relay sets."""
+        """How urgently the watcher process must read, as a number of `WatcherUrgency`. The relay sets it."""
         return self._marks[_URGENCY]
 
     @urgency.setter
@@ -168,10 +175,11 @@ class _Ring:
 
 
 _Entry: TypeAlias = "tuple[RingRecordKind, bool, int, int, int, bytes | memoryview, bytes]"
-"""Fields of a `RingRecord` that will be written."""
+"""Fields of a `RingRecord` before it is written."""
 
 PendingDatagram: TypeAlias = tuple[bool, int, AncillaryData, int, bytes]
-"""Datagram that is not in the ring yet: up, client number, ancillary data, time sent in ns or 0, bytes."""
+"""Datagram that is not in the ring yet: whether it goes up, client number, ancillary data, time of sending in
+ns or 0, and bytes."""
 
 
 class RingWriter(_Ring):
@@ -180,9 +188,10 @@ class RingWriter(_Ring):
     Attributes:
         counts: Counters of the relay, indexed by `RelayCounter`; the relay increases them in place.
         figures: Delays that the watcher measured; see `DELAY_FIGURES`.
-        pending_datagrams: Datagrams that are not in the ring yet. The caller appends them, and calls `flush`
-            when there are `BATCH_SIZE`.
-        streams: Numbers of the TCP clients; the ring records the holes in their streams.
+        pending_datagrams: Datagrams that are not in the ring yet. The relay appends datagrams, and calls
+            `flush` once there are `BATCH_SIZE`.
+        streams: Numbers of the TCP clients. If bytes of a TCP client do not fit into the ring, the writer
+            records a hole.
     """
 
     def __init__(self, memory: memoryview) -> None:
@@ -225,11 +234,11 @@ class RingWriter(_Ring):
 
     @property
     def bytes_read(self) -> int:
-        """Number of bytes read so far by the reader that is ahead of the other reader."""
+        """Number of bytes that the faster of the two readers has read so far."""
         return max(self._marks[_READ], self._marks[_AHEAD])
 
     def detach_reader(self) -> None:
-        """Discard waiting records, because the reader is gone."""
+        """Discard waiting records, because the watcher process is gone."""
         self._is_reader_detached = True
         self._required.clear()
         self._holes.clear()
@@ -245,7 +254,8 @@ class RingWriter(_Ring):
         note: bytes = b"",
         kind: RingRecordKind = RingRecordKind.DATA,
     ) -> bool:
-        """Write a record if there is room, else count it as unwatched. Return whether there was room."""
+        """Write a record. If the ring has no room for it, count the record as `UNWATCHED` and return
+        False."""
         self.flush()
         return self._write_or_count((kind, up, client, received_at, sent_at, data, note))
 
@@ -279,11 +289,9 @@ class RingWriter(_Ring):
             )
 
     def _write_holes(self, client: int, size: int) -> bool:
-        """Write the holes of a client's streams. Return whether there was room for the holes and the next
-        record.
-
-        If the holes were written without the next record, many short holes would follow instead of one long
-        hole.
+        """Write the holes of a client's streams if the next record also has room. Return whether the ring had
+        room for the holes and the next record. If holes were written alone, many short holes would follow
+        each other instead of one long hole.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:
@@ -325,10 +333,11 @@ class RingWriter(_Ring):
         sent_at: int = 0,
         up: bool = False,
     ) -> None:
-        """Write a record that must not be lost, as soon as there is room. Later records wait for this record.
+        """Write a record that must not be lost, as soon as the ring has room. Later records wait until this
+        record is written.
 
-        If the reader stops, the number of waiting records stays limited: if a client connects and leaves
-        meanwhile, its records are discarded. Further messages for the user are lost.
+        The number of waiting records is limited even if the reader stops. If a client connects and leaves
+        while the reader has stopped, its records are discarded. Messages for the user are lost above a limit.
         """
         self.flush()
         if self._is_reader_detached or (
@@ -342,7 +351,7 @@ class RingWriter(_Ring):
         self._write_waiting()
 
     def _remove_unseen_client(self, client: int) -> bool:
-        """Discard a client's waiting records, unless the reader has already seen the client open.
+        """Discard a client's waiting records, unless the ring already has the record that opened the client.
 
         Return whether the records were discarded.
         """
@@ -363,7 +372,8 @@ class RingWriter(_Ring):
         unwatched = self.counts[RelayCounter.UNWATCHED]
         while waiting:
             if not self._write_or_count(waiting[0]):
-                self.counts[RelayCounter.UNWATCHED] = unwatched  # the record still waits and is not lost
+                # undo the count: the record waits and is not lost
+                self.counts[RelayCounter.UNWATCHED] = unwatched
                 break
             waiting.popleft()
         self._required = waiting
@@ -378,7 +388,7 @@ class RingReader(_Ring):
     """
 
     def __init__(self, memory: memoryview, *, ahead: bool = False) -> None:
-        """Read from the beginning. A reader that is `ahead` of the other frees no memory."""
+        """Read from the beginning of the ring. A reader with `ahead` does not free memory for new records."""
         super().__init__(memory)
         self.position = self._ready = 0
         self._position_field = _AHEAD if ahead else _READ
@@ -389,11 +399,12 @@ class RingReader(_Ring):
         return self.bytes_written - self.position
 
     def read_records(self, limit: int = 8192, until: int | None = None) -> list[RingRecord]:
-        """Return records that were written before the previous call. The next call returns newer records.
+        """Return the records that were written before the previous call. Newer records follow in the next
+        call.
 
         Args:
             limit: Maximum number of records.
-            until: Position of the reader that is ahead, at which to stop; None without such a reader.
+            until: Position of the other reader, which is ahead: stop there. None if no other reader is ahead.
         """
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position

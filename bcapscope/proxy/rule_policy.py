@@ -3,7 +3,7 @@
 The guard comes last, so it checks the bytes that the controller receives.
 
 This module uses no clock and no socket. The policy splits a stream into frames only while a rule must see the
-frames. Otherwise the bytes of the stream pass unchanged.
+frames. While no rule must see frames, the policy forwards the bytes of a stream unchanged.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class RulePolicy:
         guard: Refuses requests; None without a guard.
         intercept: Holds messages until the user decides about them.
         scripts: Queue of messages that the user's scripts have yet to answer; None without scripts.
-        dropped_held: Number of held requests that were dropped because their client no longer waited.
-        notify: Called with each message for the user.
+        dropped_held: Number of held requests that the proxy dropped because their client no longer waited.
+        notify: Function that gets each message for the user.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class RulePolicy:
         *,
         epoch: int = 0,
     ) -> None:
-        """Set up the rules; `epoch` is added to the relay's clock to get ns since 1970."""
+        """Set up the rules. A time of the relay's clock plus `epoch` gives ns since 1970."""
         self.shaper = shaper
         self.intercept = intercept or Intercept()
         self.scripts = scripts
@@ -82,7 +82,7 @@ class RulePolicy:
         """Number of requests that the guard or `MessageSender.refuse_motion` refused."""
         return self._sender.refused_requests
 
-    # Methods of `Policy`, which describes them.
+    # The class `Policy` describes the following methods.
 
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
         self._clients.add(client, conversation, now)
@@ -107,7 +107,7 @@ class RulePolicy:
         return PolicyDecision(work.note, actions)
 
     def holds(self, client: int, direction: Direction) -> bool:
-        """Return whether rules hold data of this direction; False for a client that is gone."""
+        """Return whether rules hold data of this direction; False if the client has disconnected."""
         state = self._clients.directions(client).get(direction)
         return state is not None and (
             bool(state.splitter and state.splitter.pending_bytes)
@@ -123,7 +123,7 @@ class RulePolicy:
     def on_stream_end(
         self, client: int, direction: Direction, now: int
     ) -> Sequence[SendAction | CloseAction]:
-        """Apply the rules to an incomplete frame at the end of a stream. Return the actions."""
+        """Apply the rules to an incomplete frame at the end of a stream. Return the resulting actions."""
         state, work = self._clients.directions(client)[direction], DecisionBuilder()
         state.has_ended = True
         for piece in state.take_incomplete():
@@ -136,10 +136,11 @@ class RulePolicy:
         return state is not None and not self.shaper.passes_close(state.flow.conversation)
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
-        """Return the held messages that are still sent when a client ends, and discard the others.
+        """Return the held messages to send although the client ends, and discard the others.
 
-        Replies are still sent, and so are requests that stop the robot or release something. All other
-        requests are dropped. If the faults hide the end from the other side, no held message is sent.
+        Held replies are sent, and so are held requests that only stop the robot or release something. All
+        other requests are dropped. If a fault hides the end of the client from the controller, no held
+        message is sent.
         """
         work = DecisionBuilder()
         lost: list[Frame | bytes] = []
@@ -218,7 +219,7 @@ class RulePolicy:
             self.scripts,
         )
 
-    # called for the scripts' process
+    # `ScriptProcess` calls the following methods.
 
     def on_script_data(self, data: bytes, now: int) -> None:
         """Apply decisions of the scripts. `pop_due_actions` returns the resulting actions."""
@@ -226,18 +227,18 @@ class RulePolicy:
             self._apply_script_decisions(self.scripts.on_data(data, now), now)
 
     def on_scripts_ended(self, now: int) -> None:
-        """Apply the decisions that follow when the process of the scripts has ended."""
+        """Apply the decisions that the end of the scripts' process causes."""
         if self.scripts is not None:
             self._apply_script_decisions(self.scripts.on_process_ended(now), now)
 
-    # for the control socket and the screen
+    # The control socket and the screen call the following methods.
 
     def clients(self) -> Iterator[tuple[DirectionState, DirectionState]]:
-        """Yield the request direction and the response direction of each client."""
+        """For each client, yield the states of its request direction and of its response direction."""
         return self._clients.pairs()
 
     def on_rules_changed(self, now: int) -> None:
-        """Handle changed faults or a changed intercept: forward incomplete frames that no rule needs."""
+        """After a change of faults or intercept, forward incomplete frames that no rule needs any more."""
         if self._inspects_frames or self.shaper.needs_frames(now):
             return
         for state in self._clients.split_streams():
@@ -247,7 +248,7 @@ class RulePolicy:
             self._outbox += work.actions
 
     def forward_held(self, number: int, now: int, data: bytes | None = None) -> None:
-        """Forward a held message, unchanged or edited. The faults and the guard still apply to the message.
+        """Forward a held message: unchanged, or as `data`. Faults and guard still apply to the message.
 
         Raises:
             KeyError: No message with this number is held.
@@ -292,7 +293,8 @@ class RulePolicy:
     def _show_to_scripts(
         self, state: DirectionState, message: WireMessage, work: DecisionBuilder
     ) -> WireMessage | None:
-        """Show a message to the scripts. Return the message to forward now, unless it waits or is dropped."""
+        """Pass a message to the scripts. Return the message to forward now, or None if it waits or is
+        dropped."""
         scripts = self.scripts
         if scripts is None or not scripts.inspects_frames:
             return message
@@ -356,7 +358,8 @@ class RulePolicy:
     def _without_motion(
         self, state: DirectionState, message: WireMessage, note: Message, work: DecisionBuilder
     ) -> WireMessage | None:
-        """Refuse the motions in a request. Return the rest of the request; None if nothing is left."""
+        """Refuse the frames of a request that may move the robot. Return the frames that were not refused;
+        None if all were refused."""
         passing = self._sender.refuse_motion(state, message, note, work)
         if passing == message.data:
             return message
@@ -393,7 +396,7 @@ class RulePolicy:
         ]
 
     def _mark_abandoned(self, state: DirectionState) -> None:
-        """Mark the held requests of a client as abandoned, if the client has ended its connection."""
+        """If a client has ended its connection, note that it no longer waits for its held requests."""
         if state.has_ended and state.flow.direction is Direction.REQUEST:
             self.intercept.mark_abandoned(state.flow, Message("held.client-ended"))
 

@@ -27,7 +27,7 @@ def report_lines(
     Args:
         fault_counts: Number of injections of each fault, by the fault's name.
         refused: Number of refused requests; None without a guard.
-        dropped_held: Number of held requests that were dropped because their client no longer waited.
+        dropped_held: Number of held requests that the proxy dropped because their client no longer waited.
         scripts: Queue of the scripts; None without scripts.
     """
     lines = [
@@ -47,7 +47,7 @@ def report_lines(
 
 
 def names_with_counts(lost: Iterable[Frame | bytes]) -> Message:
-    """Return the names of lost requests, or of lost pieces of a stream, each name with its count."""
+    """Return the names of lost requests or pieces of a stream, and how often each name occurs."""
     names = Counter(map(_named, lost))
     more = len(names) - _MAX_NAMED
     most = names.most_common(_MAX_NAMED)

@@ -1,4 +1,5 @@
-"""The process in which the scripts run: it receives orders from the proxy, calls the hooks and answers."""
+"""The process in which the scripts run. This process receives orders from the proxy, calls the hooks of the
+scripts and answers the proxy."""
 
 from __future__ import annotations
 
@@ -35,7 +36,14 @@ from bcapscope.proxy.script_protocol import (
     wire_sentence,
 )
 from bcapscope.traffic.call_kind import RecentRequests
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PARTICIPANT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Transport,
+)
 
 _PR_SET_PDEATHSIG = 1
 _READ = 1 << 16
@@ -45,7 +53,7 @@ class ScriptHost:
     """Carries out the orders of the proxy. This class uses no socket and no clock."""
 
     def __init__(self, addons: AddonRunner) -> None:
-        """Run these add-ons, and collect their messages for the user."""
+        """Run `addons`, and collect their messages for the user."""
         self._addons = addons
         self._clients: dict[int, tuple[AddonClient, Conversation]] = {}
         self._recent_requests = RecentRequests()
@@ -79,7 +87,7 @@ class ScriptHost:
         end, controller = (Endpoint(*each) for each in order.ends)
         transport = Transport(order.transport)
         client = AddonClient(order.client, end, controller, transport)
-        self._clients[order.client] = client, Conversation(end, controller, transport, "the proxy")
+        self._clients[order.client] = client, Conversation(end, controller, transport, SERVER_PARTICIPANT)
         self._addons.client_connected(client)
 
     def _show_message(self, order: MessageShown) -> ScriptAnswer:
@@ -112,9 +120,10 @@ def main(
     """Run scripts until the proxy ends. This is the entry point of the process.
 
     Args:
-        descriptor: Socket to the proxy; None if standard input describes the socket.
-        traces: File descriptor to which the process writes its place in the scripts on SIGUSR1; None for
-            none.
+        descriptor: File descriptor of the socket to the proxy; None to read a description of the socket from
+            standard input.
+        traces: File descriptor to which the process writes its current line in the scripts on SIGUSR1; None
+            if the system has no such signal.
         parent: Process id of the proxy.
         megabytes: Maximum memory that the process may allocate, in megabytes.
     """
@@ -122,7 +131,8 @@ def main(
     try:
         _isolate(traces, parent, megabytes)
         _run(proxy, paths)
-    except (OSError, MemoryError):  # a script closed the socket or used all memory, which the proxy reports
+    # a script closed the socket or used up the memory; the proxy reports the end of the process
+    except (OSError, MemoryError):
         proxy.detach()
         sys.exit(1)
 
@@ -135,7 +145,7 @@ def _run(proxy: socket.socket, paths: Sequence[str]) -> None:
         return
     _send_statement(proxy, ScriptsLoaded(addons.hooks))
     gc.collect()
-    gc.freeze()  # searching loaded objects for garbage would delay messages
+    gc.freeze()  # garbage collection of the loaded objects would delay messages
     _serve(proxy, ScriptHost(addons))
 
 
@@ -152,23 +162,24 @@ def _send_statement(proxy: socket.socket, statement: ScriptStatement) -> None:
 
 
 def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
-    """Make the process end with the proxy, limit its memory, and let it report its place in the scripts."""
+    """Make the process end with the proxy, limit its memory, and let it report its current line in the
+    scripts."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:  # the proxy ended before prctl took effect
+        if os.getppid() != parent:  # the proxy had already ended before prctl took effect
             sys.exit()
     _limit_memory(megabytes << 20)
     if traces is not None:
         faulthandler.enable(traces, all_threads=False)
         faulthandler.register(signal.SIGUSR1, traces, all_threads=False)
-    # Flush each line, so that printed text survives a kill.
+    # Flush each line, so that text printed before a kill is not lost.
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]  # no script has replaced it yet
 
 
 def _limit_memory(size: int) -> None:
-    """Limit the memory that the process can allocate, if the system has such a limit."""
+    """Limit the memory that this process can allocate, if the operating system supports a limit."""
     if sys.platform == "win32":
         return
     import resource  # noqa: PLC0415 - does not exist on Windows

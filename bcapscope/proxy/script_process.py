@@ -1,4 +1,4 @@
-"""Starts the process of the scripts, exchanges messages with it, and ends it with the proxy."""
+"""Start the process of the scripts, exchange messages with it, and end it when the proxy ends."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ DEFAULT_MEMORY_MB = 512
 """Megabytes that the process of the scripts may allocate by default.
 
 Python needs 20 MB. NumPy needs 200 MB on 4 processors, and more on more processors, because the stacks of its
-threads count.
+threads count too.
 """
 
 LOADS_WITHIN = 30.0
-"""Maximum time in seconds in which the scripts must load."""
+"""Time in seconds that the scripts have to load."""
 
 FINISHES_WITHIN = 3.0
-"""Maximum time in seconds in which the scripts must process the last messages and the hook `done`."""
+"""At the end, the scripts have this time in seconds for the last messages and the hook `done`."""
 
 _POLL_INTERVAL = 0.05
 _EXIT_DELAY = 0.05
@@ -53,7 +53,7 @@ _START = (
 
 
 class ScriptProcess:
-    """A process that runs the user's scripts, as the `ScriptLink` of the proxy.
+    """A process that runs the user's scripts, and the proxy's connection to it (`ScriptLink`).
 
     Attributes:
         names: File names of the scripts, for messages to the user.
@@ -94,7 +94,9 @@ class ScriptProcess:
                 _START.format(path=sys.path, argv=sys.argv, arguments=arguments),
             ]
 
-        if sys.platform == "win32":  # on Windows, a process inherits no sockets and cannot report its place
+        if (
+            sys.platform == "win32"
+        ):  # on Windows, a process cannot inherit a socket or report its current line
             process = subprocess.Popen(words(None, None), stdin=subprocess.PIPE)
             assert process.stdin is not None
             with process.stdin:
@@ -107,16 +109,17 @@ class ScriptProcess:
                 words(other.fileno(), traces),
                 stdin=subprocess.DEVNULL,
                 pass_fds=(other.fileno(), traces),
-                start_new_session=True,  # Ctrl-C must reach only the proxy, which then ends the scripts
+                start_new_session=True,  # Ctrl-C then reaches only the proxy, which ends the scripts
             )
         finally:
             os.close(traces)
 
     def load(self, seconds: float) -> bool:
-        """Wait until the scripts are loaded. Return False after `seconds`. Call `attach` first.
+        """Wait until the scripts are loaded. Return False if the scripts need more than `seconds`. Call
+        `attach` first.
 
         Raises:
-            ScriptError: The scripts cannot be used.
+            ScriptError: A script failed to load, or has no add-on.
         """
         until = time.monotonic() + seconds
         while True:
@@ -161,7 +164,7 @@ class ScriptProcess:
         if data is None:
             return
         if not data:
-            time.sleep(_EXIT_DELAY)  # until the exit code of the process is known
+            time.sleep(_EXIT_DELAY)  # wait until the system knows the exit code of the process
             raise self._load_error(Message("script.ended-loading", names=self.names))
         self._statements.feed_bytes(data)
 
@@ -174,22 +177,22 @@ class ScriptProcess:
             )
 
     def attach(self, rules: RulePolicy, relay: DescriptorWatcher, is_interrupted: Callable[[], bool]) -> None:
-        """Connect the process to the rules, which get the decisions, and to the relay.
+        """Connect the process to the rules, which get the scripts' decisions, and to the relay.
 
-        `is_interrupted` returns whether the user no longer wants to wait for the end of the process.
+        `is_interrupted` returns True once the user no longer wants to wait for the end of the process.
         """
         self._rules = rules
         self._relay = relay
         self._is_interrupted = is_interrupted
 
-    # Methods of `ScriptLink`, which describes them.
+    # The class `ScriptLink` describes the following methods.
 
     def send(self, frame: bytes) -> None:
         self._backlog += frame
         self._flush()
 
     def receive(self) -> bytes:
-        """Return the bytes from the process that were not read yet; b"" for none or at the end."""
+        """Return the bytes that have arrived from the process; b"" if there are none, or if it has ended."""
         return self._receive() or b""
 
     def locate(self) -> None:
@@ -241,7 +244,8 @@ class ScriptProcess:
                 self._rules.on_scripts_ended(now)
 
     def _receive(self) -> bytes | None:
-        """Return the bytes available from the process: b"" at the end, None if there are none yet."""
+        """Return the bytes that have arrived from the process: None if there are none yet, b"" if it has
+        ended."""
         try:
             return self._socket.recv(1 << 16)
         except BlockingIOError:
@@ -250,13 +254,14 @@ class ScriptProcess:
             return b""
 
     def _flush(self) -> None:
-        """Write the bytes that the process accepts, and write the rest when it accepts more."""
+        """Write as many pending bytes as the socket accepts; the relay calls this again when it accepts
+        more."""
         try:
             while self._backlog:
                 del self._backlog[: self._socket.send(self._backlog)]
         except BlockingIOError:
             pass
-        except OSError:  # the process is gone, which the next read notices
+        except OSError:  # the process has ended, as the next read will show
             self._backlog.clear()
         if self._watcher is not None and self._waits_to_write is not bool(self._backlog):
             self._waits_to_write = bool(self._backlog)
@@ -271,23 +276,26 @@ class ScriptProcess:
         """End the process and all processes that it started in its session."""
         self._unwatch()
         self._socket.close()
-        if self._process.returncode is None:  # otherwise the process id may belong to another process
+        # after the end of the process, its id may belong to another process
+        if self._process.returncode is None:
             if hasattr(os, "killpg"):
-                with suppress(OSError):  # the process has just started, or is in another group
+                # killpg fails if the process has just started, or is in another group
+                with suppress(OSError):
                     os.killpg(self._process.pid, signal.SIGKILL)
             self._process.kill()
 
     def _exit_code(self) -> int | None:
         if not hasattr(os, "waitid") or self._process.returncode is not None:
             return self._process.poll()
-        # WNOWAIT does not reap the process, so the system does not reuse its process id.
+        # With WNOWAIT, the process is not reaped, so the system does not reuse its process id.
         ended = os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
         if ended is None:
             return None
         return ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
 
     def _script_location(self) -> Message | None:
-        """Return the place that the process last reported or crashed at; None if it is unknown."""
+        """Return the line of a script that the process last reported, or where it crashed; None if
+        unknown."""
         if self._traces is None:
             return None
         try:
@@ -301,7 +309,7 @@ class ScriptProcess:
 
 
 def _exit_message(code: int) -> Message:
-    """Return how a process ended on its own: its exit code, or the name of a signal."""
+    """Describe how a process ended without our doing: by its exit code, or the name of a signal."""
     if code >= 0:
         return Message("script.exit-code", code=code)
     try:

@@ -17,10 +17,11 @@ from bcapscope.messages.message import foreign_text
 T = TypeVar("T")
 
 LARGEST_FRAME_SIZE = 32 << 20
-"""Maximum number of bytes of one message: twice the size of the largest b-CAP frame that can be read."""
+"""Maximum size of one message in bytes: twice the size of the largest b-CAP frame that bcapscope reads."""
 
 MAX_SENTENCES, LONGEST_SENTENCE = 32, 2000
-"""Maximum number of messages for the user in one answer, and of characters in one place of a message."""
+"""Maximum number of messages for the user in one answer, and of characters in each value that a message
+contains."""
 
 _HEAD = 4
 
@@ -30,11 +31,11 @@ _Result = Annotated[int, msgspec.Meta(ge=0, le=0xFFFF_FFFF)]
 
 
 class ScriptError(BcapError):
-    """A script cannot be used; the error names the file and the reason."""
+    """A script failed to load, or has no add-on. The error names the file and the reason."""
 
 
 class WireError(BcapError):
-    """The received bytes are not a message of this protocol; the error gives the reason."""
+    """The received bytes are not a message of this protocol. The error states the reason."""
 
 
 class _WireFrame(msgspec.Struct, frozen=True, array_like=True, tag=True):
@@ -54,11 +55,11 @@ class ClientConnected(_WireFrame, frozen=True):
 
 
 class MessageShown(_WireFrame, frozen=True):
-    """A message in transit, which the scripts must see.
+    """A message in transit, sent to the scripts.
 
     Attributes:
         up: True if the message goes to the controller, False if it goes to the client.
-        data: Bytes of a datagram, of a frame, or other bytes of a stream.
+        data: A datagram, a frame of a stream, or bytes of a stream that are not a frame.
         now: Time of receipt in ns of the relay's clock.
         time: Time of receipt in ns since 1970.
     """
@@ -77,7 +78,7 @@ class ClientGone(_WireFrame, frozen=True):
 
 
 class ExpireCalls(_WireFrame, frozen=True):
-    """Order to report calls that are complete at `time`, in ns since 1970."""
+    """Order to complete the calls that, at `time` (in ns since 1970), no longer wait for a reply."""
 
     time: int
 
@@ -87,11 +88,11 @@ class FinishScripts(_WireFrame, frozen=True):
 
 
 ScriptOrder: TypeAlias = ClientConnected | MessageShown | ClientGone | ExpireCalls | FinishScripts
-"""Order from the proxy. Each order has one answer, and the answers come in the same sequence."""
+"""Order from the proxy. The scripts answer each order once, in the order of the requests."""
 
 
 class WireSentence(_WireFrame, frozen=True):
-    """A message for the user: an id of the catalogue, and the values of the message's places as text."""
+    """A message for the user: an id of the message catalogue, and the values to insert, as text."""
 
     id: _Word
     places: Annotated[dict[_Word, _Text], msgspec.Meta(max_length=16)]
@@ -102,19 +103,19 @@ class WireSentence(_WireFrame, frozen=True):
 
 
 def wire_sentence(message: Message) -> WireSentence:
-    """Convert a message for the user to this protocol, with its places as text."""
+    """Convert a message for the user to this protocol, with the inserted values as text."""
     places = {name: str(value)[:LONGEST_SENTENCE] for name, value in message.places.items()}
     return WireSentence(message.id, places)
 
 
 class ScriptsLoaded(_WireFrame, frozen=True):
-    """The scripts are loaded and usable; `hooks` holds the names of the hooks in them."""
+    """The scripts are loaded and usable. `hooks` holds the names of the hooks that the scripts define."""
 
     hooks: frozenset[str]
 
 
 class ScriptsUnusable(_WireFrame, frozen=True):
-    """A script cannot be used; `reason` names the script and the cause."""
+    """A script failed to load, or has no add-on. `reason` names the script and the cause."""
 
     reason: WireSentence
 
@@ -124,10 +125,10 @@ class ScriptAnswer(_WireFrame, frozen=True):
 
     Attributes:
         errors: Number of errors in the scripts since the start.
-        has_open_calls: True if calls are open, so that `ExpireCalls` must be sent regularly.
+        has_open_calls: True if calls are open, so that the proxy must send `ExpireCalls` regularly.
         data: Bytes that replace the message; None if the message is unchanged.
-        dropped: True if the message must not be forwarded.
-        results: Result codes that the client gets instead of the controller's reply.
+        dropped: True if the proxy must not forward the message.
+        results: Result codes that the proxy sends to the client instead of the controller's reply.
     """
 
     notices: Annotated[tuple[WireSentence, ...], msgspec.Meta(max_length=MAX_SENTENCES)] = ()
@@ -146,13 +147,14 @@ _encoder = msgspec.msgpack.Encoder()
 
 
 def pack(frame: ScriptOrder | ScriptStatement) -> bytes:
-    """Return the bytes of a frame."""
+    """Encode an order or a statement as the bytes to send."""
     body = _encoder.encode(frame)
     return len(body).to_bytes(_HEAD, "little") + body
 
 
 class FrameUnpacker(Generic[T]):
-    """Splits received bytes into messages of the types `kinds`, a union such as `ScriptOrder`."""
+    """Splits received bytes into messages. `kinds` is the union of the message types, such as
+    `ScriptOrder`."""
 
     def __init__(self, kinds: Any) -> None:
         self._decoder: msgspec.msgpack.Decoder[T] = msgspec.msgpack.Decoder(kinds)
@@ -162,7 +164,7 @@ class FrameUnpacker(Generic[T]):
         self._buffer += data
 
     def next_frame(self) -> T | None:
-        """Return the next message; None if more bytes must arrive first.
+        """Return the next message; None if the message is not complete yet.
 
         Raises:
             WireError: The bytes are not a message of this protocol.

@@ -31,28 +31,30 @@ from bcapscope.proxy.script_protocol import (
 from bcapscope.traffic.observation import Conversation, Direction, Flow
 
 TIME_LIMIT_NS = 100_000_000
-"""Default time limit in ns of the scripts for one message."""
+"""Default time in ns that the scripts may take for one message."""
 
 SHORTEST_LIMIT, LONGEST_LIMIT = 1_000_000, 10_000_000_000
 """Shortest and longest time limit that a user may set, in ns.
 
-Waking a process takes part of a millisecond. A motion that starts seconds late is dangerous, because its
-client no longer waits.
+The shortest limit allows for waking a process, which takes part of a millisecond. The longest time limit is
+for safety: a motion that starts seconds late is dangerous, because its client no longer waits.
 """
 
 LONGEST_WAIT = 1_000_000_000
-"""Maximum time in ns from a message's arrival to its decision, unless the time limit is longer."""
+"""Maximum time in ns from a message's arrival to the decision about it, unless the time limit is longer."""
 
 MAX_WAITING = 64
-"""Maximum number of waiting datagrams per client. A call has at most eight attempts."""
+"""Maximum number of waiting datagrams per client. One call needs at most eight datagrams, one for each
+attempt."""
 
 MAX_BYTES = 1 << 16
-"""Maximum number of waiting bytes per client. Beyond it, streams are not read and datagrams are dropped."""
+"""Maximum number of waiting bytes per client. If more than this number of a client's bytes wait, the proxy
+does not read the client's stream, and drops the client's datagrams."""
 
 MAX_BYTES_IN_ALL = 1 << 22
 """Maximum number of waiting bytes of all clients.
 
-Beyond this maximum, messages that need no decision are not shown to the scripts.
+Above this limit, the scripts do not get messages that need no decision.
 """
 
 _LATE = 20_000_000
@@ -60,13 +62,13 @@ _LATE = 20_000_000
 scripts, too."""
 
 _LOCATED_WITHIN_NS = 50_000_000
-"""Time in ns that the process of the scripts has to report its place in the scripts before it is killed."""
+"""Time in ns that the process of the scripts has to report its current line before it is killed."""
 
 _EXPIRE_INTERVAL_NS = 50_000_000
-"""Time in ns between two checks for expired calls."""
+"""Time in ns between two checks for calls that no longer wait for a reply."""
 
 _MAX_NOTICES = 200
-"""Maximum number of messages from the scripts that the user gets."""
+"""Maximum number of messages from the scripts that the proxy passes to the user."""
 
 
 class ScriptLink(Protocol):
@@ -76,16 +78,18 @@ class ScriptLink(Protocol):
         """Send an order to the process."""
 
     def receive(self) -> bytes:
-        """Return the bytes from the process that were not read yet; b"" for none."""
+        """Return the bytes that have arrived from the process; b"" if there are none."""
 
     def locate(self) -> None:
-        """Ask the process to report its place in the scripts."""
+        """Ask the process to report its current line in the scripts."""
 
     def end(self) -> tuple[Message, ...]:
-        """End the process at once. Return the exit reason and the place in the scripts, as far as known."""
+        """End the process at once. Return why it ended and its last line in the scripts, if these are
+        known."""
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
-        """Send the last order and wait until `is_done` accepts received bytes. Return whether it did so."""
+        """Send the last order, and pass received bytes to `is_done` until it returns True. Return False if
+        `is_done` does not return True in time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +101,7 @@ class PendingOrder:
         sent_at: Time at which the order was sent, in ns.
         size: Number of bytes of the message; 0 without a message.
         message: Message that the order shows to the scripts; None for other orders.
-        token: Token of the caller for the message; None if the message does not wait for a decision.
+        token: Token that the caller passed for the message; None if the message does not wait for a decision.
     """
 
     hook: str
@@ -108,7 +112,7 @@ class PendingOrder:
     token: UndecidedMessage | None = None
 
     def __str__(self) -> str:
-        """Return the name of the hook with the b-CAP function in the message that the hook received."""
+        """Return the name of the hook, and the b-CAP function of the message that the hook got."""
         names = [call_name(each.code, each.variants) for each in self.message.frames] if self.message else []
         if self.hook != "request" or not names:
             return self.hook
@@ -130,20 +134,21 @@ class ScriptDecision:
 
 
 class ScriptQueue:
-    """Shows messages to the scripts, in order, and returns their decisions.
+    """Passes messages to the scripts, in order, and returns the scripts' decisions.
 
     The queue switches the scripts off if they exceed the time limit for a message, or if their process ends
     or sends invalid data.
 
     Attributes:
-        is_on: True while the scripts see the messages.
+        is_on: True while the scripts get messages.
         off_because: Reason why the scripts are off; None while they are on.
         errors: Number of errors in the scripts so far.
-        notify: Called with each message for the user.
+        notify: Function that gets each message for the user.
     """
 
     def __init__(self, names: str, link: ScriptLink, limit: int = TIME_LIMIT_NS) -> None:
-        """Create a queue with a time limit in ns per message. The caller then calls `on_loaded`."""
+        """Create a queue with a time `limit` in ns per message. Call `on_loaded` once the scripts are
+        loaded."""
         self.names = names
         self.is_on = True
         self.off_because: Message | None = None
@@ -158,7 +163,7 @@ class ScriptQueue:
         self._sizes: Counter[int] = Counter()
         self._size = self._waiting_size = 0
         self._head_since = 0
-        self._relay_delay = 0  # ns by which the relay was late
+        self._relay_delay = 0  # additional time limit in ns, because the relay was late
         self._was_late = False
         self._has_open_calls = False
         self._expire_at = 0
@@ -176,7 +181,7 @@ class ScriptQueue:
 
     @property
     def inspects_frames(self) -> bool:
-        """Whether streams must be split into frames: hooks see frames, or motion is refused."""
+        """Whether streams must be split into frames, because a hook gets frames or motions are refused."""
         return not self.is_on or not self._hooks.isdisjoint(("request", "reply", "settled"))
 
     def decides(self, direction: Direction) -> bool:
@@ -192,7 +197,8 @@ class ScriptQueue:
         )
 
     def show_message(self, client: int, message: WireMessage, token: UndecidedMessage | None) -> None:
-        """Show a message to the scripts. A message with a token waits, and its decision returns the token."""
+        """Pass a message to the scripts. With a token, the message waits for a decision, which returns the
+        token."""
         up = message.flow.direction is Direction.REQUEST
         if token is None:
             unwanted = not up and self._hooks.isdisjoint(("reply", "settled"))
@@ -205,7 +211,7 @@ class ScriptQueue:
         )
 
     def send_gone(self, client: int, now: int) -> None:
-        """Report to the scripts that a client is gone. No message of the client may wait any more."""
+        """Report to the scripts that a client is gone. Remove the waiting messages of the client first."""
         self._send_order(ClientGone(client), PendingOrder("gone", now, client))
 
     def finish(self, now: int) -> None:
@@ -220,7 +226,7 @@ class ScriptQueue:
     # answers of the scripts
 
     def on_data(self, data: bytes, now: int) -> Iterator[ScriptDecision]:
-        """Process bytes from the process of the scripts. Yield the decisions in them."""
+        """Handle bytes that arrived from the scripts' process. Yield the decisions in these bytes."""
         if not self.is_on:
             return
         self._answers.feed_bytes(data)
@@ -234,7 +240,8 @@ class ScriptQueue:
             yield from self._flush_undecided()
 
     def on_process_ended(self, now: int) -> Iterator[ScriptDecision]:
-        """Switch the scripts off because their process ended or its connection broke. Yield the decisions."""
+        """Switch the scripts off because their process ended or the connection to it broke. Yield a decision
+        without an answer for each waiting message."""
         if self.is_on:
             why = Message("script.ended-between")
             if self._queue:
@@ -251,9 +258,10 @@ class ScriptQueue:
         return self._expire_at if self._has_open_calls else None
 
     def advance(self, now: int, time: int) -> Iterator[ScriptDecision]:
-        """Check the time limit and the end of calls. Yield the decisions that result.
+        """Check whether the scripts exceeded the time limit or calls expired. Yield the decisions that
+        result.
 
-        `now` is in ns of the monotonic clock, and `time` is the same moment in ns since 1970.
+        `now` is in ns of the monotonic clock, and `time` is the same time in ns since 1970.
         """
         due = self.due()
         if due is None or now < due:
@@ -269,7 +277,8 @@ class ScriptQueue:
             yield from self._check_time_limit(now)
 
     def _check_time_limit(self, now: int) -> Iterator[ScriptDecision]:
-        """Switch the scripts off if they take too long. Once, allow more time if the relay was late."""
+        """Switch the scripts off if they take too long. If the relay itself was late, allow more time, but
+        only once."""
         due = self.due()
         if not self.is_on or not self._queue or due is None or now < due:
             return
@@ -287,7 +296,7 @@ class ScriptQueue:
         return any(_is_of(each, flow) for each in self._queue)
 
     def is_full(self, client: int) -> bool:
-        """Return whether so many bytes of a client wait that its streams must not be read."""
+        """Return whether so many bytes wait that the proxy must not read more from a client's stream."""
         return self._sizes[client] > MAX_BYTES or self._waiting_size > MAX_BYTES_IN_ALL
 
     def has_room(self, client: int) -> bool:
@@ -295,7 +304,8 @@ class ScriptQueue:
         return not self.is_full(client) and self._counts[client] < MAX_WAITING
 
     def remove_messages(self, flow: Flow) -> list[bytes]:
-        """Remove the waiting messages of a flow and return their bytes. Ignore later decisions about them."""
+        """Remove the waiting messages of a flow, and return their bytes. The scripts' later decisions about
+        the removed messages have no effect."""
         found: list[bytes] = []
         for place, each in enumerate(self._queue):
             if each.message is not None and _is_of(each, flow):
@@ -377,12 +387,12 @@ class ScriptQueue:
 
     def _is_finished(self, data: bytes) -> bool:
         for _ in self.on_data(data, self._head_since + self._relay_delay):
-            pass  # all clients are gone, so no decision matters
+            pass  # all clients are gone, so the decisions have no effect
         return not self._queue
 
 
 def _is_of(waiting: PendingOrder, flow: Flow) -> bool:
-    """Return whether an order shows a message of this flow that waits for a decision."""
+    """Return whether an order is about a message of this flow that waits for a decision."""
     return waiting.token is not None and waiting.message is not None and waiting.message.flow is flow
 
 

@@ -1,8 +1,8 @@
 """Tracks which sessions clients have left open at a controller, and makes the requests that close them.
 
-On UDP, a controller cannot see that a client is gone. The client's handles, its arm and slave mode stay open.
-The proxy sends only requests that leave slave mode, give the arm back, release handles or stop the service.
-None of these requests moves the robot.
+Over UDP, a controller cannot notice that a client is gone. The client's handles stay open, its arm stays
+taken, and slave mode stays on. The proxy sends only requests that leave slave mode, give the arm back,
+release handles or stop the service. None of these requests moves the robot.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ _TAKE, _GIVE = "takearm", "givearm"
 
 
 class CloseSequence(NamedTuple):
-    """Requests that close a session in its client's place.
+    """Requests that the proxy sends to close a session that its client left open.
 
     Attributes:
-        open_state: Open state besides handles: slave mode, the arm or both; None for neither.
+        open_state: What the client left open besides handles: slave mode, the arm or both; None for neither.
         requests: Frames to send in this order, each after the reply to the previous frame.
     """
 
@@ -51,7 +51,8 @@ class _ClientState:
 
 
 class SessionCloser(PipelineSubscriber):
-    """Follows which serials each client has used and which arms it has taken."""
+    """Follows the last serial and the taken arms of each client, to close sessions that clients leave
+    open."""
 
     def __init__(self, handles: HandleTracker, slave_mode: SlaveModeTracker) -> None:
         """Use the handle and slave-mode trackers of the pipeline to which this object subscribes."""
@@ -80,17 +81,16 @@ class SessionCloser(PipelineSubscriber):
         self.on_call(calls[-1], None)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Remember the state that a client left open when the client was removed, and drop the rest of its
-        data."""
+        """Store what a removed client left open, and drop the other data of the client."""
         self._left_open[conversation] = self._open_state(conversation)
         self._states.pop(conversation, None)
 
     def pop_left_open(self, client: Conversation) -> Message | None:
-        """Return the state, besides handles, that a removed client left open. A second call returns None."""
+        """Return what a removed client left open besides handles. A second call returns None."""
         return self._left_open.pop(client, None)
 
     def close_sequences(self) -> tuple[CloseSequence, ...]:
-        """Return how to close each open UDP session. A TCP session ends with its connection."""
+        """Return the requests that close each open UDP session. A TCP session ends with its connection."""
         return tuple(
             CloseSequence(
                 session.conversation,
@@ -112,7 +112,8 @@ class SessionCloser(PipelineSubscriber):
 
 
 def _closing_requests(session: ServiceSession, state: _ClientState, robots: Iterable[int]) -> Iterator[bytes]:
-    """Yield the frames that close a session, with serials and reserved fields as in the client's calls."""
+    """Yield the frames that close a session. The frames continue the client's serials, and use the client's
+    convention for the reserved field."""
     objects = [(each.kind, each.handle) for each in reversed(session.unreleased)]
     serial = state.serial
     for function_id, arguments in closing_calls(robots, state.arm_handles, objects):

@@ -1,4 +1,4 @@
-"""Detects clients that fall silent in slave mode. On UDP, nothing else shows that a client is gone."""
+"""Detects clients that fall silent in slave mode. Over UDP, only silence shows that a client is gone."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from bcapscope.traffic.observation import Conversation
 SILENT_AFTER_NS = 500_000_000
 """Time in ns without a request after which a client in slave mode counts as silent.
 
-In this time, a client sends about 60 set points (DENSO Wave 2009, How to use the Slave mode), or all eight
-attempts of a call.
+In this time, a client that still works sends about 60 set points (DENSO Wave 2009, How to use the Slave
+mode), or all eight attempts of a call.
 """
 
 
@@ -26,7 +26,7 @@ class SilenceMonitor:
 
         Args:
             clients: Clients in slave mode, each with the time of its last request in ns.
-            now: Time in ns up to which all requests are known.
+            now: Time in ns. The caller must have passed all requests up to this time.
         """
         here = dict(clients)
         for client in [client for client in self._silent_since if client not in here]:

@@ -1,4 +1,4 @@
-"""Opens the sockets of the proxy, and hides differences between operating systems."""
+"""Open the sockets of the proxy, and hide differences between operating systems."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bcapscope.traffic.observation import Endpoint, Transport
 from bcapscope.transport.receive_timestamps import enable_receive_timestamps
 
 SocketAddress: TypeAlias = tuple[Any, ...]
-"""Address as the socket module uses it: host and port, and for IPv6 also flow and scope."""
+"""Address in the form of the socket module: host and port, and for IPv6 also flow label and scope id."""
 
 LARGEST_DATAGRAM = 65535
 """Maximum size of a datagram in bytes."""
@@ -25,10 +25,8 @@ _SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55  # asm-generic/socket.h of Linux
 _MEMINFO = struct.Struct("=9I")
 _MEMINFO_DROPS = 8  # linux/sock_diag.h, SK_MEMINFO_DROPS
 _BACKLOG = 1024
-"""Maximum number of connections that wait to be accepted.
-
-Beyond this maximum, the system drops the packets of new clients. A client whose packet was dropped tries
-again after a second: too late for a stop.
+"""Maximum number of connections that wait to be accepted. Above this limit, the system drops the packets of
+new clients. A client whose packet was dropped tries again after a second: too late for a stop.
 """
 
 
@@ -37,14 +35,14 @@ class ProxyListenError(BcapError):
 
 
 class UnreachableError(BcapError):
-    """The name of a controller cannot be resolved."""
+    """The name of a controller has no address."""
 
 
 def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
     """Open a socket for clients.
 
     Raises:
-        ProxyListenError: The address cannot be listened on.
+        ProxyListenError: The proxy cannot listen on the address.
     """
     family = socket.AF_INET6 if ":" in endpoint.host else socket.AF_INET
     stream = transport is Transport.TCP
@@ -54,7 +52,8 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
         sock.setblocking(False)
         if family == socket.AF_INET6:
             sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        if stream and sys.platform != "win32":  # on Windows, others could then take the port
+        # not on Windows: there, SO_REUSEADDR lets other programs take over the port
+        if stream and sys.platform != "win32":
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.bind(_own_address(family, endpoint))
         if stream:
@@ -116,10 +115,11 @@ def connect_datagrams(family: int, address: SocketAddress) -> socket.socket:
 
 
 def prepare_datagrams(sock: socket.socket) -> None:
-    """Request a large receive buffer and receive timestamps. The socket also works without them."""
+    """Request a large receive buffer and timestamps of receipt. The socket also works without a large buffer
+    and timestamps."""
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
     if sys.platform == "linux":
-        with suppress(OSError):  # only root may exceed the usual limit
+        with suppress(OSError):  # only root may exceed the system's limit
             sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
     enable_receive_timestamps(sock)
 
@@ -133,8 +133,8 @@ def keep_alive(sock: socket.socket) -> None:
 
 
 def dropped_datagrams(sock: socket.socket) -> int:
-    """Return how many datagrams the system dropped because a socket's buffer was full; 0 if it does not count
-    them."""
+    """Return how many datagrams the system dropped because a socket's buffer was full; 0 if the system does
+    not count them."""
     if sys.platform == "linux":
         with suppress(OSError, struct.error):
             found = sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size)
@@ -161,5 +161,5 @@ def local_address_for(sock: socket.socket, client: SocketAddress) -> Endpoint:
 
 
 def should_report(count: int) -> bool:
-    """Return whether to report a frequent event: True for its 1st, 2nd, 4th, 8th … occurrence."""
+    """Return whether to report a frequent event: True if `count` is 1, 2, 4, 8 and so on."""
     return count & (count - 1) == 0

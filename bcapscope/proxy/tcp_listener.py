@@ -19,7 +19,7 @@ from bcapscope.transport.descriptors import accept_connection
 from bcapscope.transport.socket_link import close_with_reset
 
 _MAX_ACCEPTED = 16
-"""Maximum number of clients that are accepted before other sockets are served."""
+"""Maximum number of clients to accept before the relay serves other sockets."""
 
 
 class TcpListener(ClientListener):
@@ -42,7 +42,7 @@ class TcpListener(ClientListener):
                 return
 
     def _accept(self) -> bool:
-        """Accept a client. Return whether another client may be waiting."""
+        """Accept a client. Return whether more clients may wait to be accepted."""
         relay = self.relay
         try:
             accepted = accept_connection(self.socket, partial(relay.free_descriptor, is_admitted=False))
@@ -61,7 +61,8 @@ class TcpListener(ClientListener):
         return True
 
     def _admit(self, client: socket.socket, address: SocketAddress, first: bytes, received_at: int) -> None:
-        """Give a client a slot and a connection to the controller, after the client's first frame."""
+        """Give a client a slot and a connection to the controller, once the client has sent its first
+        frame."""
         relay = self.relay
         try:
             server, slot = self._open_upstream(
@@ -88,7 +89,8 @@ class TcpListener(ClientListener):
         self.relay.deny(endpoint_of(address), why)
 
     def _pause_accepting(self, error: OSError) -> None:
-        """Stop accepting clients for a while. Report this once, until a client can be accepted again."""
+        """Stop accepting clients for about a second. Report the first such error; report the next one only
+        after a client was accepted."""
         if not self._is_pause_reported:
             self._is_pause_reported = True
             self.relay.notify(

@@ -1,4 +1,4 @@
-"""TCP sessions of the proxy, which forward half-close, reset and back-pressure in both directions."""
+"""TCP sessions of the proxy. They forward data, half-close, reset and back-pressure in both directions."""
 
 from __future__ import annotations
 
@@ -19,26 +19,25 @@ from bcapscope.traffic.observation import Endpoint, Transport
 from bcapscope.transport.socket_link import close_with_reset
 
 CONNECT_TIMEOUT_NS = 10_000_000_000
-"""Maximum time in ns for connecting to the controller."""
+"""Maximum time in ns to connect to the controller."""
 
 REPLY_TIMEOUT_NS = 200_000_000_000
-"""Time in ns that a client may wait for a reply after the client ended its side.
+"""Time in ns that a client may wait for a reply after it has ended its direction of the connection.
 
 A call may take 180 s, the default of InvokeTimeout (orin_bcap C/src/bCAPServer/bcap_server.c).
 """
 
 STUCK_AFTER_NS = 10_000_000_000
-"""Idle time in ns after which a session ends if only the controller has ended its side.
-
-After the same idle time, a new client may evict a session that is half closed, or whose client or controller
-does not read.
+"""Idle time in ns after which a session ends if only the controller has ended its direction. After the same
+idle time, a new client may evict a session that is half closed, or whose client or controller does not read.
 """
 
 ANSWERED_IDLE_NS = 1_000_000_000
-"""Idle time in ns for evicting a session whose client ended its side and has received bytes since."""
+"""Idle time in ns after which a session may be evicted if its client ended its direction and has received
+bytes since."""
 
 MAX_PENDING = 1 << 18
-"""Number of bytes that may wait for a slow receiver, if there are rules, before the session stops reading.
+"""With rules, the session stops reading if more than this number of bytes wait for a slow receiver.
 
 Without rules, the session stops reading as soon as any bytes wait.
 """
@@ -56,9 +55,9 @@ class _HalfConnection:
     Attributes:
         source: Socket from which the bytes are read.
         sink: Socket to which the bytes are written.
-        pending: Bytes that the sink has not accepted yet.
-        source_ended: True after the source has ended.
-        sink_shut: True after the end was forwarded to the sink.
+        pending: Bytes that the session could not write to the sink yet.
+        source_ended: True after the source has sent its last byte.
+        sink_shut: True after the session has forwarded the end to the sink.
     """
 
     up: bool
@@ -80,16 +79,17 @@ class TcpSession(RelaySession):
         address: SocketAddress,
         first: tuple[bytes, int],
     ) -> None:
-        """Register a client whose connection to the controller is being opened.
+        """Register a client. Its connection to the controller is not established yet.
 
         `ends` holds the sockets toward the client and the controller. `first` holds the bytes that the client
-        has sent so far, and their receipt in ns since 1970.
+        has sent so far, and when they arrived in ns since 1970.
         """
         super().__init__(relay, Transport.TCP, address, to)
         client, server = ends
         for sock in ends:
             sock.setblocking(False)
-            with suppress(OSError):  # macOS refuses options for a connection that the client has closed
+            # macOS refuses socket options if the client has already closed the connection
+            with suppress(OSError):
                 sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 keep_alive(sock)
         self._last_activity = relay.now
@@ -113,7 +113,7 @@ class TcpSession(RelaySession):
         return "connected" if self._connected else "connecting"
 
     def fail(self, problem: int) -> None:
-        """End the session because of the error number `problem`: the controller cannot be reached."""
+        """End the session because the controller cannot be reached. `problem` is the error number."""
         client, reason = str(self.conversation.client), os_reason(OSError(problem, ""))
         self._relay.notify(
             Message("client.no-connection", client=client, controller=str(self._to), reason=reason)
@@ -121,7 +121,8 @@ class TcpSession(RelaySession):
         self.close(True, Message("client.unreachable"))
 
     def send(self, up: bool, data: bytes) -> int:
-        """Send data from the rules. Return the time of sending in ns since 1970; 0 if some bytes wait."""
+        """Send data that the rules released. Return the time in ns since 1970; 0 if some of the bytes
+        wait."""
         if self._closed:
             return 0
         half = self._up if up else self._down
@@ -131,7 +132,7 @@ class TcpSession(RelaySession):
         return sent_at if sent == len(data) else 0
 
     def on_nothing_held(self, up: bool) -> None:
-        """Forward the end of a direction whose source has ended, and resume reading."""
+        """If the source of a direction has ended, forward the end now. Also resume reading."""
         self._shut_sink_when_flushed(self._up if up else self._down)
         self._update_masks()
 
@@ -151,7 +152,7 @@ class TcpSession(RelaySession):
         for half in (self._up, self._down):
             if half.pending and not reset_both:
                 self._send_last(half)
-            # A reset would discard the requests that were just released.
+            # No reset toward the controller after a release: a reset would discard the released requests.
             self._close_sink(half, reset_both and not (released and half.up), cause)
         self._relay.remove_client(self, why)
 
@@ -182,7 +183,8 @@ class TcpSession(RelaySession):
         self._relay.ring.write_required(how, self.number, cause, received_at, sent_at=sent_at, up=half.up)
 
     def _send_last(self, half: _HalfConnection) -> None:
-        """Write the pending bytes that the system accepts at once. Report the rest as lost."""
+        """Write as many pending bytes as the system accepts at once. Report the bytes that could not be
+        written as lost."""
         rest, sent, when = len(half.pending), 0, time.time_ns()
         with suppress(OSError):
             sent = half.sink.send(half.pending)
@@ -207,7 +209,8 @@ class TcpSession(RelaySession):
         return quiet if is_stuck and quiet > STUCK_AFTER_NS else None
 
     def sweep(self, now: int) -> None:
-        """End a session that does not connect or stays half closed; else forward ends that rules delayed."""
+        """End a session that cannot connect or stays half closed too long. If the session continues, forward
+        the end of a direction that rules delayed."""
         if not self._connected and now - self.last_heard > CONNECT_TIMEOUT_NS:
             self.fail(errno.ETIMEDOUT)
         elif not self._is_half_open and self._is_expired(now - self._last_activity):
@@ -246,7 +249,8 @@ class TcpSession(RelaySession):
     def _handle(
         self, happened: int, sock: socket.socket, incoming: _HalfConnection, outgoing: _HalfConnection
     ) -> None:
-        """Handle events of one socket: read bytes of the direction `incoming`, write bytes of `outgoing`."""
+        """Handle events of one socket: read bytes for the direction `incoming`, write bytes of the direction
+        `outgoing`."""
         problem = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) if happened & ERROR else 0
         if problem:
             self._on_source_broken(incoming, problem)
@@ -256,7 +260,7 @@ class TcpSession(RelaySession):
         if happened & (READ | HANG_UP) and not self._closed:
             if self._may_read(incoming):
                 self._read(incoming)
-            elif happened & HANG_UP:  # the poller would report the hang-up again and again
+            elif happened & HANG_UP:  # ignore the socket: the poller would report the hang-up again and again
                 self._set_mask(sock, None)
             else:
                 self._update_masks()
@@ -310,7 +314,8 @@ class TcpSession(RelaySession):
                 ring.write_record(half.up, self.number, 0, sent_at, data[:sent])
 
     def _write(self, half: _HalfConnection, data: memoryview) -> tuple[int, int]:
-        """Write bytes that the sink accepts. Return the time of writing and the number of bytes written."""
+        """Write as many bytes as the sink accepts. Return the time of writing and the number of bytes
+        written."""
         sent = 0
         sent_at = time.time_ns()
         if not half.pending:
@@ -342,7 +347,8 @@ class TcpSession(RelaySession):
         self._update_masks()
 
     def _shut_sink_when_flushed(self, half: _HalfConnection) -> None:
-        """Forward the end of a direction after its last bytes. Close the session if both have ended."""
+        """Forward the end of a direction once its last bytes are written. Close the session if both
+        directions have ended."""
         if half.pending or half.sink_shut or not half.source_ended or self._closed:
             return
         half.sink_shut = True
@@ -353,7 +359,8 @@ class TcpSession(RelaySession):
             self._close(False, Message("client.ended"))
 
     def _on_source_broken(self, half: _HalfConnection, problem: int) -> None:
-        """Handle a broken source: end the session, or keep the other side open if rules hide the end."""
+        """Handle a broken source: end the session, or keep the other connection open if rules hide the
+        end."""
         was_reset = problem in _RESETS
         if was_reset:
             self._record_end(RingRecordKind.RESET, half, received_at=time.time_ns())
@@ -368,13 +375,13 @@ class TcpSession(RelaySession):
         self._close(True, why, b"" if was_reset else encode_note(why))
 
     def _may_read(self, half: _HalfConnection) -> bool:
-        """Return whether to read more bytes of a direction: not while its receiver is too slow."""
+        """Return whether to read more bytes of a direction; False while its receiver is too slow."""
         policy = self._relay.policy
         if self._relay.pauses_reading(self):
             return False
         most = 0 if policy is None else MAX_PENDING
         if half.up and policy is not None and len(self._down.pending) > most:
-            return False  # otherwise replies made by rules would pile up for a client that does not read
+            return False  # the client does not read, so the rules' replies to more requests would pile up
         return self._connected and not half.source_ended and len(half.pending) <= most
 
     def _update_masks(self) -> None:
@@ -388,7 +395,7 @@ class TcpSession(RelaySession):
 
     def _set_mask(self, sock: socket.socket, mask: int | None) -> None:
         descriptor = sock.fileno()
-        if descriptor < 0:  # this socket is closed, and the other one is kept open
+        if descriptor < 0:  # this socket is closed, but the session keeps its other socket open
             return
         known = self._masks[descriptor]
         if mask == known:

@@ -1,5 +1,5 @@
-"""UDP clients. Each client has a socket toward the controller, because the controller distinguishes clients
-by port."""
+"""UDP clients. The proxy opens a socket toward the controller for each client, because the controller
+distinguishes clients by port."""
 
 from __future__ import annotations
 
@@ -30,33 +30,33 @@ from bcapscope.transport.descriptors import wait_readable
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 
 EXPIRE_AFTER_NS = 600_000_000_000
-"""Silence in ns after which the relay removes a client.
-
-The time is long, because a removed client that sends again looks like a new client to the controller. The
-socket of a silent client costs nothing.
+"""The relay removes a client that is silent for this time in ns. Clients are removed late, because the
+controller takes a removed client that sends again for a new client. The socket of a silent client costs
+almost nothing.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""Silence in ns after which a client may be evicted for a new client if all slots are taken. DENSO's C server
-evicts clients in the same way (orin_bcap C/src/bcap_server.c).
+"""If all slots are taken, a new client may replace one that has been silent for this time in ns. DENSO's C
+server evicts clients in the same way (orin_bcap C/src/bcap_server.c).
 """
 
 _MAX_OLD = 10_000
 _TRIES = 2
 _PATIENCE = 0.3
-"""Seconds to wait for the reply to one attempt of a closing request."""
+"""Seconds to wait for the reply to one attempt of a request that closes a session."""
 
 _STILL_EXECUTING = S_EXECUTING.to_bytes(4, "little")
 
 _MAX_STRANGERS = 256
-"""Maximum number of rejected addresses that are reported to the user, each once."""
+"""Maximum number of rejected addresses to report to the user, each address once."""
 
 
 class UdpListener(ClientListener):
     """A UDP socket to which clients send their requests.
 
     Attributes:
-        refused: True after a report that the controller refuses datagrams, until the controller sends one.
+        refused: True from the report that the controller refuses datagrams until the controller sends a
+            datagram.
         sessions: Sessions of the clients that have sent more than one datagram, by client address.
     """
 
@@ -93,7 +93,8 @@ class UdpListener(ClientListener):
         self._fresh_sessions.pop(address, None)
 
     def session_for(self, address: SocketAddress, data: bytes) -> UdpSession | None:
-        """Return the session for a client's first or second datagram; None if the client is not admitted."""
+        """Return the session for the first or second datagram of a client; None if the proxy rejects the
+        client."""
         session = self._fresh_sessions.pop(address, None)
         if session is not None:
             self.sessions[address] = session
@@ -198,7 +199,8 @@ class UdpSession(RelaySession):
         except OSError as error:
             if not up or not isinstance(error, ConnectionRefusedError):
                 return self._count_send_failure(data, error)
-            self.notify_refused()  # the error concerns an earlier datagram; this one was not sent
+            # The error is about an earlier datagram, but this datagram was not sent either. Send it again.
+            self.notify_refused()
             sent_at = time.time_ns()
             try:
                 self._send_up(data)
@@ -207,10 +209,9 @@ class UdpSession(RelaySession):
         return sent_at
 
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
-        """Send requests in the client's place, each after the previous reply. Return how many were answered.
-
-        This method blocks the relay. No request is sent after the time `until`, in seconds of
-        `time.monotonic`.
+        """Send requests instead of the client, each after the reply to the previous one. Return how many
+        requests got a reply. This method blocks the relay. No request is sent after the time `until`, in
+        seconds of `time.monotonic`.
         """
         for count, request in enumerate(requests):
             if not any(time.monotonic() < until and self._request(request) for _ in range(_TRIES)):
@@ -218,7 +219,7 @@ class UdpSession(RelaySession):
         return len(requests)
 
     def _request(self, request: bytes) -> bool:
-        """Send a request and wait for its reply. Return whether the reply came in time."""
+        """Send a request and wait for its reply. Return False if the reply does not arrive in time."""
         relay = self._relay
         sent_at = self.send(True, request)
         note = encode_note(Message("session.closing"))
@@ -240,7 +241,7 @@ class UdpSession(RelaySession):
 
     def close(self, reset: bool, why: Message) -> None:
         self._relay.release_held(self)
-        if self._upstream.fileno() < 0:  # a rule closed the session during the release
+        if self._upstream.fileno() < 0:  # while held messages were released, a rule has closed the session
             return
         self._count_drops()
         self._relay.unwatch(self._upstream.fileno())
@@ -259,7 +260,8 @@ class UdpSession(RelaySession):
             self._relay.notify(Message("client.refuses-datagrams", controller=str(self._listener.to)))
 
     def _count_send_failure(self, data: bytes, error: OSError) -> int:
-        """Count a datagram that cannot be sent, and return 0. Report the 1st, 2nd, 4th, 8th … to the user."""
+        """Count a datagram that the system refused to send, and return 0. Report only the 1st, 2nd, 4th, 8th
+        refused datagram and so on."""
         relay = self._relay
         relay.counts[RelayCounter.FULL] += 1
         if should_report(relay.counts[RelayCounter.FULL]):
@@ -278,8 +280,8 @@ def _datagram_handler(
 ) -> Handler:
     """Return a handler that forwards the datagrams of a socket, or passes them to the rules.
 
-    If `session` is given, the socket receives replies for that session; else it receives requests. The
-    handler runs for each datagram. For speed, it uses only local variables.
+    With `session`, the socket receives replies for this session; without `session`, it receives requests. The
+    handler runs for each datagram, so it uses only local variables for speed.
     """
     receive, known, up = receive_function(sock), listener.sessions.get, session is None
     relay, ring, has_rules = listener.relay, listener.relay.ring, listener.relay.policy is not None
@@ -289,7 +291,8 @@ def _datagram_handler(
     def on_datagram(_: int) -> None:
         try:
             data, control, _flags, address = receive(LARGEST_DATAGRAM, ANCILLARY_SIZE)
-        except OSError as error:  # spurious event; on Windows, the closed port of an earlier client
+        # no datagram after all, or on Windows a report that the port of an earlier client is closed
+        except OSError as error:
             if session is not None and isinstance(error, ConnectionRefusedError):
                 session.notify_refused()
             return

@@ -1,4 +1,4 @@
 """Renderers for text, trees, hex dumps, tables, JSON, CSV and HTML.
 
-They return strings or bytes and print nothing.
+The renderers return strings or bytes; they do not print them.
 """

@@ -17,7 +17,7 @@ _LARGEST = 1e9
 class ChartCurve(NamedTuple):
     """A curve of a chart.
 
-    Points with a coordinate of 1e9 or more, positive or negative, are left out.
+    The chart leaves out points with a coordinate of 1e9 or more, or -1e9 or less.
     """
 
     points: Sequence[tuple[float, float]]
@@ -27,10 +27,10 @@ class ChartCurve(NamedTuple):
 def braille_chart(
     curves: Sequence[ChartCurve], width: int, height: int, palette: Palette = PLAIN, unit: str = ""
 ) -> list[str]:
-    """Return a chart of all curves: at least 2 lines of at least 11 columns.
+    """Return a chart of all curves, with at least 2 lines and 11 columns.
 
-    `height` is the number of lines, `width` the number of columns. Labels show the range of y, in `unit`, at
-    the left, and the range of x, in seconds, below.
+    `height` is the number of lines, `width` the number of columns. Labels at the left show the range of y in
+    `unit`. Labels below show the range of x in seconds.
     """
     columns, rows = max(1, width - _LABEL - 1), max(1, height - 1)
     finite = [
@@ -90,7 +90,8 @@ def _label(row: int, rows: int, low: float, high: float, unit: str) -> str:
 
 
 def _short(value: float, unit: str) -> str:
-    """Return a number with its unit: four digits, or fewer if the label has no room for four."""
+    """Return a number with its unit. The number has four digits, or fewer if four do not fit into the
+    label."""
     texts = (f"{value:.{digits}g}{unit}" for digits in (4, 3, 2, 1))
     return next((text for text in texts if len(text) <= _LABEL), f"{value:.0e}")
 

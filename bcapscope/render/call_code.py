@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # it reaches sockets
 
 _PORT = 5007
 _PROVIDER = "CaoProv.DENSO.VRC"
-"""Default port and default provider of `bcapscope call`."""
+"""Port and provider that `bcapscope call` uses by default."""
 
 NAMED_OWNERS = (
     ObjectClass.ROBOT,
@@ -36,7 +36,8 @@ NAMED_OWNERS = (
     ObjectClass.EXTENSION,
     ObjectClass.COMMAND,
 )
-"""Classes of objects that `bcapscope call` opens by the name given in an option, such as ``--robot``."""
+"""Classes of objects that `bcapscope call` can open. An option such as ``--robot`` gives the name of the
+object."""
 
 _TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
 _WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])")
@@ -70,7 +71,7 @@ def shell_command(
 
 
 def _after_double_dash(texts: list[str]) -> list[str]:
-    """Put ``--`` before the words if one of them looks like an option."""
+    """Put ``--`` before the arguments if one of them looks like an option."""
     return ["--", *texts] if any(text.startswith("-") for text in texts) else texts
 
 
@@ -86,7 +87,7 @@ def _target_options(target: ControllerTarget) -> Iterator[str]:
 
 
 def _is_opened_by_call(subject: ObjectHandle) -> bool:
-    """Return whether `bcapscope call` can open this object from its name alone."""
+    """Return whether `bcapscope call` can open this object if it knows only the object's name."""
     if subject.kind is ObjectClass.CONTROLLER:
         return True
     parent = subject.parent
@@ -154,8 +155,8 @@ def _opening_lines(chain: Sequence[ObjectHandle]) -> Iterator[str]:
 
 
 def _name_arguments(opened: ObjectHandle) -> Sequence[str]:
-    """Return the arguments for the method that opens the object, without surplus strings of the recorded
-    call.
+    """Return the arguments for the method that opens the object. Leave out further strings of the recorded
+    call, which the method does not need.
     """
     match opened.kind:
         case ObjectClass.MESSAGE:
@@ -168,7 +169,8 @@ def _name_arguments(opened: ObjectHandle) -> Sequence[str]:
 def _call_lines(
     function_id: int, arguments: Sequence[Variant], chain: Sequence[ObjectHandle]
 ) -> Iterator[str]:
-    """Yield the lines that make the call: with a method if the arguments fit it, else by function number."""
+    """Yield the lines that make the call: by a method if the arguments fit one, or else by function
+    number."""
     function = FUNCTIONS.get(function_id)
     subject = chain[-1].kind if chain else None
     if function is None or subject is not function.owner or not _has_method_types(function, arguments):
@@ -188,7 +190,7 @@ def _call_by_number_lines(
     if chain and arguments and arguments[0].value == chain[-1].handle:
         values[0] = f"Variant({_type(arguments[0].vt)}, {chain[-1].kind.lower()}.handle)"
     elif function is not None and function.takes_handle:
-        yield f"# Unknown: how this {function.owner} was opened. Open it here and use its handle."
+        yield f"# It is unknown how this {function.owner} was opened. Open it here and use its handle."
     yield f"# {function_name(function_id)}"
     yield f"print(wait(service.session.call({function_id}, [{', '.join(values)}])))"
 
@@ -208,7 +210,7 @@ def method_name(function: Function) -> str:
 
 
 def _argument_literal(param: Param, argument: Variant) -> str:
-    """Return an argument of a method as Python source; the method converts it to the parameter's type."""
+    """Return an argument of a method as Python source. The method will convert the argument to a VARIANT."""
     if param.type in _TYPES:
         return _literal(argument.value)
     return "None" if argument == EMPTY else _variant_literal(argument)

@@ -21,7 +21,8 @@ from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.reserved_field import ReservedConvention
 
 MAX_TEMPLATES = 4096
-"""Maximum number of cached templates for calls with one request and one reply; a full cache is emptied."""
+"""Maximum number of cached templates. Only calls with one request and one reply have templates; a full cache
+is emptied."""
 
 _TemplateKey: TypeAlias = "tuple[Conversation, CallKind, TrackedObject | None, int, ReservedConvention]"
 
@@ -35,8 +36,8 @@ _OWN_MEMBERS = {
     "latency_ms": b"%b",
     "rtt_ms": b"%b",
 }
-"""JSON members that differ between calls of one kind with one request and one reply. The template of the kind
-contains all other members.
+"""JSON members that differ from call to call. The template contains the other members, which are the same for
+all calls of one kind with one request and one reply.
 """
 
 
@@ -51,9 +52,9 @@ class CallRecordRenderer:
         `subject`, the object of the call's handle.
 
         `started` is in seconds since 1970. `latency_ms` runs from the first request to the accepted reply.
-        `rtt_ms` runs from the request that the accepted reply answers to this reply. All lists except
-        `serials` and `places` hold frame numbers. `places` has one object per frame of a call that
-        was captured at two places.
+        `rtt_ms` runs to the accepted reply from the attempt that it answers. All lists except `serials` and
+        `places` hold frame numbers. If the call was captured at two places, `places` has one object per
+        frame.
         """
         request, reply = call.request, call.reply
         if reply is None or not call.is_plain or isinstance(request, JoinedObservation):
@@ -71,7 +72,7 @@ class CallRecordRenderer:
             del self._templates[kind]
 
     def _make_template(self, kind: _TemplateKey, call: Call) -> bytes:
-        """Create and cache the template for calls of one kind with one request and one reply."""
+        """Make and cache the template for all calls that are of the same kind as `call`."""
         if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
         members = (
@@ -86,11 +87,12 @@ class CallPackets:
     """Adds the member `packets` to calls as JSON: the capture and the packet of each frame of a call."""
 
     def __init__(self, origin_of: Callable[[int], PacketOrigin | None], only_path: str | None) -> None:
-        """Start.
+        """Prepare to add the member to calls.
 
         Args:
-            origin_of: Returns the origin of a packet by its number among all packets that were read.
-            only_path: Path of the capture if all packets are from one; None otherwise.
+            origin_of: Takes the number of a packet among all packets that were read, and returns the capture
+                and the packet's number in it.
+            only_path: Path of the capture if only one capture is read; None otherwise.
         """
         self._origin_of = origin_of
         path = b"" if only_path is None else json_text(only_path).replace(b"%", b"%%")

@@ -24,7 +24,7 @@ from bcapscope.traffic.observation import Direction, Flow
 _MILLISECOND = 1_000_000
 _PLAIN_VERDICTS = frozenset(CallVerdict[outcome.name] for outcome in Outcome)
 _MAX_NAMED = 6
-_MAX_RESULTS = 1024  # result codes whose texts are cached
+_MAX_RESULTS = 1024  # maximum number of result codes whose texts are cached
 _BRACKETS = {True: "└─", False: "├─"}
 
 
@@ -32,7 +32,8 @@ _ROLE_WIDTH = 10
 
 
 class CallRenderer:
-    """Writes calls as lines or trees. Relative times depend on the order of the calls written."""
+    """Writes calls as lines or trees. The renderer counts relative times from the first line that it
+    writes."""
 
     def __init__(
         self,
@@ -43,14 +44,14 @@ class CallRenderer:
     ) -> None:
         """Choose the format of the lines.
 
-        `write_endpoints` returns the escaped text for a flow. By default this text shows addresses and
-        transport.
+        `write_endpoints` returns the escaped text for a flow, one direction of a conversation. By default,
+        the text shows addresses and transport.
         """
         self._write_endpoints = write_endpoints or _addresses
         self._write_time = timestamp_writer(time_format)
         self._palette = palette
         self._words = words
-        # Catalogue texts are looked up once, because each call prints a line.
+        # These texts of the message catalogue are looked up only once, to print the lines of many calls fast.
         self._roles = {role: words(f"frame.role.{role.replace(' ', '-')}") for role in FrameRole}
         self._labels = {name: words(f"call.label.{name}") for name in ("frame", "serial", "reserved", "at")}
         self._frame_text = words("call.frame", requests="{0}")
@@ -58,7 +59,7 @@ class CallRenderer:
         self._result_text = lru_cache(_MAX_RESULTS)(lambda code: result_text(code, palette, words))
 
     def set_time_origin(self, time: int) -> None:
-        """Show relative times as time since `time`, in ns since 1970, instead of since the first line."""
+        """Count relative times from `time`, in ns since 1970, instead of from the first line."""
         self._write_time(time)
 
     def line(self, call: Call | StrayReply, subject: TrackedObject | None = None) -> str:
@@ -111,7 +112,8 @@ class CallRenderer:
         return text
 
     def _place_text(self, seen: JoinedObservation) -> str:
-        """Return as text how long the frame took between the places, or that it was lost between them."""
+        """Return text that says how long the frame took from one place to the other, or that it was lost
+        between the places."""
         color, delay = self._palette, seen.delay
         if seen.was_lost_between:
             case = "proxy" if seen.is_relayed else "between"
@@ -152,7 +154,7 @@ class CallRenderer:
         return self._located(self._frames_text.format(requests, ",".join(map(str, numbers))), call)
 
     def _located(self, frames: str, call: Call) -> str:
-        """Add the captures and the packets of a call's frames to their text, if several captures are read."""
+        """If several captures are read, append to `frames` in which captures and packets the frames are."""
         origins = origins_text((event.observation.number for event in call.frames), self._words)
         return f"{frames} ({origins})" if origins else frames
 
@@ -178,7 +180,7 @@ class CallRenderer:
         return f"  {color.problem}{words('list.comma').join(parts)}{color.reset}" if parts else ""
 
     def _place_remarks(self, call: Call) -> Iterator[str]:
-        """Yield where frames of the call were lost or held, if two places captured it."""
+        """If two places captured the call, yield remarks on where its frames were lost or held."""
         words, lost = self._words, call.lost_between
         if lost:
             case = "proxy" if lost[0].is_relayed else "between"
@@ -218,7 +220,7 @@ _SESSION_ENDINGS = {
 
 
 def session_text(session: ServiceSession, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return a sentence that says how a session ended and which objects the client did not release."""
+    """Return text that says how a session ended, and which objects the client did not release."""
     return printable(words.text(_session_message(session)))
 
 

@@ -15,7 +15,8 @@ from bcapscope.render.escape import printable
 
 CAPTION_WIDTH = 12
 TEXT_WIDTH = 62
-"""Width of the wrapped text after a caption: with caption and scroll bar, a line fits into 80 columns."""
+"""Width of the wrapped text to the right of a caption. With caption and scroll bar, a line fits into 80
+columns."""
 
 _FRAMES_SHOWN = 8
 
@@ -49,11 +50,12 @@ class CaptionWriter:
         return f"  {self.palette.dim}{name}{space}{self.palette.reset}{shown}".rstrip()
 
     def continued(self, text: Message | str) -> str:
-        """Return a line without a caption; its text belongs to the caption above it."""
+        """Return a line without a caption, for more text that belongs to the caption above."""
         return f"  {'':<{CAPTION_WIDTH}}{self.text(text) if isinstance(text, Message) else text}"
 
     def wrapped(self, text: Message | str, color: str = "") -> Iterator[str]:
-        """Yield the text as lines of at most `TEXT_WIDTH` columns below a caption, each line in `color`."""
+        """Yield the text that continues a caption, as lines of at most `TEXT_WIDTH` columns, each in
+        `color`."""
         shown = self.text(text) if isinstance(text, Message) else text
         reset = self.palette.reset if color else ""
         return (self.continued(f"{color}{line}{reset}") for line in wrap_text(shown, TEXT_WIDTH))
@@ -66,8 +68,8 @@ class CaptionWriter:
 
 
 def frames_message(frames: Sequence[int], count: int | None = None) -> Message:
-    """Return a message that lists the first 8 frame numbers and says how many of the `count` frames are not
-    listed.
+    """Return a message that lists the first 8 frame numbers. The message also says how many of the `count`
+    frames it does not list.
     """
     shown = tuple(frames[:_FRAMES_SHOWN])
     left = (len(frames) if count is None else count) - len(shown)

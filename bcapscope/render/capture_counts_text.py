@@ -10,7 +10,8 @@ from bcapscope.messages.places import Count
 
 
 def capture_counts_text(counts: CaptureCounts, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return the number of frames found, followed by what was missing, damaged or foreign in the packets."""
+    """Return text with the number of frames found, and what was missing, damaged or not b-CAP in the
+    packets."""
     return words("list.semicolon").join(map(words.text, _messages(counts)))
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Palette:
-    """ANSI colour sequences by kind of text. `reset` switches back to the default colour. In a palette
-    without colours, all sequences are empty.
+    """An ANSI colour sequence for each kind of text. `reset` switches back to the default colour. In a
+    palette without colours, all sequences are empty.
     """
 
     number: str = ""
@@ -22,7 +22,7 @@ class Palette:
 
 
 PLAIN = Palette()
-"""Palette without colours, for pipes, files and NO_COLOR."""
+"""Palette without colours: for output to a pipe or file, and if NO_COLOR is set."""
 
 ANSI = Palette(
     number="\x1b[36m",

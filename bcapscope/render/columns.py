@@ -8,9 +8,8 @@ from collections.abc import Iterator, Sequence
 from bcapscope.protocol.text_format import display_width
 
 _WIDE = "\u1100-\u115f\u2e80-\ua4cf\uac00-\ud7a3\uf900-\ufaff\ufe30-\ufe6f\uff01-\uff60\uffe0-\uffe6"
-"""East Asian characters that take two terminal columns.
-
-Text may be wrapped before and after these characters.
+"""Matches East Asian characters that take two terminal columns. Text may be wrapped before and after such a
+character.
 """
 
 _CLOSING = "、。，．）」』】：；！？ーぁぃぅぇぉっゃゅょァィゥェォッャュョ"
@@ -22,13 +21,13 @@ _INDENT = " " * 7
 _NARROWEST_ROW = 40
 
 _WORDS = re.compile(f" *(?:[{_WIDE}][{_CLOSING}]*|[^ {_WIDE}]+[{_CLOSING}]*| +$)")
-"""Matches the pieces between which a line may be wrapped: words and single wide characters, with the spaces
-before them.
+"""Matches the pieces of a line between which it may be wrapped. A piece is a word or one wide character, with
+the spaces before it.
 """
 
 
 def align_columns(rows: Sequence[Sequence[str]], alignments: str) -> Iterator[str]:
-    """Yield rows of escaped text as lines in which each column is as wide as its widest cell.
+    """Yield each row of escaped text as a line. Each column is as wide as its widest cell.
 
     `alignments` has one character per column: ``>`` aligns the column to the right, ``<`` to the left.
     """
@@ -50,9 +49,8 @@ def fit_line(line: str, width: int) -> str:
 
 
 def fold_line(line: str, width: int) -> str:
-    """Break a line, which may contain colours, into rows of at most `width` columns, at spaces if possible.
-
-    All rows but the first are indented.
+    """Break a line, which may contain colour sequences, into rows of at most `width` columns, at spaces if
+    possible. All rows after the first are indented.
     """
     if width < _NARROWEST_ROW or display_width(_COLORS.sub("", line)) <= width:
         return line
@@ -61,7 +59,7 @@ def fold_line(line: str, width: int) -> str:
     for piece in _PIECES.findall(line):
         rest = piece
         while rest and not _COLORS.fullmatch(rest) and display_width(rest) > room:
-            if room == (width - len(_INDENT) if rows else width):  # a word that no row can hold
+            if room == (width - len(_INDENT) if rows else width):  # break a word that is too long for a row
                 start = _prefix(rest, room)
                 row, rest = row + start, rest[len(start) :]
             rows.append(row)
@@ -73,7 +71,7 @@ def fold_line(line: str, width: int) -> str:
 
 
 def _prefix(text: str, width: int) -> str:
-    """Return as many characters as `width` columns can hold, at least one."""
+    """Return the start of a text: as many characters as fit into `width` columns, but at least one."""
     size = 1
     while size < len(text) and display_width(text[: size + 1]) <= width:
         size += 1
@@ -83,7 +81,7 @@ def _prefix(text: str, width: int) -> str:
 def wrap_text(text: str, width: int) -> Iterator[str]:
     """Wrap text into lines of at most `width` columns, at spaces and beside wide characters.
 
-    A word that is longer than `width` is not broken.
+    A word that is longer than `width` stays whole.
     """
     line = ""
     for piece in _WORDS.findall(text):

@@ -40,7 +40,7 @@ def comparison_lines(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> Iterator[str]:
-    """Yield the differences between two captures as text, notable ones first."""
+    """Yield the differences between two captures as text. Notable differences come first."""
     sides = (("compare.good", good), ("compare.bad", bad))
     heads = [(words(name), printable(side.name), _size(side, words)) for name, side in sides]
     yield from align_columns(heads, "<<<")
@@ -115,7 +115,7 @@ def _subject(subject: CallKind | int | None, words: MessageFormatter) -> str:
 
 
 def _figure(figure: str, words: MessageFormatter) -> str:
-    """Return the name of a figure, such as `latency p99` for `latency_ms.p99`."""
+    """Return the name of a figure for display, such as `latency p99` for `latency_ms.p99`."""
     name, _, statistic = figure.partition("_ms.")
     text = words(f"compare.figure.{name.replace('_', '-')}")
     return f"{text} {statistic}" if statistic else text
@@ -160,7 +160,7 @@ def _one_sided_rows(lone: Sequence[UnmatchedKind], words: MessageFormatter) -> I
 def comparison_record(comparison: CaptureComparison, good: ComparedCapture, bad: ComparedCapture) -> bytes:
     """Return the differences between two captures as one JSON object, without a line end.
 
-    A figure that `stats --json` also prints has the same name there. Shares are between 0 and 1, times are in
+    Figures that `stats --json` also prints have the same names there. Shares are from 0 to 1, times are in
     milliseconds.
     """
     return orjson.dumps(

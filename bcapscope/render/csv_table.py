@@ -45,7 +45,7 @@ _ARGS, _PROBLEMS = b'"args":', b',"problems":'
 
 
 def csv_cell(text: str) -> str:
-    """Return text from the wire as a cell that a spreadsheet shows without evaluating it.
+    """Return text from the wire as a cell that a spreadsheet displays but does not evaluate.
 
     Control characters are escaped. Text that a spreadsheet would evaluate as a formula gets an apostrophe in
     front.
@@ -55,7 +55,7 @@ def csv_cell(text: str) -> str:
 
 
 class _ReturningFile:
-    """File for `csv.writer` that returns each row instead of storing it."""
+    """A file object for `csv.writer` whose `write` returns the row instead of storing it."""
 
     def write(self, text: str) -> str:
         return text
@@ -65,7 +65,7 @@ _writer = csv.writer(_ReturningFile(), lineterminator="")
 
 
 def csv_row(cells: Iterable[object]) -> str:
-    """Return cells as a row of CSV without a line end. Text from the wire must have passed `csv_cell`."""
+    """Return cells as a row of CSV without a line end. Call `csv_cell` for text from the wire first."""
     # `csv.writer.writerow` returns the result of its file's `write` method.
     return str(_writer.writerow(cells))
 
@@ -104,10 +104,11 @@ class CsvTableRenderer:
         )
 
     def _args(self, observation: Observation, call_kind: CallKind | None) -> str:
-        """Return the arguments as JSON, cut out of the JSON object of the frame.
+        """Return the arguments as JSON, copied from the JSON object of the frame.
 
-        The search for a key cannot match inside a JSON string, because quotation marks inside strings are
-        escaped. The result begins with a bracket, so a spreadsheet does not evaluate it.
+        The function searches for the name of the JSON member. The search cannot match inside a JSON string,
+        because quotation marks inside strings are escaped. The result begins with a bracket, so a spreadsheet
+        does not evaluate it.
         """
         record = self._records.record(observation, call_kind)
         start = record.index(_ARGS) + len(_ARGS)

@@ -18,7 +18,7 @@ def diagnosis_summary(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> str:
-    """Return the number of findings by severity, and the amount of traffic examined."""
+    """Return the line: the number of findings of each severity, and how much traffic was examined."""
     if not totals.frames:
         return words("diagnosis.nothing")
     counts = Counter(severities)

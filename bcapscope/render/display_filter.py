@@ -13,7 +13,7 @@ from bcapscope.traffic.joining.joined_observation import JoinedObservation
 
 
 def display_filter(packets: Iterable[int]) -> str:
-    """Return the display filter for packets, by their numbers in their capture.
+    """Return the display filter that shows the packets with these numbers in their capture.
 
     >>> display_filter([4, 5, 6, 9])
     'frame.number in {4..6, 9}'
@@ -28,7 +28,7 @@ def display_filter(packets: Iterable[int]) -> str:
 
 
 def packets_of(item: Call | StrayReply) -> list[int]:
-    """Return the packet number of each frame of a call, at every place where it was captured."""
+    """Return the packet numbers of a call's frames, at every place where the frames were captured."""
     frames = (
         [item.observation] if isinstance(item, StrayReply) else [each.observation for each in item.frames]
     )
@@ -47,9 +47,8 @@ def _sightings(frame: FrameObservation) -> Iterator[FrameObservation]:
 def display_filter_lines(
     found: Iterable[PacketOrigin | None], names_files: bool, words: MessageFormatter
 ) -> Iterator[str]:
-    """Yield one line per capture with the display filter for its packets; nothing for unknown packets.
-
-    With `names_files`, each line names its capture.
+    """Yield one line per capture, with the display filter for its packets. Packets whose capture is unknown
+    are left out. With `names_files`, each line names its capture.
     """
     by_name: dict[str, list[int]] = {}
     for origin in found:

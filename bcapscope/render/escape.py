@@ -1,12 +1,12 @@
-"""Escape text from the wire, so that it cannot control the terminal or break a line."""
+"""Escape text from the wire, so that it cannot control the terminal or start a new line."""
 
 from __future__ import annotations
 
 _NAMED = {"\n": "\\n", "\r": "\\r", "\t": "\\t", "\0": "\\0"}
 
 _KEPT = frozenset("\u3000")
-"""Characters that `str.isprintable` rejects but that are not escaped: the ideographic space, common in
-Japanese text.
+"""Characters that stay unescaped although `str.isprintable` rejects them: the ideographic space, which is
+common in Japanese text.
 """
 
 

@@ -12,13 +12,13 @@ from bcapscope.render.escape import quoted
 from bcapscope.render.number import currency_text, date_text, single_text
 
 LONGEST_STRING = 60
-"""Default maximum number of characters shown of a string."""
+"""Default maximum number of characters of a string to display."""
 
 
 def value_text(
     value: Value, vt: int, longest: int | None = LONGEST_STRING, words: MessageFormatter = ENGLISH_WORDS
 ) -> str:
-    """Return a scalar value as text; no value, bytes and arrays give "".
+    """Return a scalar value as text. Return "" for a missing value, bytes or an array.
 
     A string is cut after `longest` characters.
     """
@@ -51,7 +51,7 @@ def _float_text(value: float, vt: int) -> str:
 def field_meaning(
     field: FrameField, longest: int | None = LONGEST_STRING, words: MessageFormatter = ENGLISH_WORDS
 ) -> str:
-    """Return the meaning of a field in one line, or "" if its name says everything.
+    """Return the meaning of a field in one line, or "" if the name of the field says everything.
 
     A string is cut after `longest` characters.
     """
@@ -66,7 +66,7 @@ def field_meaning(
 
 
 def _frame_field_meaning(field: FrameField, words: MessageFormatter) -> str:
-    """Describe a field that belongs to the frame itself, not to a VARIANT."""
+    """Describe a field of the frame that is not part of a VARIANT."""
     value = field.value
     if isinstance(value, bytes):
         return words.plural("count.byte", len(value)) + (f", {field.text}" if field.text else "")
@@ -78,7 +78,8 @@ def _frame_field_meaning(field: FrameField, words: MessageFormatter) -> str:
 
 
 def _variant_meaning(field: FrameField, longest: int | None, words: MessageFormatter) -> str:
-    """Describe the value of a VARIANT field, with its type if the field includes the type bytes."""
+    """Describe the value of a VARIANT. Add the type of the VARIANT if the field includes the bytes of the
+    type."""
     value, vt = field.value, field.vt or 0
     text = value_text(value, vt, longest, words)
     if isinstance(value, tuple):

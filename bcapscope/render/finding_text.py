@@ -12,20 +12,22 @@ _DEEPEST = 4
 
 
 def words_for(words: MessageFormatter, totals: TrafficTotals) -> MessageFormatter:
-    """Return the formatter for sentences about the traffic that `totals` describes."""
+    """Return a formatter for sentences about certain traffic: it counts times from the traffic's start in
+    `totals`."""
     return words.for_report(totals.began, totals.has_only_client)
 
 
 def finding_sentence(finding: Finding, words: MessageFormatter) -> str:
     """Return the text of a finding: what happened, how often, and what followed.
 
-    Strings from the wire in this text are not escaped.
+    The text may contain unescaped strings from the wire.
     """
     return words.sentences(_sentences(finding, words))
 
 
 def finding_depths(findings: Sequence[Finding]) -> list[int]:
-    """Return the number of causes above each finding, at most 4, as the level of its indentation."""
+    """Return for each finding how far to indent it: its cause, the cause of this cause and so on count one
+    each, up to 4."""
     depths: list[int] = []
     for finding in findings:
         cause = finding.consequence_of

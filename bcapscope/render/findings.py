@@ -19,7 +19,8 @@ from bcapscope.render.finding_text import finding_depths, finding_sentence, word
 from bcapscope.render.json_values import packet_objects, time_fragment
 
 NARROWEST, WIDEST = 40, 120
-"""Limits of the text width in columns. Narrower terminals get the minimum; longer lines are hard to read."""
+"""Minimum and maximum width of the text in columns. The minimum holds even on a narrower terminal; lines
+longer than the maximum would be hard to read."""
 
 _STEP = 4
 
@@ -34,7 +35,8 @@ class FindingsRenderer:
         words: MessageFormatter = ENGLISH_WORDS,
         filter_lines: Callable[[Finding], Iterable[str]] | None = None,
     ) -> None:
-        """Create a renderer; `filter_lines` returns lines with display filters, which are never wrapped."""
+        """Create a renderer. `filter_lines` returns the lines with a finding's display filters, which the
+        renderer never wraps."""
         self._palette = palette
         self._words = words
         self._filter_lines = filter_lines
@@ -46,7 +48,8 @@ class FindingsRenderer:
         totals: TrafficTotals,
         is_shown: Callable[[Finding], bool] = lambda finding: True,
     ) -> Iterator[str]:
-        """Yield the lines of the shown findings in the given order, then a summary of all findings."""
+        """Yield the lines of the findings for which `is_shown` is True, in the given order, then a summary of
+        all findings."""
         words = words_for(self._words, totals)
         shown = [is_shown(finding) for finding in findings]
         depths = finding_depths(findings) if all(shown) else [0] * len(findings)
@@ -59,7 +62,7 @@ class FindingsRenderer:
             yield words("diagnosis.shown", shown=sum(shown), findings=Count(len(findings), "finding"))
 
     def new_finding_line(self, finding: Finding, totals: TrafficTotals) -> str:
-        """Return the line for a finding that was just made."""
+        """Return the line that announces a new finding in live traffic."""
         words = words_for(self._words, totals)
         severity = words(f"severity.{finding.severity}")
         head = f"{self._palette.problem}{severity}{self._palette.reset} {finding.rule}"
@@ -108,8 +111,9 @@ def finding_record(
     """Return a finding as a JSON object with English text. Non-printable characters in texts are escaped.
 
     Args:
-        origin_of: Returns the capture and the packet of a frame by its number.
-        is_final: Whether the traffic has ended; if not, causes and repetitions are not known yet.
+        origin_of: Takes the number of a frame, and returns its capture and packet.
+        is_final: Whether the traffic has ended. Before the end of the traffic, the causes and repetitions of
+            a finding are not known.
     """
     repetition = finding.repetition
     words = words_for(ENGLISH_WORDS, totals)

@@ -26,7 +26,7 @@ MAX_RAW_BYTES = 48
 
 
 class FrameLineRenderer:
-    """Writes frames as lines. Relative times depend on the order of the frames written."""
+    """Writes frames as lines. The renderer counts relative times from the first line that it writes."""
 
     def __init__(
         self,
@@ -36,11 +36,9 @@ class FrameLineRenderer:
         write_endpoints: Callable[[Flow], str] | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
-        """Choose the format of the lines. With `brief`, lines omit problems and comments, which `remarks`
-        yields instead.
-
-        `write_endpoints` returns the escaped text for a flow. By default this text shows addresses, transport
-        and direction.
+        """Choose the format of the lines. With `brief`, lines omit problems and comments; `remarks` yields
+        these instead. `write_endpoints` returns the escaped text for a flow, one direction of a conversation.
+        By default, the text shows addresses, transport and direction.
         """
         self._palette = palette
         self._write_endpoints = write_endpoints or _addresses
@@ -50,7 +48,7 @@ class FrameLineRenderer:
         self._templates: dict[tuple[Flow, FrameTemplate, CallKind | None], LineTemplate] = {}
 
     def set_time_origin(self, time: int) -> None:
-        """Show relative times as time since `time`, in ns since 1970, instead of since the first line."""
+        """Count relative times from `time`, in ns since 1970, instead of from the first line."""
         self._write_time(time)
 
     def line(
@@ -71,7 +69,7 @@ class FrameLineRenderer:
         key = flow, frame_template, call_kind
         template = self._templates.get(key) or self._make_template(key, item)
         text, places = template.text, template.places
-        if len(places) == 1:  # true for nearly all frames of a large capture; saves a function call
+        if len(places) == 1:  # fast path for nearly all frames of a large capture: saves a function call
             where, write = places[0]
             return text % (number, self._write_time(time), item.serial, item.reserved, write(numbers[where]))
         return template.fill((number, self._write_time(time), item.serial, item.reserved), numbers)

@@ -18,25 +18,25 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Observation
 
 MAX_ELEMENTS = 32
-"""Default maximum number of elements shown of an array."""
+"""Default maximum number of elements of an array to display."""
 
 
 class FieldRowKind(Enum):
     FIELD = "field"
-    """A field that consists of other fields; their rows follow."""
+    """A field that consists of other fields. The rows of these fields follow."""
     LEAF = "leaf"
     """A field that contains bytes and no other fields."""
     PROBLEM = "problem"
-    """A problem with the bytes of the field above."""
+    """A problem with the bytes of the field in the row above."""
     NOTE = "note"
-    """A remark about the field above; the row has no bytes."""
+    """A remark about the field in the row above. A remark has no bytes."""
 
 
 class FieldRow(NamedTuple):
     """A row of the tree.
 
-    `start` and `stop` are offsets in the section; texts are escaped. `failed` is None unless the field is an
-    HRESULT.
+    `start` and `stop` are offsets in the body of the section. `name` and `text` are escaped. `failed` is None
+    unless the field is an HRESULT.
     """
 
     kind: FieldRowKind
@@ -49,7 +49,8 @@ class FieldRow(NamedTuple):
 
 
 class FrameSection(NamedTuple):
-    """Bytes with their fields, whose offsets count from the start of `body`, and an optional caption."""
+    """A part of the tree: bytes, their fields and an optional caption. The offsets of the fields count from
+    the start of `body`."""
 
     caption: Message | None
     body: bytes
@@ -60,8 +61,7 @@ def frame_sections(observation: Observation, call_kind: CallKind | None) -> tupl
     """Return the sections of a frame or of malformed bytes: two for a compressed frame, otherwise one."""
     item = observation.item
     if isinstance(item, Malformed):
-        # Malformed bytes have no fields. A gap in a stream does not even have bytes, so only its problem is
-        # shown.
+        # Malformed bytes have no fields, and a gap in a stream has no bytes either: show only the problem.
         size = len(item.raw)
         name, value = ("bytes", item.raw) if size else ("no bytes", None)
         return (FrameSection(None, item.raw, (FrameField(name, 0, size, value, problems=item.problems),)),)

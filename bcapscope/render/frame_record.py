@@ -1,7 +1,7 @@
 """Frames as JSON, one object per frame.
 
-Frames of one layout share a template: bytes with slots for the numbers of each frame. Text from the wire
-always passes a JSON encoder.
+Frames that differ only in their numbers share a template: JSON with placeholders for the numbers. A JSON
+encoder escapes all text from the wire.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ NumberPlace: TypeAlias = "tuple[int | slice, Callable[[object], bytes]]"
 
 
 class _RecordTemplate:
-    """JSON of a frame as bytes, with places for the numbers that differ between frames of the same layout."""
+    """JSON of a frame as bytes. The JSON has placeholders for the numbers, which differ between similar
+    frames."""
 
     __slots__ = ("_parts", "_text")
 
@@ -56,7 +57,7 @@ class _RecordTemplate:
 
 
 class _RecordTemplateBuilder:
-    """Builds a template from left to right."""
+    """Builds a template by appending parts."""
 
     def __init__(self, head: bytes = b"") -> None:
         self._pieces = [head]
@@ -79,7 +80,7 @@ class _RecordTemplateBuilder:
         self.add_text(b"]")
 
     def _add_constant(self, variant: Variant) -> None:
-        """Add a value that is the same in all frames of the layout."""
+        """Add a value that is the same in all frames that share the template."""
         builder = _RecordTemplateBuilder()
         builder._add_typed(variant)
         self.add_text(builder.build().fill((), tuple(iter_numbers(variant))))
@@ -202,7 +203,7 @@ def with_origin(record: bytes, origin: PacketOrigin) -> bytes:
 
 
 def _template_head(flow: Flow, kind: bytes, serial: bytes = b"%d", reserved: bytes = b"%d") -> bytes:
-    """Return a template for the first JSON members of a frame, with places for their numbers."""
+    """Return a template for the first JSON members of a frame, with placeholders for their numbers."""
     names = (b"src", b"dst", b"transport")
     texts = (flow.src_text, flow.dst_text, flow.conversation.transport)
     ends = b"".join(b'"%b":%b,' % (name, json_text(text)) for name, text in zip(names, texts, strict=True))

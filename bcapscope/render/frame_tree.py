@@ -25,8 +25,8 @@ class FrameTreeRenderer:
     """Writes frames as trees. With `full`, a tree shows all bytes of long fields. With `dump`, a hex dump
     follows each tree.
 
-    Lines have fewer than 100 columns, unless they contain long text from the wire or a long description of a
-    problem.
+    Lines have fewer than 100 columns. Only lines with long text from the wire, or with a long problem, exceed
+    100 columns.
     """
 
     palette: Palette = PLAIN
@@ -52,7 +52,7 @@ class FrameTreeRenderer:
 
 @dataclass(frozen=True, slots=True)
 class _TreeSection:
-    """Writes the lines of one section. `highlights` collects the bytes that have problems."""
+    """Writes the lines of one section. `highlights` collects the positions of bytes that have problems."""
 
     palette: Palette
     full: bool
@@ -105,7 +105,8 @@ class _TreeSection:
 
 
 def colored_value(row: FieldRow, palette: Palette) -> str:
-    """Return the meaning of a row with colour: results as good or bad, other values as numbers."""
+    """Return the meaning of a row in colour: result codes in the colour of success or failure, other values
+    in that of numbers."""
     if row.failed is not None:
         return f"{palette.bad if row.failed else palette.good}{row.text}{palette.reset}"
     if row.kind is FieldRowKind.LEAF and row.text:

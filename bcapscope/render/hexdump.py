@@ -11,7 +11,7 @@ from bcapscope.render.color_palette import PLAIN, Palette
 PER_LINE = 16
 """Default number of bytes per line."""
 
-_BLANK_AFTER = 8  # a second space follows this many bytes of a line
+_BLANK_AFTER = 8  # after this many bytes of a line, two spaces follow instead of one
 _ASCII = bytes(byte if 0x20 <= byte < 0x7F else ord(".") for byte in range(256)).decode("ascii")
 
 
@@ -33,8 +33,8 @@ def hexdump(
     """Yield the lines of a hex dump, with `per_line` bytes per line. Where two highlights overlap, the later
     one wins.
 
-    Offsets begin at `first`. Offsets are decimal, like the offsets in field trees and problems shown next to
-    a hex dump.
+    The offset of the first byte is `first`. Offsets are decimal, as in field trees and in problems next to
+    the hex dump.
     """
     width = max(6, len(str(first + len(data))))
     pending = list(highlights)[::-1]
@@ -67,7 +67,7 @@ def _line(row: bytes, styles: list[str], reset: str, per_line: int) -> str:
     shown, letters = [], []
     for style, run in groupby(range(len(row)), lambda index: styles[index]):
         indexes = list(run)
-        # Spaces between bytes of the same style get that style; spaces between different styles get none.
+        # A space gets the style of the two bytes around it; it gets no style if they differ in style.
         pairs = "".join(f"{_blanks(index)}{row[index]:02x}" for index in indexes).lstrip()
         word = "".join(_ASCII[row[index]] for index in indexes)
         shown.append(_blanks(indexes[0]) + _styled(pairs, style, reset))

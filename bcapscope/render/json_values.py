@@ -1,4 +1,4 @@
-"""Write values as JSON: escaped text, exact times, and NaN and infinities as strings."""
+"""Write values as JSON: text is escaped, times are exact, and NaN and infinities are strings."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ def json_ready(value: object) -> object:
 
 
 def text_fragment(text: str | None) -> orjson.Fragment:
-    """Return a string escaped by `json_text`, as a fragment for `orjson.dumps`."""
+    """Return a string as JSON by `json_text`, in a form that `orjson.dumps` inserts unchanged."""
     return orjson.Fragment(json_text(text))
 
 
 def time_fragment(time: int) -> orjson.Fragment:
-    """Return a time in ns since 1970 as a JSON number: seconds with nine decimals."""
+    """Convert a time in ns since 1970 to a JSON number: seconds with nine decimals."""
     return orjson.Fragment(epoch_text(time))
 
 
@@ -59,9 +59,8 @@ def result_object(code: int | None) -> dict[str, object]:
 def packet_objects(
     frames: Iterable[int], origin_of: Callable[[int], PacketOrigin | None]
 ) -> list[dict[str, object]]:
-    """Return the JSON member `packets`: the capture and the packet of each frame whose origin is known.
-
-    `origin_of` returns the origin of a frame by its number.
+    """Return the JSON member `packets`: the capture and the packet of each frame for which they are known.
+    `origin_of` takes the number of a frame, and returns its capture and packet.
     """
     return [
         {"frame": frame, "file": text_fragment(origin.path), "packet": origin.packet}
@@ -71,8 +70,8 @@ def packet_objects(
 
 
 def with_packets(record: bytes, origin_of: Callable[[int], PacketOrigin | None]) -> bytes:
-    """Add the member `packets` to a JSON object: the origin of the frames in its members that end in frame or
-    frames.
+    """Add the member `packets` to a JSON object: captures and packets of the frames that the object names.
+    The names of the members that hold frame numbers end in `frame` or `frames`.
     """
     frames = sorted(set(_cited_frames(json.loads(record))))  # orjson reads no lone surrogates
     return b'%b,"packets":%b}' % (record[:-1], orjson.dumps(packet_objects(frames, origin_of)))
@@ -90,7 +89,8 @@ def _cited_frames(value: object, is_frame: bool = False) -> Iterator[int]:
 
 
 def percentiles_object(found: DistributionSummary) -> dict[str, object]:
-    """Return the JSON members for the mean, the extremes and the percentiles of a distribution."""
+    """Return the JSON members for the mean, the smallest and largest value, and the percentiles of a
+    distribution."""
     return {
         "mean": json_ready(found.mean),
         "min": json_ready(found.least),

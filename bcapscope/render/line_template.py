@@ -1,4 +1,5 @@
-"""Templates for the arguments of a frame as one line of text. All frames of a layout share a template."""
+"""Templates that write the arguments of a frame as one line of text. Frames that differ only in their numbers
+share a template."""
 
 from __future__ import annotations
 
@@ -32,15 +33,15 @@ MAX_ELEMENTS = 32
 
 NumberWriter: TypeAlias = Callable[[Any], str]
 TemplatePlace: TypeAlias = tuple[int | slice, NumberWriter]
-"""A place in a template: an index or slice of a frame's numbers, and the function that formats these numbers.
+"""Placeholder in a template: an index or slice of a frame's numbers, and the function that formats them.
 """
 
 _SHOWN_BEFORE = ("bstrCommand",)
-"""Names of arguments that the line already shows next to the function's name."""
+"""Arguments to leave out, because the line already shows their values next to the function's name."""
 
 
 class LineTemplate:
-    """A %-format for a line of text: first the formats of its head, then ``%s`` for each place."""
+    """A %-format for a line of text: first the formats of its head, then ``%s`` for each placeholder."""
 
     __slots__ = ("places", "text")
 
@@ -54,7 +55,7 @@ class LineTemplate:
 
 
 class LineTemplateBuilder:
-    """Builds a template from left to right."""
+    """Builds a template by appending parts."""
 
     def __init__(self, head: str = "") -> None:
         """Start the template with `head`, which is a %-format."""
@@ -66,9 +67,7 @@ class LineTemplateBuilder:
         self._pieces.append(text.replace("%", "%%"))
 
     def add_arguments(self, arguments: Sequence[Argument], role: Callable[[int], Param]) -> None:
-        """Add arguments as ``name=value``, with the type if it differs from the type that the function
-        expects.
-        """
+        """Add arguments as ``name=value``. Add the type of each argument that has an unexpected type."""
         for index, (argument, taken) in enumerate(zip(arguments, number_counts(arguments), strict=True)):
             param = role(index)
             if param.name in _SHOWN_BEFORE and isinstance(argument.variant.value, str):
@@ -94,7 +93,7 @@ class LineTemplateBuilder:
         return LineTemplate("".join(self._pieces), self._places)
 
     def _add_constant(self, variant: Variant, typed: bool) -> None:
-        """Add a value that is the same in all frames of the layout."""
+        """Add a value that is the same in all frames that share the template."""
         builder = LineTemplateBuilder()
         builder.add_variant(variant, typed)
         self.add_text(builder.build().fill((), tuple(iter_numbers(variant))))

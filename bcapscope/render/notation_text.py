@@ -9,7 +9,7 @@ from bcapscope.render.number import number_text, single_text
 
 
 def untyped_text(variant: Variant) -> str | None:
-    """Return a value in the notation without its type, for places where the type is known.
+    """Return a value in the notation without its type. The notation can be parsed only if the type is known.
 
     The result is None if the notation cannot express the value: a VARIANT array inside a VARIANT array, an
     array of strings that contain a separator, or a type that b-CAP does not have.
@@ -19,8 +19,8 @@ def untyped_text(variant: Variant) -> str | None:
 
 
 def typed_text(variant: Variant) -> str | None:
-    """Return a value in the notation with its type, such as ``r4[]:10,20,30``, or None if this is not
-    possible.
+    """Return a value in the notation with its type, such as ``r4[]:10,20,30``. Return None if the notation
+    cannot express the value.
     """
     text = untyped_text(variant)
     return None if text is None else f"{type_word(variant.vt)}:{text}"

@@ -15,8 +15,8 @@ _SINGLE = struct.Struct("<f")
 
 
 def date_text(days: float) -> str:
-    """Return a DATE (days since 1899-12-30 00:00) as date and time, or "" if it is negative or after year
-    9999.
+    """Return a DATE (days since 1899-12-30 00:00) as date and time, or "" if the DATE is negative or after
+    year 9999.
 
     OLE and DENSO's Python client interpret the fraction of a negative DATE differently. The time zone of a
     DATE is unknown: DENSO's C and Python clients send UTC, the C# client sends local time (orin_bcap).
@@ -27,12 +27,12 @@ def date_text(days: float) -> str:
 
 
 def currency_text(raw: int) -> str:
-    """Return a CY as a currency amount: the integer divided by 10000."""
+    """Return a CY value as a decimal amount: the integer on the wire divided by 10000."""
     return str(Decimal(raw) / CY_SCALE)
 
 
 def number_text(value: int | float) -> str:
-    """Return a number with the fewest digits that give the same number when read back."""
+    """Return a number as text, with as few digits as give the same number when parsed."""
     text = orjson.dumps(value).decode("ascii")
     return repr(value) if text == "null" else text
 
@@ -46,7 +46,7 @@ def numbers_text(values: tuple[int | float, ...]) -> str:
 def singles_text(values: tuple[float, ...]) -> str:
     """Return R4 values in the format of `single_text`, separated by commas.
 
-    The conversion is fast if seven digits suffice for each value.
+    The conversion is fast if each value needs at most seven digits.
     """
     form = struct.Struct(f"<{len(values)}f")
     short = tuple(map(float, ("%.7g " * len(values) % values).split()))
@@ -56,7 +56,8 @@ def singles_text(values: tuple[float, ...]) -> str:
 
 
 def single_text(value: float) -> str:
-    """Return an R4 value with seven to nine digits: as few as give the same R4 value when read back."""
+    """Return an R4 value as text: with seven, eight or nine digits, as few as give the same R4 value when
+    parsed."""
     texts = (f"{value:.{digits}g}" for digits in (7, 8))
     same = (text for text in texts if _SINGLE.pack(float(text)) == _SINGLE.pack(value))
     return number_text(float(next(same, f"{value:.9g}")))

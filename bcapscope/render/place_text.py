@@ -1,4 +1,4 @@
-"""Text about captures of one conversation from two places."""
+"""Text about two captures of the same conversation, taken at different places."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _MS = 1e6
 
 
 def places_message(near: str, far: str, clock: ClockEstimate) -> Message:
-    """Return which capture was taken at which side, and how their clocks differ.
+    """Return a message that says which capture was taken at which side, and how the two clocks differ.
 
     Args:
         near: Name of the capture from the client's side, escaped.

@@ -26,8 +26,8 @@ from bcapscope.render.escape import printable
 _COUNTS = ("retries", "late", "unanswered", "repeated", "shifted", "held")
 
 RETRIES_EXPECTED = Message("play.retries-expected")
-"""The number of retries follows from DENSO's timeout for Sync over UDP (DENSO Wave 2009, How to use the Slave
-mode).
+"""Says that retries are normal. DENSO's timeout for Sync over UDP causes retries (DENSO Wave 2009, How to use
+the Slave mode).
 """
 
 
@@ -48,7 +48,7 @@ def controller_line(peer: ControllerInfo, words: MessageFormatter = ENGLISH_WORD
 
 
 def trouble_lines(trouble: PlayerProblem, words: MessageFormatter = ENGLISH_WORDS) -> Iterator[str]:
-    """Yield the description of a problem, then each active error of the controller."""
+    """Yield a line for the problem, then one for each active error of the controller."""
     yield from map(printable, words.text(trouble.text).splitlines())
     for code, text in trouble.errors:
         yield f"  {words('play.shown-error', name=hresult_name(code), text=printable(text))}"

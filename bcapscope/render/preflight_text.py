@@ -1,4 +1,4 @@
-"""How a trajectory file was read, and the result of the pre-flight check, as text and as JSON."""
+"""Text and JSON about how a trajectory file was read, and about the result of the pre-flight check."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ _HEAD = ("axis", "unit", "from", "to", "step", "speed", "acceleration", "fastest
 
 
 def trajectory_line(number: int, trajectory: Trajectory, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return a line that describes one of several trajectories in a file, with the number for ``--index``."""
+    """Return a line that describes one of several trajectories in a file. The line begins with the number for
+    ``--index``."""
     part = trajectory.source.part or Message("trajectory.all")
     return f"{number}: {printable(words.text(part))}, {words.text(_size(trajectory))}"
 
@@ -56,7 +57,7 @@ def source_lines(
 
 
 class PreflightRenderer:
-    """Writes the result of a pre-flight check as text."""
+    """Writes the result of the pre-flight check as text."""
 
     def __init__(
         self, palette: Palette = PLAIN, width: int = 100, words: MessageFormatter = ENGLISH_WORDS
@@ -66,7 +67,7 @@ class PreflightRenderer:
         self._words = words
 
     def lines(self, preflight: PreflightResult) -> Iterator[str]:
-        """Yield a table of each axis' motion, then the problems, then a summary line."""
+        """Yield a table with the motion of each axis, then the problems, then a summary line."""
         if preflight.axis_figures:
             head = tuple(self._words(f"preflight.head.{name}") for name in _HEAD)
             yield from align_columns([head, *map(self._axis_cells, preflight.axis_figures)], "<<>>>>>>")
@@ -182,7 +183,8 @@ def _place(column: Column) -> Message:
 
 
 def _bounded_number(value: float, digits: int) -> str:
-    """Return a number with `digits` decimals; a very large number gets an exponent, to stay short."""
+    """Return a number as text with `digits` decimals. A very large number gets an exponent instead, to stay
+    short."""
     return f"{value:.{digits}f}" if abs(value) < _LARGEST_SHOWN else f"{value:.3g}"
 
 

@@ -39,31 +39,32 @@ _WIDTHS = {
     FieldType.HRESULT: 10,
     FieldType.TEXT: 10,
 }
-"""Least widths of columns. A longer cell makes the column wider from its line on."""
+"""Minimum widths of columns, by type of the field. A cell that is longer makes the column wider from its line
+on."""
 
 ORIGIN_FIELDS = (
     FilterField("file", FieldType.TEXT, tuple(RecordKind), "capture that contains the packet"),
     FilterField("file_packet", FieldType.NUMBER, tuple(RecordKind), "number of the packet in its capture"),
 )
-"""Columns besides the fields of filters."""
+"""Columns that are not fields of filters."""
 
 CALL_COLUMNS = (
     *("call", "started", "t", "client", "server", "transport", "function_id", "function", "command"),
     *("hresult", "hresult_name", "latency_ms", "rtt_ms", "outcome", "verdict", "convention", "retries"),
     *("executing", "serials", "requests", "replies", "late_replies", "lost_replies", "duplicates"),
 )
-"""Columns of `calls --csv` without a choice."""
+"""Columns of `calls --csv` if the user selects none."""
 
 
 class ColumnFormat(StrEnum):
-    """Format of columns other than lines."""
+    """Format of columns if they are not written as lines of text."""
 
     CSV = "csv"
     JSON = "json"
 
 
 class RecordColumn(NamedTuple):
-    """A chosen field, and the indexes behind its name."""
+    """A field that the user selected, with the indexes that follow its name."""
 
     name: str
     field: FilterField
@@ -107,9 +108,8 @@ class ColumnRenderer:
         palette: Palette = PLAIN,
         width: int | None = None,
     ) -> None:
-        """Create a renderer. `getters` return the values of fields by the names of their getters.
-
-        Lines are cut to `width` columns, unless `width` is None.
+        """Create a renderer. `getters` maps the name of a getter to the function that returns the value of a
+        field. The renderer cuts lines to `width` columns, unless `width` is None.
         """
         self._width = width
         self._columns = columns
@@ -157,7 +157,7 @@ class ColumnRenderer:
 
 
 def text_cell(column: RecordColumn, value: object) -> str:
-    """Return a value as escaped text, which a filter understands; `-` for a missing value."""
+    """Return a value as escaped text in the notation of filters; `-` if the value is missing."""
     if value is None:
         return "-"
     if column.type is FieldType.TIME and isinstance(value, int):
@@ -173,7 +173,8 @@ def _csv_cell(column: RecordColumn, value: object) -> object:
     if column.type is FieldType.TIME and isinstance(value, int):
         return epoch_text(value)
     text = _plain_text(column, value)
-    return text if isinstance(value, (int, float)) else csv_cell(text)  # a negative number is no formula
+    # numbers stay as they are: a spreadsheet reads -1 as a number
+    return text if isinstance(value, (int, float)) else csv_cell(text)
 
 
 def _plain_text(column: RecordColumn, value: object) -> str:

@@ -15,7 +15,7 @@ from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
 from bcapscope.render.reply_text import ReplyRenderer
 
-if TYPE_CHECKING:  # these modules use a clock, which `render` must not
+if TYPE_CHECKING:  # not imported at run time: these modules use a clock, which `render` must not
     from bcapscope.replay.replay_script import ScriptCall
     from bcapscope.replay.script_player import PlayedCall
 
@@ -29,8 +29,8 @@ class ReplayRenderer:
         self._answers = ReplyRenderer(palette, words)
 
     def line(self, played: PlayedCall) -> str:
-        """Return the line of a replayed call: number, call, result, values, time, and differences from the
-        recording.
+        """Return the line of a replayed call: number, name, result, values, time, and differences from the
+        recorded call.
         """
         color, line = self._palette, played.script_call
         name = call_name(line.kind.function_id, played.arguments)

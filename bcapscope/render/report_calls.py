@@ -1,4 +1,4 @@
-"""Pictures of calls in a report: a timeline of the clients, latencies by command, and retries."""
+"""Pictures in a report that show calls: a timeline of the clients, latencies by command, and retries."""
 
 from __future__ import annotations
 
@@ -34,16 +34,18 @@ from bcapscope.traffic.call import Call, FrameRole
 from bcapscope.traffic.observation import Conversation
 
 MAX_TIMELINE_ROWS = 16
-"""Maximum number of clients in the timeline: those that made the most calls."""
+"""Maximum number of clients in the timeline. The timeline shows the clients that made the most calls."""
 
 MAX_KINDS = 20
-"""Maximum number of commands in the picture of latencies: those that took the most time."""
+"""Maximum number of commands in the picture of latencies. The picture shows the commands that took the most
+time in total."""
 
-_NARROWEST = 0.0015  # minimum width of a bar, as a share of the total width, so that it is visible
-_SHORTEST_MS = 0.001  # a logarithmic axis has no 0; clocks of captures are no finer than this
+_NARROWEST = 0.0015  # minimum width of a bar as a share of the total width; a narrower bar would be invisible
+# draw shorter times as this time, because a logarithmic axis has no 0
+_SHORTEST_MS = 0.001
 
 _BAR = "#2A74B2"  # contrast to white text: 4.9:1
-_LEAST_FOR_P999 = 100  # minimum number of replies for which a 99.9% value is shown
+_LEAST_FOR_P999 = 100  # with fewer replies than this, the picture has no 99.9% value
 
 _MARKER_STYLES: dict[TimelineEventKind, tuple[str, str, float]] = {
     TimelineEventKind.RETRIED: ("triangle-up-open", AMBER, 0.26),
@@ -67,7 +69,8 @@ _FRAME_STYLES: dict[FrameRole, tuple[str, str]] = {
 
 
 def timeline_picture(report_data: ReportData, words: MessageFormatter) -> Picture:
-    """Return the timeline, with a row of calls, slave-mode sessions and events for each client."""
+    """Return the timeline. It has one row per client, with the client's calls, slave-mode sessions and
+    events."""
     timelines = report_data.timelines[:MAX_TIMELINE_ROWS]
     rows = {timeline.conversation: -index for index, timeline in enumerate(timelines)}
     drawn = [session for session in report_data.slave_sessions if session.conversation in rows]
@@ -150,7 +153,8 @@ def _latency_text(row: StatisticsRow, latency: DistributionSummary, words: Messa
 
 
 def retry_chain_picture(report_data: ReportData, words: MessageFormatter) -> Picture | None:
-    """Return the picture of the calls with the most retries and of their frames, or None without retries."""
+    """Return the picture of the calls with the most retries, which shows their frames. Return None if no call
+    has retries."""
     if not report_data.retry_chains:
         return None
     found = report_data.retry_chains[::-1]
@@ -198,7 +202,7 @@ def _row_axis(labels: Sequence[str], low: float, high: float, step: int = 1) -> 
 
 
 def endpoints_label(conversation: Conversation) -> str:
-    """Return a label of two lines with the endpoints of a conversation: client, then controller."""
+    """Return a label with the client of a conversation on the first line and the controller on the second."""
     return (
         f"{plotly_label(str(conversation.client))}<br>→ {plotly_label(str(conversation.server))} "
         f"{conversation.transport.upper()}"
@@ -240,7 +244,8 @@ def _time_bars(
     look: tuple[str, float],
     **more: Any,
 ) -> Any:
-    """Return a plotly trace of bars over time. Each period has a row, a start and an end in ns since 1970."""
+    """Return a plotly trace of bars over time. Each period has the number of its row, a start and an end in
+    ns since 1970."""
     least = max((report_data.end - report_data.start) / 1e9 * _NARROWEST, 1e-6)
     color, width = look
     return go.Bar(
@@ -335,7 +340,7 @@ def _event_text(
 
 
 def _segments(name: str, lines: Sequence[tuple[int, float, float]], color: str, width: float) -> Any:
-    """Return a plotly trace of horizontal lines; each has a height, a start and an end."""
+    """Return a plotly trace of horizontal lines. Each line has a height, a start and an end."""
     return go.Scatter(
         name=name,
         mode="lines",
@@ -348,7 +353,7 @@ def _segments(name: str, lines: Sequence[tuple[int, float, float]], color: str, 
 
 
 def _role_trace(calls: Sequence[Call], role: FrameRole, words: MessageFormatter) -> Any:
-    """Return a plotly trace of all frames that have this role in their calls."""
+    """Return a plotly trace with a mark for each frame that has the role `role` in its call."""
     name = words(f"frame.role.{role.replace(' ', '-')}")
     found = [
         (index, call, event.observation)

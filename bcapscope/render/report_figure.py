@@ -1,9 +1,9 @@
 """Colours, layout and helper functions that all pictures of a report share.
 
-The contrast of each colour to white and to black is more than 3:1 (WCAG 2.2, 1.4.11). Colour-blind readers
-can distinguish the colours, which are based on the set of Okabe and Ito. Lines and marks of different colours
-also differ in shape or dashes. The style sheet of the page sets the colours of text, axes and grid, so one
-picture fits all themes and paper.
+The contrast of each colour to white and to black is more than 3:1 (WCAG 2.2, 1.4.11). The colours are based
+on the set of Okabe and Ito, so that colour-blind readers can distinguish them. Lines and marks of different
+colours also differ in shape or dashes. The style sheet of the page sets the colours of text, axes and grid,
+so the same picture fits light and dark themes and paper.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ LONGEST_LABEL = 48
 MAX_BARS = 160
 """Maximum number of bars in a histogram."""
 
-_WIDE_SPREAD = 5.0  # ratio of largest to smallest value above which an axis is logarithmic
+_WIDE_SPREAD = 5.0  # an axis is logarithmic if the ratio of largest to smallest value is above this
 _FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', 'Noto Sans JP', sans-serif"
 
 
 class Picture(NamedTuple):
-    """A picture of the page. `height` is in CSS pixels. `json` is for plotly.js and is safe in a script
-    element.
+    """A picture of the page. `height` is in CSS pixels. `json` is the data for plotly.js; it is safe inside a
+    script element.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Picture(NamedTuple):
 
 
 def plotly_label(text: str, longest: int = LONGEST_LABEL) -> str:
-    """Escape and shorten plain text for plotly, which interprets some HTML in all its texts."""
+    """Escape and shorten plain text for plotly. Escaping is needed because plotly interprets some HTML."""
     shown = printable(text)
     return html.escape(shown if len(shown) <= longest else shown[: longest - 1] + "…", quote=False)
 
@@ -83,7 +83,7 @@ def make_picture(
 
 
 def script_safe(json_text: str) -> str:
-    """Escape JSON so that no string in it can end a script element, begin a comment or end a line."""
+    """Escape JSON so that its strings cannot end a script element, begin a comment or end a line."""
     for char in "<>&\u2028\u2029":
         json_text = json_text.replace(char, f"\\u{ord(char):04x}")
     return json_text
@@ -97,7 +97,8 @@ def marker_trace(
     texts: Sequence[str],
     **more: Any,
 ) -> Any:
-    """Return a plotly trace of marks: `look` is their symbol and colour, `texts` appear at the pointer."""
+    """Return a plotly trace of marks. `look` is the symbol and colour of the marks; `texts` appear when the
+    pointer is on a mark."""
     symbol, color = look
     return go.Scatter(
         name=name,
@@ -132,11 +133,11 @@ class HistogramBars(NamedTuple):
 
 
 def histogram_bars(bins: Sequence[Bin], least: float, most: float) -> HistogramBars:
-    """Combine fine bins into bars of equal width, by the middle of each bin.
+    """Combine fine bins into bars of equal width. The middle of a bin decides to which bar it belongs.
 
     If the values span a large range, the bars are equally wide on a logarithmic axis.
 
-    Bars without values are left out.
+    The result has no bars without values.
     """
     low, high = max(least, bins[0].low), min(most, bins[-1].high)
     spread = low > 0 and high / low > _WIDE_SPREAD

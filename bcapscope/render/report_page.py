@@ -1,7 +1,7 @@
 """A report as one HTML page that needs no other files and no network.
 
-Text from the wire is escaped. In case an escape is missing, the page's content security policy allows only
-its own two scripts, and no network access.
+Text from the wire is escaped. Even if the escaping failed, the page's content security policy would allow
+only the page's own two scripts, and no network access.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ from bcapscope.render.statistics_text import call_kind_text
 from bcapscope.render.timestamp import utc_text
 
 MAX_DRAWN = 6
-"""Maximum number of slave-mode sessions with pictures: those with the most problems, then the longest."""
+"""Maximum number of slave-mode sessions with pictures. Sessions with the worst problems come first, then the
+longest."""
 
 MAX_ROWS = 40
 """Maximum number of rows of a table."""
@@ -54,7 +55,7 @@ _SIGNS = {Severity.ERROR: "✖", Severity.WARNING: "▲", Severity.NOTE: "●"}
 class OverallVerdict(NamedTuple):
     """The overall verdict at the top of the page.
 
-    `kind` is ``error``, ``warning`` or ``good``. `sentence` describes the first root cause.
+    `kind` is ``error``, ``warning`` or ``good``. `sentence` describes the first finding.
     """
 
     kind: str
@@ -69,7 +70,7 @@ def report_page(
     remarks: Sequence[str] = (),
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> str:
-    """Return the HTML page. `remarks` are sentences about reading the captures."""
+    """Return the HTML page. `remarks` are sentences about what happened when the captures were read."""
     statistics, strays, start = report_data.statistics, report_data.stray_replies, report_data.start
     kinds = () if statistics is None else statistics.kinds
     timeline = timeline_picture(report_data, words) if report_data.timelines else None
@@ -126,7 +127,7 @@ def report_page(
 
 @cache
 def template_environment() -> Environment:
-    """Return the Jinja environment, which escapes HTML and control characters in all values."""
+    """Return a Jinja environment that escapes HTML and control characters in all values."""
     return Environment(
         loader=PackageLoader("bcapscope.render"),
         autoescape=True,
@@ -137,7 +138,7 @@ def template_environment() -> Environment:
 
 
 def _titles(report_data: ReportData, words: MessageFormatter) -> dict[str, str]:
-    """Return the titles of those sections that have content, by id."""
+    """Return the title of each section that has content, by the section's id."""
     titles = {
         "summary": True,
         "findings": True,
@@ -167,7 +168,7 @@ def _summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tup
 
 
 def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> OverallVerdict:
-    """Return the overall verdict: the number of findings of each severity, and the first finding."""
+    """Return the overall verdict, with the number of findings of each severity and the first finding."""
     counts = Counter(finding.severity for finding in report_data.findings)
     listed = severity_counts_text(counts, words)
     if counts[Severity.ERROR] or counts[Severity.WARNING]:
@@ -180,7 +181,7 @@ def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> Overal
 
 
 def drawn_slave_sessions(slave_sessions: Sequence[SlaveSession]) -> list[SlaveSession]:
-    """Return the slave-mode sessions that get pictures, in the order in which they began."""
+    """Return the slave-mode sessions that have pictures, in the order in which they began."""
     worst = sorted(slave_sessions, key=lambda session: (-_trouble_rank(session), -session.counts.sent))
     return sorted(worst[:MAX_DRAWN], key=lambda session: session.number)
 
@@ -195,7 +196,7 @@ def _trouble_rank(slave_session: SlaveSession) -> int:
 
 
 def _first_rows_text(caption: str, total: int, words: MessageFormatter) -> str:
-    """Return the caption of a table, which says so if the table shows only its first rows."""
+    """Return the caption of a table. If the table shows only its first rows, the caption says so."""
     if total <= MAX_ROWS:
         return caption
     return words("report.first-rows", caption=caption, shown=MAX_ROWS, total=total)
@@ -222,14 +223,13 @@ def _damage_text(damaged: DamagedFrame, words: MessageFormatter) -> str:
 
 
 def _moment(time: int) -> str:
-    """Return a time as text with milliseconds; readers do not need the other digits."""
+    """Return a time as text, down to milliseconds. Readers do not need further digits."""
     return utc_text(time)[:-7].replace("T", " ") + " UTC" if utc_text(time).endswith("Z") else utc_text(time)
 
 
 def _script_text(code: str) -> str:
-    """Return JavaScript that cannot end its script element.
-
-    The replacement is safe, because the replaced sequences occur only in JavaScript strings.
+    """Change JavaScript so that it cannot end its script element. The function replaces some character
+    sequences, which is safe, because they occur only in JavaScript strings.
     """
     return code.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 

@@ -32,7 +32,7 @@ from bcapscope.render.report_figure import (
 )
 from bcapscope.render.slave_session_text import exit_message
 
-_MAX_DOTS = 400  # maximum number of points that are visible as dots on a line
+_MAX_DOTS = 400  # a line with more points than this is drawn without dots
 _LEAST_MOTION = 1e-9
 _COLUMNS, _COLUMN_GAP = 2, 0.12
 _NOTABLE_LAG = 0.5
@@ -40,9 +40,8 @@ _MARGIN = {"l": 64, "r": 18, "t": 56, "b": 48}
 
 
 def session_pictures(session: SlaveSession, start: int, words: MessageFormatter) -> list[Picture]:
-    """Return the pictures of a slave-mode session; `start` is the time of the first frame, ns since 1970.
-
-    Pictures that would be empty are left out.
+    """Return the pictures of a slave-mode session, without empty ones. `start` is the time of the first frame
+    in ns since 1970.
     """
     drawing = _SessionDrawing(session, start, words)
     pictures = drawing.pace(), drawing.spread(), drawing.motion()
@@ -218,7 +217,8 @@ class _SessionDrawing:
     def _set_point_marks(
         self, id: str, facts: Sequence[tuple[SetPointFact, float | None]], color: str, y: str
     ) -> Iterator[Any]:
-        """Yield a trace that marks set points, each at a value in ms; skip set points without value."""
+        """Yield a trace that marks set points, each at the height of its value in ms. Set points without a
+        value get no mark."""
         found = [(fact, value) for fact, value in facts if value is not None]
         name = self._words(f"report.trace.{id}")
         texts = [
@@ -345,12 +345,14 @@ class _SessionDrawing:
 
 
 def _axis_number(place: int) -> str:
-    """Return plotly's number of a diagram's axes by the place of the diagram from 0; "" for the first."""
+    """Return the number by which plotly names the axes of a diagram. `place` counts the diagrams from 0; for
+    the first diagram, the result is ""."""
     return "" if place == 0 else str(place + 1)
 
 
 def _column(column: int, columns: int) -> list[float]:
-    """Return the left and right edge of a column of diagrams; columns have space for an axis between them."""
+    """Return the left and right edge of a column of diagrams. Space for an axis is left between two
+    columns."""
     width = (1 - _COLUMN_GAP * (columns - 1)) / columns
     left = column * (width + _COLUMN_GAP)
     return [left, left + width]

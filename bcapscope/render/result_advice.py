@@ -1,4 +1,4 @@
-"""A result code as text: in a few words, or in several lines with advice."""
+"""Write a result code as text: in a few words, or in several lines with advice."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from bcapscope.render.color_palette import PLAIN, Palette
 
 
 def result_text(code: int, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return the name of a result code in its colour, and for a failure its meaning."""
+    """Return the name of a result code in the colour of success or failure. For a failure, add the
+    meaning."""
     name = hresult_name(code)
     if is_failure(code):
         return f"{palette.bad}{name} ({words.text(describe_hresult(code).meaning)}){palette.reset}"

@@ -1,4 +1,5 @@
-"""The values of a reply as text: numbers with five decimals, like in DENSO's b-CAP Tester, or in full."""
+"""Write the values of a reply as text. Numbers have five decimals, as in DENSO's b-CAP Tester, or all
+digits."""
 
 from __future__ import annotations
 
@@ -13,21 +14,22 @@ DECIMALS = 5
 """Number of decimals that DENSO's b-CAP Tester shows (DENSO Wave 2009, How to use the Slave mode)."""
 
 MAX_ELEMENTS = 512
-"""Maximum number of elements shown of an array."""
+"""Maximum number of elements of an array to display."""
 
 LONGEST_STRING = 4000
-"""Maximum number of characters shown of a string."""
+"""Maximum number of characters of a string to display."""
 
 EMPTY_TEXT = "(EMPTY)"
 
 
 def reply_values_text(reply: Frame, full: bool = False) -> str:
-    """Return the values of a reply as text, or ``(EMPTY)`` if it has none."""
+    """Return the values of a reply as text, or ``(EMPTY)`` if the reply has no values."""
     return "  ".join(variant_values_text(value, full) for value in reply.variants) or EMPTY_TEXT
 
 
 def variant_values_text(variant: Variant, full: bool = False) -> str:
-    """Return a value as escaped text. Floating-point numbers have five decimals unless `full`."""
+    """Return a value as escaped text. Floating-point numbers have five decimals, or all digits with
+    `full`."""
     vt, value = variant.vt, variant.value
     if value is None:
         return EMPTY_TEXT

@@ -1,4 +1,4 @@
-"""The log of the simulator, one line per call."""
+"""The log that the simulator prints, with one line per call."""
 
 from __future__ import annotations
 
@@ -55,12 +55,13 @@ def _full_value_text(variant: Variant) -> str:
     base = variant.vt & ~ARRAY
     shown = value[:LONGEST_VALUE]
     if base == VT.R8:
-        return repr([*shown])  # faster than one element at a time; every slvMove has two such arrays
+        # fast path, because every slvMove has two number arrays: format all elements at once
+        return repr([*shown])
     texts: list[str] = []
     room = LONGEST_VALUE
     for each in shown:
         if room < 0:
-            break  # the line shows no more; nested arrays can be large
+            break  # stop here: the line shows no more elements, and nested arrays can be large
         texts.append(
             _full_value_text(each) if isinstance(each, Variant) else value_text(each, base, LONGEST_VALUE)
         )

@@ -24,7 +24,7 @@ _SLICE_COLUMNS = (
 
 
 def timing_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Yield a table of the time distributions in ms, and histograms of cycle times and latencies."""
+    """Yield a table with the distributions of times in ms, then histograms of cycle times and latencies."""
     names = ("cycle", "jitter", "latency", "round-trip")
     found = (timing.cycle, timing.jitter, timing.latency, timing.rtt)
     mean, most = writer.label("slave.column.mean"), writer.label("slave.column.max")
@@ -81,7 +81,8 @@ def _points(found: DistributionSummary) -> tuple[str, ...]:
 
 
 def deadline_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Yield a table of the recommended timeouts, and how many set points would have exceeded each timeout."""
+    """Yield a table of recommended timeouts. The table shows how many set points would have exceeded each
+    timeout."""
     rows = [tuple(map(writer.label, ("slave.timeouts", "slave.timeouts.one", "slave.timeouts.all")))]
     for deadline in timing.deadlines:
         name = ("* " if deadline.applies else "  ") + writer.text(deadline.name)
@@ -124,8 +125,8 @@ _MOTION = {True: "moving", False: "standing", None: "unknown"}
 
 
 def buffer_lines(buffer: BufferFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Yield the lines about the buffer: its level estimated by a model, and errors that the controller
-    reported.
+    """Yield the lines about the controller's buffer: its level, estimated by a model, and the errors that the
+    controller reported.
     """
     yield writer.captioned("buffer", Message("slave.buffer", slots=Count(buffer.slots, "slot")))
     for assumption in buffer.assumptions:
@@ -216,8 +217,8 @@ def clock_lines(clock: ClockFacts, writer: CaptionWriter) -> Iterator[str]:
 
 
 def motion_lines(motion: MotionFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Yield lines with steps, velocities and accelerations of each axis, and the deviation of the returned
-    pose.
+    """Yield lines with the steps, velocities and accelerations of each axis. The lines also show how far the
+    returned pose differs from the commanded pose.
     """
     case = ".guessed" if motion.pose_type_guessed else ""
     yield writer.captioned("motion", Message(f"slave.motion{case}", poses=Count(motion.read, "pose")))

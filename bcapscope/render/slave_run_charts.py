@@ -1,4 +1,4 @@
-"""Charts and figures of a running playback: axes over time, cycle times, lateness and buffer."""
+"""Charts and figures while `play` sends set points: axes over time, cycle times, lateness and buffer."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:  # importing this module loads sockets
     from bcapscope.player.player_messages import PlayProgress
 
 _MAX_CHART_ROWS = 16
-"""Maximum number of lines of one chart; a taller chart would show no more detail."""
+"""Maximum number of lines of one chart. A taller chart would not show more detail."""
 
 _LARGEST_POSITION = 1e9
 
 PoseHistory = Sequence[tuple[float, Sequence[float], Sequence[float]]]
-"""Poses during a playback, each as elapsed seconds, commanded pose and returned pose."""
+"""Poses during a play. Each entry has the elapsed seconds, the commanded pose and the returned pose."""
 
 
 def axis_charts(
@@ -36,10 +36,8 @@ def axis_charts(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> Iterator[str]:
-    """Yield one chart per axis with the commanded and the actual position, below a title with the latest
-    values.
-
-    `height` is the total number of lines for all charts.
+    """Yield one chart per axis with the commanded and the actual position. The title of a chart shows the
+    latest values. All charts together have `height` lines.
     """
     each = min(_MAX_CHART_ROWS, max(4, height // max(1, len(axes))))
     for axis in axes:
@@ -70,7 +68,7 @@ def _title(
 
 
 def _position_text(value: float) -> str:
-    """Return a position with three decimals; implausibly large values are shortened."""
+    """Return a position as text with three decimals, or shorter if the value is implausibly large."""
     return f"{value:.3f}" if abs(value) < _LARGEST_POSITION else f"{value:.3g}"
 
 
@@ -89,8 +87,8 @@ def run_figure_lines(
 ) -> Iterator[str]:
     """Yield lines with elapsed and remaining time, lateness, retries and the estimated level of the buffer.
 
-    `slack` has three values: the number of slots, the time in ms that a full buffer lasts, and the time in ms
-    that was left at the longest pause. `slack` is None if the buffer cannot run empty.
+    `slack` has three values about the buffer: its number of slots, the time in ms that it lasts when full,
+    and the time in ms that was left at the longest pause. `slack` is None if the buffer cannot run empty.
     """
 
     def number(text: str) -> str:
@@ -140,7 +138,7 @@ def _progress_line(progress: PlayProgress, palette: Palette, words: MessageForma
 
 
 def progress_bar(progress: PlayProgress, width: int, palette: Palette = PLAIN) -> str:
-    """Return a progress bar, or "" if the playback repeats without end."""
+    """Return a progress bar, or "" if the play has no end."""
     if not progress.of:
         return ""
     done = round(min(1.0, progress.index / progress.of) * width)

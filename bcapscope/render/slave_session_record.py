@@ -170,14 +170,13 @@ _MEMBERS: dict[type, str] = {
         "latency_ms=latency rtt_ms=rtt deadlines slowest slack_ms gaps gap_list"
     ),
 }
-"""JSON members of each class, in order: ``name=attribute``, or only the name if both are equal.
-
-``@`` marks a time, ``!`` a result code, whose name becomes the next member.
+"""JSON members of each class, in order. A member is written ``name=attribute``, or only as the name if both
+are equal. ``@`` marks a time. ``!`` marks a result code, which is followed by a member with its name.
 """
 
 
 def _members(value: object) -> _Object:
-    """Return the JSON members in `_MEMBERS` of an object."""
+    """Return the JSON members of an object, as `_MEMBERS` lists them for its class."""
     found: _Object = {}
     for word in _MEMBERS[type(value)].split():
         name, _, attribute = word.lstrip("@!").partition("=")
@@ -205,4 +204,5 @@ _CONVERTERS: dict[type, Callable[[Any], object]] = {
     SetPointCounts: _counts,
     SlaveSession: _session,
 }
-"""Functions that convert each class to JSON types. orjson calls them for classes that it cannot encode."""
+"""For each class, the function that converts its objects to JSON types. orjson calls this function for
+classes that it cannot encode."""

@@ -31,7 +31,7 @@ from bcapscope.render.slave_figures import (
 from bcapscope.render.timestamp import utc_text
 
 GOOD_EXITS = (ExitReason.LEFT, ExitReason.CHANGED, ExitReason.CAPTURE_ENDED)
-"""Reasons for the end of a slave-mode session that are no problem."""
+"""Reasons for the end of a slave-mode session that are normal."""
 
 
 def slave_session_lines(
@@ -174,12 +174,13 @@ def _exit(slave_session: SlaveSession, writer: CaptionWriter) -> Iterator[str]:
 
 
 def exit_message(reason: ExitReason) -> Message:
-    """Return why a slave-mode session ended, as a clause."""
+    """Return a clause that says why a slave-mode session ended."""
     return Message(f"slave.exit.{reason.replace(' ', '-')}")
 
 
 def exit_result_message(code: int, slave_session: SlaveSession) -> Message:
-    """Return a result code with its meaning on the controller of a slave-mode session."""
+    """Return a result code with its meaning. The meaning of a code depends on the controller of the
+    slave-mode session."""
     info = describe_hresult(code, rc7=slave_session.mode.generation is Generation.RC7)
     case = ".guess" if info.is_guess else ""
     return Message(f"slave.result{case}", code=hresult_name(code), meaning=info.meaning)

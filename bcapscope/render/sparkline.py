@@ -24,7 +24,7 @@ def sparkline(values: Sequence[float]) -> str:
 def _step(value: float, least: float, most: float) -> str:
     if not math.isfinite(value):
         return _HOLE
-    # Values are halved, because the difference of very large numbers would be infinite.
+    # Halve the values first, because the difference of very large numbers would be infinite.
     span = most / 2 - least / 2
     share = (value / 2 - least / 2) / span if span else 0.0
     return _STEPS[min(len(_STEPS) - 1, int(share * len(_STEPS)))]

@@ -35,7 +35,7 @@ STATISTICS_COLUMNS = (
     *_COUNTS,
     *(f"latency_ms.{name}" for name in _LATENCIES),
 )
-"""Column names, as in JSON. `row` is `total`, `client` or `command`."""
+"""Column names, the same as in JSON. The column `row` contains `total`, `client` or `command`."""
 
 
 def statistics_header() -> str:
@@ -43,7 +43,7 @@ def statistics_header() -> str:
 
 
 def statistics_rows(statistics: Statistics) -> Iterator[str]:
-    """Yield a row with the total of a period, a row per client, and a row per client and command."""
+    """Yield one row with the total of a period, one row per client, and one row per client and command."""
     period = epoch_text(statistics.start), epoch_text(statistics.end)
     yield csv_row((*period, "total", *_cells(statistics.total)))
     for row in statistics.clients:

@@ -29,7 +29,8 @@ from bcapscope.traffic.observation import Conversation
 _PLACE_COLUMNS = ("frames", "lost", "p50", "p90", "p99", "max", "error")
 
 MAX_ROWS = 40
-"""Maximum number of rows of a text table: those with the most line time. JSON output contains all rows."""
+"""Maximum number of rows of a text table. The table shows the rows with the most line time; JSON output
+contains all rows."""
 
 _LONGEST_NAME = 40
 _COLUMNS = (
@@ -132,7 +133,8 @@ def _refusals(statistics: Statistics, palette: Palette, words: MessageFormatter)
 
 
 def _place_lines(places: Sequence[PlaceFigures], palette: Palette, words: MessageFormatter) -> Iterator[str]:
-    """Yield a table of the delays and losses between the two places of each conversation."""
+    """Yield a table with the delays and losses between the two places where each conversation was
+    captured."""
     if not places:
         return
     rows = [(words("stats.places"), *(words(f"stats.column.{name}") for name in _PLACE_COLUMNS))]

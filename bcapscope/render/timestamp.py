@@ -23,9 +23,8 @@ class TimeFormat(StrEnum):
 
 
 def timestamp_writer(time_format: TimeFormat) -> Callable[[int], str]:
-    """Return a function that formats times. Relative times count from the first time that the function
-    receives.
-    """
+    """Return a function that formats times. The returned function counts relative times from the first time
+    that it formats."""
     if time_format is TimeFormat.UTC:
         return utc_text
     return epoch_text if time_format is TimeFormat.EPOCH else _elapsed_writer(time_format is TimeFormat.DELTA)
@@ -55,7 +54,7 @@ def epoch_text(time: int) -> str:
 def utc_text(time: int) -> str:
     """Return a time as ISO 8601 text in UTC, with nine decimals.
 
-    After year 9999, the result is that of `epoch_text`.
+    For a time after year 9999, return seconds since 1970, as `epoch_text` does.
     """
     try:
         date = datetime.fromtimestamp(time // _SECOND, UTC)

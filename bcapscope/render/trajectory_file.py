@@ -2,8 +2,8 @@
 
 The CSV is comma-separated UTF-8 text without a byte order mark. The first line is a header; each further line
 is one set point. Lines end in LF; there are no comments and no quotes. A cell without a value is empty.
-Numbers have a decimal point and no thousands separators. Each number reads back as exactly the number sent;
-`nan`, `inf` and `-inf` are possible. The columns are, in this order:
+Numbers have a decimal point and no thousands separators. A parser gets exactly the number that the client
+sent; `nan`, `inf` and `-inf` are possible. The columns are, in this order:
 
 ``time_s``
     Seconds from the first request of the first set point to the first request of this set point, nine
@@ -27,8 +27,8 @@ Numbers have a decimal point and no thousands separators. Each number reads back
 ``call``
     Number of the call in the output of `bcapscope calls`.
 
-A program that reads the file needs only ``time_s`` and the commanded pose. Such a program should find columns
-by name.
+A program that reads the file needs only ``time_s`` and the commanded pose. Programs that read the file should
+find columns by name.
 
 The JSON is one object. The object begins with details of the slave-mode session. `columns` has the names
 above. `rows` has an array of values for each set point: null for no value, strings for NaN and infinities.
@@ -53,7 +53,7 @@ FORMAT = "bcapscope trajectory 1"
 
 
 class CsvTrajectoryWriter:
-    """Writes one trajectory as CSV: `head`, any number of `rows`, `tail`."""
+    """Writes one trajectory as CSV. Call `head` first, `rows` any number of times, and `tail` last."""
 
     def __init__(self, trajectory: CapturedTrajectory) -> None:
         self._trajectory = trajectory
@@ -68,7 +68,7 @@ class CsvTrajectoryWriter:
         return "".join(self._lines(steps)).encode("ascii")
 
     def tail(self) -> bytes:
-        """Return nothing, because a CSV file has no end mark."""
+        """Return b"", because nothing follows the rows of a CSV file."""
         return b""
 
     def _lines(self, steps: Sequence[TrajectoryStep]) -> Iterator[str]:
@@ -92,7 +92,7 @@ class JsonTrajectoryWriter:
         self._point_count = 0
 
     def head(self) -> bytes:
-        """Return the beginning of the object, up to the opening bracket of ``rows``."""
+        """Return the beginning of the JSON object, up to the opening bracket of ``rows``."""
         return _header(self._trajectory)[:-1] + b',"rows":['
 
     def rows(self, steps: Sequence[TrajectoryStep]) -> bytes:
@@ -102,7 +102,7 @@ class JsonTrajectoryWriter:
         return (b",\n" if begun and text else b"\n" if text else b"") + text
 
     def tail(self) -> bytes:
-        """Return the end of ``rows`` and of the object."""
+        """Return the end of the JSON object: the closing bracket of ``rows``, and ``points``."""
         return b'\n],"points":%d}\n' % self._point_count
 
     def _arrays(self, steps: Sequence[TrajectoryStep]) -> Iterator[bytes]:

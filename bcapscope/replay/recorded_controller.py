@@ -1,7 +1,7 @@
 """Answer a client with the replies of a recorded controller.
 
-The replies contain the recorded handles, so a client that repeats the recorded calls sends these handles.
-`RecordedController` uses no I/O and no clock, and has the interface of a `Simulator`.
+The replies contain the recorded handles, so a client that repeats the recorded calls sends the recorded
+handles, too. `RecordedController` uses no I/O and no clock, and has the interface of a `Simulator`.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from bcapscope.simulator.simulator import ClientHost, Peer
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 
 IDLE_CLIENT_NS = 2_000_000_000
-"""Time in ns without a request after which another client may replace a UDP client. A waiting client sends
-its next attempt sooner (DENSO Wave 2009, How to use the Slave mode: 1 s)."""
+"""Another client may replace a UDP client that has sent no request for this time in ns. A client that waits
+for a reply sends its next attempt sooner (DENSO Wave 2009, How to use the Slave mode: 1 s)."""
 
 _SERVICE_START = CallKind(1, None)
 
@@ -32,9 +32,10 @@ _SERVICE_START = CallKind(1, None)
 class ScriptLookup:
     """Finds the recorded call that answers a request of one client.
 
-    `find` returns the next recorded call with the same function, command and arguments, or the last such call
-    if none is left. If no recorded call has the same arguments, `find` returns the next call with the same
-    function and command. A Service_Start after the last recorded Service_Start begins the script again.
+    `find` returns the next recorded call with the same function, command and arguments. If all calls with
+    these arguments were returned already, `find` returns the last of them again. If no recorded call has the
+    same arguments, `find` ignores the arguments. A Service_Start after the last recorded Service_Start begins
+    the script again.
     """
 
     def __init__(self, calls: Iterable[ScriptCall]) -> None:
@@ -49,13 +50,14 @@ class ScriptLookup:
             alike.append(call)
 
     def for_new_client(self) -> ScriptLookup:
-        """Return a lookup in the same index, at the start of the script."""
+        """Return a lookup with the same index that begins at the start of the script."""
         lookup = copy(self)
         lookup._next = {}
         return lookup
 
     def find(self, kind: CallKind, arguments: tuple[Variant, ...]) -> ScriptCall | None:
-        """Return the recorded call that answers a request; None if the function or command was not called."""
+        """Return the recorded call that answers a request; None if the recording has no call of this function
+        and command."""
         kind = _casefolded(kind)
         calls = self._calls.get(kind)
         if calls is None:
@@ -73,13 +75,13 @@ class ScriptLookup:
 
 
 def _casefolded(kind: CallKind) -> CallKind:
-    """Return the call kind with its command in lower case, because controllers ignore case in commands."""
+    """Return `kind` with its command in lower case, because controllers ignore the case of commands."""
     command = kind.command
     return kind if command is None else CallKind(kind.function_id, command.casefold())
 
 
 class _ReplayClient:
-    """The replay to one client, which answers one call at a time."""
+    """Replays the recording to one client. The replay answers one call at a time."""
 
     def __init__(
         self,
@@ -90,7 +92,8 @@ class _ReplayClient:
         delays: bool,
         report: Callable[[CallReport, bool], None],
     ) -> None:
-        """`report` gets each answered call, and whether its answer comes from the script."""
+        """`report` is a function that gets each answered call, and whether the reply comes from the
+        script."""
         self.last_heard = 0
         self._number = number
         self._delays = delays
@@ -111,13 +114,13 @@ class _ReplayClient:
         return self._next_frame_at()
 
     def close(self) -> None:
-        """Do nothing, because a replayed client opens nothing."""
+        """Do nothing, because the replay keeps no objects open for a client."""
 
     def on_request(self, frame: Frame, now: int) -> list[bytes]:
         self.last_heard = now
         decision = self._responder.receive_request(frame)
         if decision.kind is RequestKind.BUSY and self._is_unanswered:
-            # The recorded call had no reply, so the current call ends when the client sends another call.
+            # The recording has no reply to this call, so the call ends when the client sends another one.
             self._responder.abandon_call()
             decision = self._responder.receive_request(frame)
         if decision.kind is RequestKind.NEW:
@@ -142,7 +145,8 @@ class _ReplayClient:
                 yield from self.on_request(self._waiting.popleft(), now)
 
     def _next_frame_at(self) -> int | None:
-        """Return the time in ns at which `poll` has the next frame to send; None if no frame is planned."""
+        """Return the time in ns at which `poll` has the next frame to send; None if no frame is to be
+        sent."""
         if self._frame is None:
             return None
         if self._notice_offsets:
@@ -186,10 +190,10 @@ class _ReplayClient:
 
 
 class RecordedController(ClientHost):
-    """Plays the role of a recorded controller. The script begins anew for each client.
+    """Plays the role of a recorded controller. For each client, the script starts from its beginning.
 
-    `unknown_calls` counts the calls without a usable recorded reply, which get E_NOTIMPL. A call waits only
-    for its recorded delay, so time may stop for the replay while the process does not run.
+    `unknown_calls` counts the calls without a usable recorded reply, which get E_NOTIMPL. A call only waits
+    for its recorded delay, so the replay may use a clock that stops while the process does not run.
     """
 
     evictable_after = IDLE_CLIENT_NS
@@ -199,7 +203,7 @@ class RecordedController(ClientHost):
     def __init__(
         self, script: ReplayScript, report: Callable[[Peer, CallReport], None], *, delays: bool = True
     ) -> None:
-        """Start without clients; `delays` makes replies take as long as those of the recorded controller."""
+        """Start without clients. With `delays`, replies take as long as those of the recorded controller."""
         super().__init__(self._replay_to_client, report)
         self.unknown_calls = 0
         self._lookup = ScriptLookup(script.calls)

@@ -13,12 +13,12 @@ from bcapscope.traffic.observation import Conversation
 
 
 class ScriptCall(NamedTuple):
-    """One call, without its retries; times are in ns.
+    """One recorded call, without its retries. Times are in ns.
 
     Attributes:
         offset: Time from the first call of the script to the first attempt of this call.
-        duration: Time from the answered attempt to its reply; 0 if no reply was captured.
-        notice_offsets: Time from the first attempt to each S_EXECUTING notice.
+        duration: Time to the reply from the attempt that it answers; 0 if no reply was captured.
+        notice_offsets: For each notice (S_EXECUTING), the time from the first attempt to it.
     """
 
     number: int
@@ -32,7 +32,7 @@ class ScriptCall(NamedTuple):
 
 
 class ReplayScript(NamedTuple):
-    """The recorded calls of one client, at least one, in the order of their first attempts.
+    """The recorded calls of one client, in the order of their first attempts. A script has at least one call.
 
     `reply_reserved` says how the recorded controller fills the reserved field of its replies.
     """
@@ -43,7 +43,7 @@ class ReplayScript(NamedTuple):
 
 
 def scripts_of(calls: Iterable[Call]) -> tuple[ReplayScript, ...]:
-    """Return one script per client, the longest first, without calls with a damaged request."""
+    """Return one script per client, the longest first. Leave out calls whose request is damaged."""
     by_client: dict[Conversation, list[Call]] = {}
     for call in calls:
         if not call.request.item.problems:

@@ -1,4 +1,5 @@
-"""Play the calls of a script to a controller, with the handles that this controller gives."""
+"""Make the calls of a script to a controller. The player replaces recorded handles by the handles that this
+controller gives."""
 
 from __future__ import annotations
 
@@ -23,8 +24,8 @@ from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 from bcapscope.replay.set_point_runs import mode_entered
 
 ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE = 1e-3, 1e-4
-"""Largest absolute or relative difference of two numbers that are considered equal. A robot never returns
-exactly the same mm, degrees or seconds twice."""
+"""Two numbers count as equal if their absolute or relative difference is at most this. A robot never returns
+exactly the same positions or times twice."""
 
 
 class NotAtStartError(BcapError):
@@ -34,7 +35,8 @@ class NotAtStartError(BcapError):
 class PlayedCall(NamedTuple):
     """A call of the script, and its result in the replay.
 
-    `delay` is the time in ns from the planned time to the call; long earlier calls increase it.
+    `delay` is how much later than planned the call was made, in ns: the calls before it may have taken longer
+    than in the recording.
     """
 
     script_call: ScriptCall
@@ -44,13 +46,14 @@ class PlayedCall(NamedTuple):
 
     @property
     def differs(self) -> bool:
-        """Whether the recorded and the played call differ in result code, or only one of them has a reply."""
+        """Whether the result codes of the recorded and the played call differ, or only one of them has a
+        reply."""
         result = self.result
         return self.script_call.hresult != (None if isinstance(result, CallTimedOut) else result.reply.code)
 
     @property
     def values_differ(self) -> bool:
-        """Whether the returned values differ beyond the tolerance, although the result codes are equal."""
+        """Whether the result codes are equal, but the returned values differ by more than the tolerance."""
         call, result = self.script_call, self.result
         if isinstance(result, CallTimedOut) or result.reply.code != call.hresult:
             return False
@@ -72,8 +75,9 @@ class PlayedCall(NamedTuple):
 class ScriptPlayer:
     """Plays a script.
 
-    A recording that does not begin with Service_Start may use objects that it does not open. `ObjectOpener`
-    opens these objects. The session releases the objects that the recording leaves open.
+    A recording that does not begin with Service_Start may use objects that were opened before it began.
+    `ObjectOpener` opens these objects. At the end of the replay, the client session releases the objects that
+    the recording leaves open.
     """
 
     def __init__(
@@ -84,7 +88,8 @@ class ScriptPlayer:
         longest_pause: int,
         anywhere: bool = False,
     ) -> None:
-        """Prepare to play, but send nothing yet. A pause between two calls takes at most `longest_pause` ns.
+        """Prepare to play, but send nothing yet. Shorten longer pauses between two calls to `longest_pause`
+        ns.
 
         `anywhere` allows slave mode even if the robot is not at the first set point.
         """
@@ -99,8 +104,8 @@ class ScriptPlayer:
         """Play the script to its end, or until `on_played` returns False. `on_played` receives each played
         call.
 
-        Raises NotAtStartError and OSError; ValueError if the script uses an object with an unknown name.
-        Raises BcapError if an object cannot be opened or a call cannot be sent.
+        Raises NotAtStartError and OSError. Raises ValueError if the script uses an object whose name is
+        unknown, and BcapError if the player cannot open an object or send a call.
         """
         channel = self._channel
         start = channel.now()
@@ -126,8 +131,8 @@ class ScriptPlayer:
             yield at
 
     async def _current_arguments(self, call: ScriptCall) -> tuple[Variant, ...] | None:
-        """Return the arguments with the current handle instead of the recorded one; None if the call releases
-        an object that is not open."""
+        """Return the arguments, with the current handle instead of the recorded handle. Return None if the
+        call releases an object that is not open."""
         function = FUNCTIONS.get(call.kind.function_id)
         old = first_number(call.arguments)
         if function is None or not function.takes_handle or old is None:
@@ -135,7 +140,7 @@ class ScriptPlayer:
         owner = function.owner
         new = self._handles.get((owner, old))
         if new is None and call.hresult is not None and is_failure(call.hresult):
-            # the recorded controller refused this call, perhaps because of an invalid handle
+            # keep the recorded handle: it was perhaps invalid, since the recorded controller refused the call
             return call.arguments
         if new is None and function.releases is not None:
             return None
@@ -144,7 +149,7 @@ class ScriptPlayer:
         return (Variant(VT.I4, new), *call.arguments[1:])
 
     async def _check_start(self, place: int) -> None:
-        """Check that the robot is at the first set point, before a call that enters slave mode."""
+        """Before a call that enters slave mode, check that the robot is at the first set point."""
         mode = mode_entered(self._script.calls[place])
         kind = None if mode is None else pose_type_of_mode(mode)
         if kind is None:
@@ -176,7 +181,7 @@ class ScriptPlayer:
 
 
 def _nearly_equal(first: object, second: object) -> bool:
-    """Compare two values, numbers with tolerance. A `Variant` is compared as a tuple."""
+    """Compare two values. Numbers may differ by the tolerance; a `Variant` is compared as a tuple."""
     if isinstance(first, float) and isinstance(second, float):
         same = math.isclose(first, second, rel_tol=RELATIVE_TOLERANCE, abs_tol=ABSOLUTE_TOLERANCE)
         return same or (math.isnan(first) and math.isnan(second))

@@ -30,17 +30,19 @@ from bcapscope.protocol.slave_mode.slvmove_values import parse_set_point
 from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 
 _SHORTEST = 0.001
-"""Shortest assumed time between two set points, s. No controller accepts set points faster."""
+"""Shortest time between two set points that the check assumes, in seconds. No controller accepts set points
+faster."""
 
 
 class UnreadableSetPointError(BcapError):
-    """A set point of the script cannot be read, so the robot's target is unknown."""
+    """A set point of the script is unreadable, so it is unknown where the robot would move."""
 
 
 class SetPointRun(NamedTuple):
-    """Successive set points of a script, between which the client does not leave slave mode.
+    """Successive set points of a script. The client stays in slave mode between these set points.
 
-    The trajectory also contains refused set points, because a replay sends all set points. `sent_at` is in s.
+    The trajectory also contains refused set points, because a replay sends all set points. `sent_at` is in
+    seconds.
     """
 
     first_call: int
@@ -49,14 +51,14 @@ class SetPointRun(NamedTuple):
 
 
 def mode_entered(call: ScriptCall) -> int | None:
-    """Return the number of the slave mode that a call enters; None if the call enters no slave mode."""
+    """Return the number of the slave mode that a call enters; None if the call does not enter slave mode."""
     if call.kind.folded_command != "slvchangemode" or len(call.arguments) < 3:
         return None
     return integer_value(call.arguments[2]) or None
 
 
 def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
-    """Yield the runs of set points in a script. Until the slave mode is known, set points are joint
+    """Yield the runs of set points in a script. Before a call shows the slave mode, set points count as joint
     positions.
 
     Raises UnreadableSetPointError if a set point is not a pose, or if the number of axes changes within a
@@ -77,7 +79,7 @@ def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
 
 
 def preflight_run(run: SetPointRun, limits: ArmLimits) -> PreflightResult:
-    """Check a run of set points at its recorded pace, including pauses."""
+    """Run the pre-flight check for set points at their recorded times, including pauses."""
     trajectory = run.trajectory
     found = run_preflight(trajectory, trajectory.period or _SHORTEST, limits)
     pauses = _pause_problems(np.asarray(run.sent_at))

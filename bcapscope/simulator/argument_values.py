@@ -1,4 +1,5 @@
-"""VARIANT values of the controller: functions that make them and functions that read them leniently.
+"""Functions that make the simulated controller's VARIANT values, and functions that read a client's values
+leniently.
 
 The C server passes arguments to its callbacks unchecked (orin_bcap C/src/bCAPServer/bcap_server.c). No source
 documents how tolerant a real controller is. The simulator accepts any numeric type where it expects a number.
@@ -62,13 +63,13 @@ def clip_to_r4(number: float) -> float:
 
 
 def _signed(number: int, bits: int) -> int:
-    """Return the low bits of a number as a signed number."""
+    """Return the lowest `bits` bits of a number as a signed number."""
     low = number & (1 << bits) - 1
     return low - (1 << bits) if low >> bits - 1 else low
 
 
 def number_of(variant: Variant) -> float | int:
-    """Read a number, a decimal text or the first number of an array; refuse any other value."""
+    """Read a number, a decimal text or the first number of an array. Refuse the call for any other value."""
     found = _plain(variant.value)
     if isinstance(found, tuple | bytes) and found:
         found = _plain(found[0])
@@ -81,12 +82,12 @@ def number_of(variant: Variant) -> float | int:
 
 
 def integer_of(variant: Variant) -> int:
-    """Read an integer as `number_of` reads a number, and cut off its fraction."""
+    """Read a number as `number_of` does, and cut off its fraction."""
     return int(number_of(variant))
 
 
 def number_within(variant: Variant, allowed: range, refusal: int) -> int:
-    """Read an integer; refuse a number that is not in `allowed` with the code `refusal`."""
+    """Read an integer. If it is not in `allowed`, refuse the call with the code `refusal`."""
     number = integer_of(variant)
     if number not in allowed:
         raise RefusedError(refusal)
@@ -94,7 +95,7 @@ def number_within(variant: Variant, allowed: range, refusal: int) -> int:
 
 
 def text_of(variant: Variant) -> str:
-    """Read a text; EMPTY and NULL give "", and any other value is refused."""
+    """Read a text. EMPTY and NULL give ""; refuse the call for any other value."""
     if variant.value is None:
         return ""
     if isinstance(variant.value, str):
@@ -114,7 +115,7 @@ def items_of(variant: Variant) -> tuple[Variant, ...]:
 
 
 def numbers_of(variant: Variant) -> tuple[float, ...]:
-    """Read an array of finite numbers as `items_of` does; refuse it if an element is no number."""
+    """Read the elements of `items_of` as finite numbers. Refuse the call if an element is not a number."""
     return tuple(float(number_of(item)) for item in items_of(variant))
 
 

@@ -1,8 +1,8 @@
-"""The arm over time: ordinary motions, set points, and encoders that lag behind.
+"""The arm over time: ordinary motions, set points, and encoders that lag behind the commanded joints.
 
 Times are in ns, joints in degrees. An ordinary motion follows the minimum-jerk curve, which begins and ends
-at rest. The encoders show the joints that were commanded `ENCODER_LAG_NS` earlier. The lag of real servos
-varies: the replies in DENSO Wave 2009, How to use the Slave mode, show joints about a degree behind.
+at rest. The encoders show the joints that were commanded `ENCODER_LAG_NS` ago. The lag of real servos
+varies: in the replies in DENSO Wave 2009, How to use the Slave mode, the joints lag by about a degree.
 """
 
 from __future__ import annotations
@@ -18,19 +18,20 @@ MS = 1_000_000
 ENCODER_LAG_NS = 24 * MS
 
 NEVER = 1 << 62
-"""Time in ns that no clock reaches."""
+"""Time in ns that means never: no clock reaches it."""
 
 PASS_SHARE = 0.7
-"""Share of a motion's time after which @P allows the next motion; the figure is assumed."""
+"""With @P, the next motion may begin after this share of a motion's duration. The figure is an assumption."""
 
-_PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.774  # peaks of the minimum-jerk curve over distance 1 in time 1
+# highest speed and acceleration of a minimum-jerk curve that covers distance 1 in time 1
+_PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.774
 
 
 _Step: TypeAlias = tuple[int, Joints]
 
 
 class ArmMotion(NamedTuple):
-    """One ordinary motion; the encoders reach the goal `ENCODER_LAG_NS` after the commanded joints."""
+    """One ordinary motion. The encoders reach the goal `ENCODER_LAG_NS` later than the commanded joints."""
 
     start: Joints
     goal: Joints
@@ -49,7 +50,8 @@ class ArmMotion(NamedTuple):
 
 
 def motion_duration(start: Joints, goal: Joints, speed: float) -> int:
-    """Return the shortest time in ns that keeps all axis limits; `speed` is a share of the speed limits."""
+    """Return the shortest time in ns within the limits of all axes. `speed` is a share of the speed
+    limits."""
     longest = 0.0
     for a, b, limit in zip(start, goal, AXIS_LIMITS, strict=False):
         way = abs(b - a)
@@ -68,12 +70,12 @@ class Arm:
 
     @property
     def goal(self) -> Joints:
-        """Joints at the end of the running motion; without a motion, the current joints."""
+        """Joints at the end of the running motion. If no motion is running, these are the current joints."""
         return self._steps[-1][1] if self._steps else self._motion.goal
 
     @property
     def ends(self) -> int:
-        """Time in ns at which the command of the last ordinary motion reaches its end."""
+        """Time in ns at which the commanded joints reach the goal of the last ordinary motion."""
         return self._motion.ends
 
     @property
@@ -101,7 +103,7 @@ class Arm:
         return self.commanded(now - ENCODER_LAG_NS)
 
     def move(self, goal: Joints, now: int, speed: float, min_duration: int = 0) -> ArmMotion:
-        """Begin an ordinary motion from the commanded joints that takes at least `min_duration` ns."""
+        """Begin an ordinary motion at the commanded joints. The motion takes at least `min_duration` ns."""
         start = self.commanded(now)
         duration = max(min_duration, motion_duration(start, goal, speed))
         self._motion = ArmMotion(start, goal, now, now + duration)
@@ -116,7 +118,8 @@ class Arm:
         self._changed = now
 
     def add_set_point(self, joints: Joints, began: int, time: int) -> None:
-        """Stand still until `began`, then move in a straight line that ends at `joints` at `time`, ns."""
+        """Stand still until `began`, then move in a straight line to `joints`, which is reached at `time`.
+        Times are in ns."""
         if not self._steps or joints != self._steps[-1][1]:
             self._changed = time
         if self._steps and self._steps[-1][0] < began:
@@ -134,7 +137,7 @@ def _interpolate(before: _Step, after: _Step, time: int) -> Joints:
     share = (time - before[0]) / span if span else 1.0
     if not 0.0 <= share <= 1.0:
         share = 0.0 if share < 0.0 else 1.0
-    # Unrolled for speed: every slvMove calls this function, and a loop makes slvMove a tenth slower.
+    # No loop, for speed: every slvMove calls this function, and a loop makes slvMove a tenth slower.
     a1, a2, a3, a4, a5, a6, _, _ = before[1]
     b1, b2, b3, b4, b5, b6, _, _ = after[1]
     return (
@@ -150,15 +153,15 @@ def _interpolate(before: _Step, after: _Step, time: int) -> Joints:
 
 
 class TimedMove:
-    """An ordinary motion for the calls that wait for it; the next may begin at `done_at` in ns.
+    """An ordinary motion for which calls wait. The next motion may begin at `done_at`, in ns.
 
-    It is assumed that Hold stops the motion at once, and that Unhold starts the rest of the motion from rest.
+    The simulator assumes that Hold stops the motion at once, and that Unhold continues the motion from rest.
     """
 
     def __init__(
         self, arm: Arm, goal: Joints, now: int, speed: float, *, passing: int = 0, min_duration: int = 0
     ) -> None:
-        """Begin the motion at a share `speed` of the highest speed; `passing` is as in `MotionTarget`."""
+        """Begin the motion at the share `speed` of the highest speed. `MotionTarget` describes `passing`."""
         self._arm = arm
         self._goal = goal
         self._speed = speed
@@ -172,7 +175,7 @@ class TimedMove:
         return self.done_at == NEVER
 
     def hold(self, now: int) -> None:
-        """Hold the motion at the commanded joints, unless the motion has ended."""
+        """Stop the motion at the commanded joints so that it can be resumed, unless it has ended."""
         left = self._arm.ends - now
         if left > 0 and not self.is_held:
             self._arm.halt(now)

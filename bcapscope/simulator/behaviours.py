@@ -1,4 +1,4 @@
-"""The behaviours of the simulated controller, read from the table in behaviours.md."""
+"""The behaviours of the simulated controller, which are listed in the table in behaviours.md."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from typing import NamedTuple
 
 
 class Certainty(StrEnum):
-    """Degree of certainty that a real controller behaves like the simulator."""
+    """How certain it is that a real controller behaves like the simulator."""
 
     DOCUMENTED = "documented"
-    """The vendor's documents or lists, or published descriptions of its commands, state the behaviour."""
+    """DENSO's documents or lists, or published descriptions of its commands, state the behaviour."""
     OBSERVED = "observed"
-    """The behaviour was seen in the vendor's server or driver or in dumps, or was reported by users."""
+    """DENSO's server or driver, or published captures, show the behaviour, or users have reported it."""
     ASSUMED = "assumed"
-    """No source states the behaviour; it is the likeliest one, or the simplest one that works."""
+    """No source states the behaviour. The simulator has the likeliest behaviour, or the simplest one that
+    works."""
 
 
 class Behaviour(NamedTuple):
-    """A simulated behaviour: one clause that says what the controller does, and the source of this fact."""
+    """A simulated behaviour: `text` says in one clause what the controller does, `source` how this is
+    known."""
 
     name: str
     certainty: Certainty
@@ -28,7 +30,7 @@ class Behaviour(NamedTuple):
 
 
 def read_behaviours() -> tuple[Behaviour, ...]:
-    """Return every simulated behaviour; behaviours that depend on the profile come first."""
+    """Return all simulated behaviours. Those that depend on the profile come first."""
     text = resources.files("bcapscope.simulator").joinpath("behaviours.md").read_text(encoding="utf-8")
     _, _, table = text.partition("\n|---|---|---|---|\n")
     rows = (line.strip("| ").split(" | ") for line in table.splitlines())

@@ -14,7 +14,8 @@ from bcapscope.simulator.object_table import ControllerObject, ObjectTable
 
 @dataclass(slots=True)
 class CallContext:
-    """One call on an object of a client; `client` is the client's number, `now` the time in ns."""
+    """One call that the simulated controller executes. `client` is the number of the client, `now` the time
+    in ns."""
 
     machine: Machine
     client: int
@@ -24,11 +25,11 @@ class CallContext:
 
 
 CommandHandler: TypeAlias = Callable[[CallContext, Variant], HandlerOutcome]
-"""Handler of one command of an ..._Execute function; the handler gets the command's parameter."""
+"""Function that executes one command of a function such as Robot_Execute. It gets the command's parameter."""
 
 CommandTable: TypeAlias = Mapping[str, CommandHandler]
-"""Handlers of commands by the commands' names in lower case."""
+"""Handlers of commands, by command name in lower case."""
 
 
 def accept_without_effect(context: CallContext, parameter: Variant) -> None:
-    """Accept a command whose effect the simulator does not show, such as a setting."""
+    """Accept a command that does not change the simulation, such as a setting."""

@@ -1,8 +1,8 @@
 """Execute the calls of one client, one after another: request frames in, reply frames out.
 
-Sources for keep-alive, InvokeTimeout and busy: orin_bcap C/src/bCAPServer/bcap_server.c, and that server's
-behaviour on loopback. In the C server, a stuck call blocks one TCP connection or all UDP clients. In the
-simulator, a stuck call blocks only its own client.
+Sources for keep-alive, InvokeTimeout and the code for a busy server: orin_bcap
+C/src/bCAPServer/bcap_server.c, and experiments with this server on loopback. In the C server, a stuck call
+blocks one TCP connection or all UDP clients. In the simulator, a stuck call blocks only its own client.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.profile import NoArgument
 
 MAX_WAITING = 16
-"""Maximum number of requests of one client that wait while a call runs; the limit is bcapscope's own."""
+"""Maximum number of a client's requests that wait while a call runs. Only bcapscope has this limit."""
 
 MAX_KEPT_REPLIES = 8
-"""Number of replies kept for retries: more than any client sends. Each one costs time in every call."""
+"""Number of replies to keep for retries: no client sends so many retries. Each reply that is kept makes every
+call slower."""
 
 _ROBOT_EXECUTE = 64
 _NEW = RequestKind.NEW
@@ -70,7 +71,7 @@ class CallExecutor:
         self._is_timed_out = False
 
     def on_request(self, frame: Frame, now: int) -> list[bytes]:
-        """Process a valid request; return the frames to send."""
+        """Handle a valid request, and return the frames to send."""
         self.last_heard = now
         decision = self._responder.receive_request(frame)
         if decision.kind is _NEW:
@@ -105,7 +106,7 @@ class CallExecutor:
         return due if self._next_notice is None else min(due, self._next_notice)
 
     def close(self) -> None:
-        """End the session of a client that is gone; the client's open requests get no reply."""
+        """End the session of a client that is gone. Open requests of the client get no reply."""
         self.running = None
         self._waiting.clear()
         self._responder.reset()
@@ -155,7 +156,7 @@ class CallExecutor:
         return raw
 
     def _reply_arguments(self, function_id: int, answer: CallResult) -> tuple[Variant, ...]:
-        """Return the arguments of a reply: the value, EMPTY or no argument, as the profile demands."""
+        """Return the arguments of a reply: its value or, as the profile decides, EMPTY or no argument."""
         if function_id not in _FUNCTIONS_WITH_RESULT or answer.hresult == E_NOTIMPL:
             return ()
         if answer.value is not None:

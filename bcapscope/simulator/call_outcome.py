@@ -1,8 +1,9 @@
-"""The outcome of a call to the simulated controller: a result now, or later; and the codes of refusals.
+"""The outcome of a call to the simulated controller, which is a result or a running call, and the codes of
+refusals.
 
 Sources for the meanings of the codes: the public list of controller errors in
-nkawa/Denso_CobottaPro900_MQTT_Control; symbols of CAO: orin_bcap CSharp ORiNDefine.cs. For a code that
-depends on the axis, the constant is the code for axis 0; add the axis number 1..8.
+nkawa/Denso_CobottaPro900_MQTT_Control; for the symbols of CAO: orin_bcap CSharp ORiNDefine.cs. If a code
+depends on the axis, the constant is the code for axis 0. Add the axis number 1..8 to this code.
 """
 
 from __future__ import annotations
@@ -54,12 +55,14 @@ def error_level(code: int) -> int:
     return code >> 24 & 0xF if code >> 28 == 8 else 0
 
 
-# Every call makes one object of this class. A struct takes 0.1 µs to make, a named tuple 0.4 µs, and a frozen
-# dataclass 0.9 µs. Unlike a named tuple, a struct never equals an object of another class.
+# A struct, because every call makes one: creating it takes 0.1 µs, a frozen dataclass 0.9 µs.
+# A named tuple takes 0.4 µs, and can equal an object of another class.
 class CallResult(msgspec.Struct, frozen=True):
-    """The result of a call; if `value` is None, the profile decides between no argument and EMPTY.
+    """The result of a call. If `value` is None, the profile decides whether the reply has no argument or
+    EMPTY.
 
-    `reason` says to the simulator's user why the call was refused; it is empty if the result code is enough.
+    `reason` tells the simulator's user why the call was refused. `reason` is empty if the result code says
+    enough.
     """
 
     hresult: int = S_OK
@@ -69,9 +72,10 @@ class CallResult(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class RunningCall:
-    """A call that is not finished; both functions get the current time in ns.
+    """A call that the simulator has not finished. `poll` and `due` get the current time in ns.
 
-    `poll` returns the result, or None while the call runs. `due` returns the time in ns of the next poll.
+    `poll` returns the result of the call, or None while the call runs. `due` returns the time in ns at which
+    the simulator should poll next.
     """
 
     poll: Callable[[int], CallResult | None]
@@ -87,7 +91,7 @@ DONE = CallResult()
 
 
 class RefusedError(BcapError):
-    """The controller refuses a call, and answers the call with `hresult`."""
+    """The simulated controller refuses a call, and answers with the result code `hresult`."""
 
     def __init__(self, hresult: int, reason: str = "") -> None:
         super().__init__(Message("simulator.refused", code=f"{hresult:08X}"))

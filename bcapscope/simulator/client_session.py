@@ -1,9 +1,9 @@
-"""One client of the simulated controller: its session, its handles, and what it may call.
+"""One client of the simulated controller: its session, its handles, and the calls that it may make.
 
 Source for the limits and the options of Service_Start: orin_bcap C/src/bCAPServer/bcap_server.c. It is
-assumed that every other call needs Service_Start first, and that the controller answers E_NOT_CONNECTED
-otherwise. Source for calls that slave mode refuses and that end slave mode: issues 13, 21, 42 and 48 of
-DENSORobot/denso_robot_ros.
+assumed that every other call needs Service_Start first. Before Service_Start, the controller is assumed to
+answer E_NOT_CONNECTED. Source for the calls that slave mode refuses, and for the calls that end slave mode:
+issues 13, 21, 42 and 48 of DENSORobot/denso_robot_ros.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.object_table import ObjectTable
 
 SHORTEST_WDT = 80
-"""Shortest allowed WDT and InvokeTimeout in ms."""
+"""Shortest time in ms that a client may choose with the options WDT and InvokeTimeout."""
 
 DEFAULT_INVOKE_TIMEOUT = 180_000
 """Default InvokeTimeout, ms."""
 
 LONGEST_QUOTED = 60
-"""Maximum number of characters of a client's text that a reason quotes."""
+"""Maximum number of characters that the reason of a refusal quotes from a client's text."""
 
 _START, _CONNECT = 1, 3
 _VARIABLE_PUT = 102
@@ -57,11 +57,13 @@ _OTHER_CLIENTS_COMMANDS = frozenset(
 )
 """Commands that a client may call while another client is in slave mode (orin_bcap_python_samples
 others/bcapslavemove_handmove_COBOTTA.py). It is assumed that the client in slave mode itself may not call
-them. The hand cannot move while slave mode moves the arm (issue 13 of DENSORobot/denso_robot_ros)."""
+these commands. The hand cannot move while slave mode moves the arm (issue 13 of
+DENSORobot/denso_robot_ros).
+"""
 
 
 class ClientSession:
-    """The session of one client, known by its `number`, from its first call to its last.
+    """The session of the client with this `number`, from the client's first call to its last.
 
     Times are in ns. `wdt` is the time between two S_EXECUTING notices, or None if the client gets no notices.
     """
@@ -75,7 +77,9 @@ class ClientSession:
         self.objects = ObjectTable()
 
     def call(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> CallOutcome:
-        """Run a call; every input gives an outcome, and no input raises an exception."""
+        """Run a call and return its outcome. Invalid input also leads to an outcome, never to an
+        exception.
+        """
         self.machine.advance(now)
         try:
             outcome = self._call(function_id, arguments, now)
@@ -86,7 +90,9 @@ class ClientSession:
         return DONE if outcome is None else CallResult(value=outcome)
 
     def end(self) -> None:
-        """Release all objects and the arm, as the server does for a lost client."""
+        """Release all objects and the arm of this client, as DENSO's C server does for a client that is
+        lost.
+        """
         self.is_started = False
         self.wdt = None
         self.objects.clear()
@@ -134,9 +140,11 @@ class ClientSession:
         self.machine.open_objects[self.number] = self.objects
 
     def _connect(self, arguments: tuple[Variant, ...]) -> Variant:
-        """Open the controller; RC7 ignores all four arguments, other controllers need their provider's name.
+        """Open the controller. RC7 ignores all four arguments; other controllers require the name of their
+        provider.
 
-        A name is in use while any client has it, even a crashed client that the controller still remembers.
+        The name of a controller object is in use while any client has such an object open, even a crashed
+        client that the controller still remembers.
         """
         name, provider, _, option = (text_of(argument_at(arguments, index)) for index in range(4))
         providers = self.machine.profile.providers
@@ -163,7 +171,8 @@ def is_allowed_in_slave_mode(
 ) -> bool:
     """Return whether slave mode accepts a call; `is_other` means that another client has the arm.
 
-    A call that no source names is accepted only if it reads. Unknown commands are accepted and refused later.
+    If no source mentions a call, slave mode accepts the call only if it reads. Slave mode accepts unknown
+    commands, and the controller refuses them when they run.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:
@@ -191,7 +200,9 @@ _REFUSED_COMMANDS: Mapping[int, frozenset[str]] = {
 
 
 def parse_options(text: str) -> dict[str, str]:
-    """Parse `,WDT=400,InvokeTimeout=180000`; keys become lower case, parts without `=` are ignored."""
+    """Parse options such as `,WDT=400,InvokeTimeout=180000`. Keys become lower case; parts without `=` are
+    ignored.
+    """
     pairs = (part.partition("=") for part in text[:1024].split(","))
     return {key.strip().casefold(): value.strip() for key, equals, value in pairs if equals}
 

@@ -18,7 +18,7 @@ from bcapscope.simulator.simulator import Peer, Simulator
 
 
 class ScenarioProfileError(InputError):
-    """The scenario is made for another profile."""
+    """The scenario is made for a profile other than the one that the user chose."""
 
 
 def played_scenario(
@@ -29,11 +29,12 @@ def played_scenario(
     no_argument: NoArgument | None = None,
     faults: Sequence[AnyFault] = (),
 ) -> Scenario:
-    """Return the scenario to play, with changes. Without a scenario, return one without events.
+    """Return `scenario` with the other arguments applied. If `scenario` is None, begin with a scenario that
+    has no events.
 
     Raises:
         ScenarioProfileError: The scenario is made for a profile other than `profile`.
-        InputError: There is no such profile.
+        InputError: No profile has the name `profile`.
     """
     if profile is not None and profile not in PROFILES:
         raise InputError(Message("simulator.unknown-profile", name=f"{profile!r}", known=", ".join(PROFILES)))
@@ -49,20 +50,24 @@ def played_scenario(
 
 
 def ignore_call(peer: Peer, report: CallReport) -> None:
-    """Do nothing: nobody needs to know the calls."""
+    """Do nothing with an answered call, for a simulator whose calls nobody watches."""
 
 
 def start_simulator(
     played: Scenario, on_call: Callable[[Peer, CallReport], None] = ignore_call
 ) -> tuple[Simulator, int]:
-    """Return a simulator in the initial state of a scenario, and the monotonic time in ns of its start."""
+    """Return a simulator in the initial state of a scenario, and the simulator's start time in ns of the
+    monotonic clock.
+    """
     now = time.monotonic_ns()
     start = played.initial_state(epoch=time.time_ns() - now)
     return Simulator(played.controller_profile, start, now, on_call), now
 
 
 def start_controller(played: Scenario, seed: int | None = None) -> Simulator | ScenarioRunner:
-    """Return a controller that plays a scenario; only a scenario with faults or events needs a runner."""
+    """Return a controller that plays a scenario. Only a scenario with faults, events or variables needs a
+    `ScenarioRunner`.
+    """
     simulator, now = start_simulator(played)
     if played.faults or played.in_slave_mode or played.variables:
         return ScenarioRunner(played, simulator, now, seed=seed)

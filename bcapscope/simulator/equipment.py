@@ -1,11 +1,10 @@
-"""The controller's equipment besides the arm: hands, frames, areas, lines, and brackets around motions.
+"""The controller's equipment besides the arm: hands, coordinate frames, areas, serial and socket lines.
 
 Times are in ns, widths in mm, and speeds in mm/s. Source of `COBOTTA_HAND`: DENSORobot/denso_cobotta_ros
 denso_cobotta_gripper/config/gripper_parallel.yaml (stroke, speed, acceleration, force). Source of
 `TWO_FINGER_HAND`: the documentation of TwofgGrip quoted in nkawa/Denso_CobottaPro900_MQTT_Control (force,
-speed in percent, width of an external grip). These values are
-assumed: the speed of a grip without speed parameter, the second hand's speed in mm/s, and the start position,
-in which both hands are open.
+speed in percent, width of an external grip). Assumed are the speed of a grip without speed parameter, the
+second hand's speed in mm/s, and the start position with both hands open.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ CoordinateFrame: TypeAlias = tuple[float, ...]
 """Position and orientation of a coordinate frame: X, Y, Z [mm], Rx, Ry, Rz [deg]."""
 
 MAX_FRAMES = 64
-"""Number of tool frames, and number of work frames, both from 0. The limit is assumed."""
+"""Number of tool frames, and number of work frames. Both kinds are counted from 0. The number is assumed."""
 
 MAX_AREAS = 32
 MAX_LINES = 256
@@ -31,7 +30,8 @@ SECOND = 1_000_000_000
 class HandLimits(NamedTuple):
     """Limits of a hand: widths in mm, speeds in mm/s, acceleration in mm/s², forces in N.
 
-    `speed` is reached at 100 %, `grip_speed` in a grip without speed parameter; `slowest` is in percent.
+    `speed` is the speed of the fingers at 100 %. `grip_speed` is the speed of a grip without speed parameter.
+    `slowest` is the lowest speed in percent.
     """
 
     narrowest: float
@@ -99,11 +99,11 @@ class HandMotion(NamedTuple):
 
 
 class Hand:
-    """The two fingers of a hand, and an object of a width in mm that may be between the open fingers.
+    """The two fingers of a hand, and possibly an object between the open fingers. Widths are in mm.
 
     Attributes:
         motion_count: Number of motions and stops so far.
-        stopped_by: Result of the last stop.
+        stopped_by: Result code of the call whose motion the last stop ended.
         ends: Time in ns at which the last motion ended or will end.
     """
 
@@ -134,7 +134,9 @@ class Hand:
 
     @property
     def collides_at(self) -> int | None:
-        """Time in ns at which fingers hit the object in a motion that is no grip; None if they never do."""
+        """Time in ns at which the fingers hit the object in a motion that is not a grip; None if they do not
+        hit it.
+        """
         return self.ends if self._touches_object and not self._force else None
 
     def move(self, goal: float, speed: float, now: int, force: float = 0.0) -> int:
@@ -152,7 +154,9 @@ class Hand:
         return self.ends
 
     def stop(self, now: int, result: int) -> None:
-        """Stop moving fingers; the call that waits for the motion returns `result`. A grip stays."""
+        """Stop the fingers; the call that waits for their motion returns `result`. A gripped object stays
+        gripped.
+        """
         if self.is_moving(now) or self.collides_at is not None:
             self._final_width = self.width(now)
             self.ends = now
@@ -161,7 +165,7 @@ class Hand:
             self.motion_count += 1
 
     def lose_grip(self) -> None:
-        """Release the gripped object, as happens without the motor's power."""
+        """Release the gripped object, as a hand does when the motor loses its power."""
         self._force = 0.0
         self._touches_object = False
 
@@ -173,9 +177,11 @@ class Equipment:
         hand: COBOTTA's electric hand, which is also the extension `Hand0`.
         gripper: The 2FG hand.
         vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
-        tools: Definitions of tools by number; a missing tool is all zeros. `works` holds those of works.
+        tools: Definitions of tools by number; the definition of a missing tool is all zeros. `works` holds
+            the definitions of works.
         lines: Numbers of the open serial and socket lines.
-        brackets: Names of the open brackets around motions: `time` and `move`.
+        brackets: `time` after SyncTimeStart until SyncTimeEnd, and `move` after SyncMoveStart until
+            SyncMoveEnd.
         force_control: Number of the active force control; None if force control is off.
     """
 
@@ -196,7 +202,9 @@ class Equipment:
         self.gripper.stop(now, HAND_STOPPED)
 
     def lose_power(self) -> None:
-        """Switch off force control and the hand's grip, which need the motor's power (error 80500371)."""
+        """Switch off force control and release the grip, because both need the motor's power (error
+        80500371).
+        """
         self.hand.lose_grip()
         self.vacuum = 0.0
         self.force_control = None

@@ -3,13 +3,13 @@
 Sources for parameters: ShoheiKobata/orin_bcap_python_samples; public ROS bridges of COBOTTA and
 DENSORobot/denso_cobotta_ros issue 22 (hands); DENSO's descriptions quoted in
 nkawa/Denso_CobottaPro900_MQTT_Control (HandGrip, HandRelease, Twofg..., Force..., areas). Source for the
-codes: the list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control. Source for fingers that touch
-an object without gripping it: DENSORobot/denso_robot_ros issue 46. Source for the fact that the hand needs
-the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
+result codes: the list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control. Source for fingers that
+touch an object without gripping it: DENSORobot/denso_robot_ros issue 46. Source for the fact that the hand
+needs the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
 
 The call of a hand lasts as long as its motion. The samples send the next command at once, and a moving hand
-would refuse it. No force acts on the simulated robot. The simulator has one arm, so brackets are checked but
-do not change the motions between them.
+would refuse it. No force acts on the simulated robot. The simulator has one arm. SyncTimeStart, SyncTimeEnd,
+SyncMoveStart and SyncMoveEnd therefore do not change motions; the simulator only checks their order.
 """
 
 from __future__ import annotations
@@ -70,7 +70,9 @@ _SUCTION, _SUCTION_LOAD = -0.5, 50.0
 def _move_to(
     context: CallContext, parameter: Variant, relative: bool = False, grips: bool = False
 ) -> HandlerOutcome:
-    """Run HandMoveA, -R, -AH or -RH with width or distance [mm], speed [%] and, for a grip, force [N]."""
+    """Run HandMoveA, HandMoveR, HandMoveAH or HandMoveRH. Parameters: width or distance [mm], speed [%] and,
+    for a grip, force [N].
+    """
     items, hand = items_of(parameter), context.machine.equipment.hand
     goal = float(number_of(argument_at(items, 0))) + (hand.width(context.now) if relative else 0.0)
     speed = _speed(hand, argument_at(items, 1))
@@ -81,7 +83,7 @@ def _move_to(
 
 
 def _grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run HandMoveH with the parameters force [N] and whether to close."""
+    """Run HandMoveH. Parameters: force [N], and whether the hand closes."""
     items, hand = items_of(parameter), context.machine.equipment.hand
     force = _force(hand, argument_at(items, 0))
     goal = hand.limits.narrowest if number_of(argument_at(items, 1)) else hand.limits.widest
@@ -95,7 +97,7 @@ def _chuck(context: CallContext, parameter: Variant, closes: bool) -> HandlerOut
 
 
 def _suck(context: CallContext, parameter: Variant) -> None:
-    """Run HandMoveVH with the parameters power [%] and whether to draw in; HandStop ends the vacuum."""
+    """Run HandMoveVH. Parameters: power [%], and whether the hand sucks. HandStop switches the vacuum off."""
     items = items_of(parameter)
     power = float(number_of(argument_at(items, 0)))
     draws = number_of(argument_at(items, 1)) != 0
@@ -106,14 +108,16 @@ def _suck(context: CallContext, parameter: Variant) -> None:
 
 
 def _stop(context: CallContext, parameter: Variant) -> None:
-    """Run HandStop: the call of a running motion returns 835002FF, and the vacuum goes off."""
+    """Run HandStop: the call of a running motion returns 835002FF, and the vacuum switches off."""
     equipment = context.machine.equipment
     equipment.hand.stop(context.now, HAND_STOPPED)
     equipment.vacuum = 0.0
 
 
 def _two_finger_grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run TwofgGrip with width [mm], force [N], speed [%], whether to wait; a wait without a grip fails."""
+    """Run TwofgGrip. Parameters: width [mm], force [N], speed [%], and whether to wait. A call that waits
+    fails if nothing is gripped.
+    """
     items, hand = items_of(parameter), context.machine.equipment.gripper
     width = float(number_of(argument_at(items, 0)))
     force, speed = _force(hand, argument_at(items, 1)), _speed(hand, argument_at(items, 2))
@@ -123,7 +127,7 @@ def _two_finger_grip(context: CallContext, parameter: Variant) -> HandlerOutcome
 
 
 def _two_finger_release(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run TwofgRelease with the parameters width [mm] and whether to wait."""
+    """Run TwofgRelease. Parameters: width [mm], and whether to wait for the end of the motion."""
     items, hand = items_of(parameter), context.machine.equipment.gripper
     width = float(number_of(argument_at(items, 0)))
     _check_width(hand, width, HAND_SETTING)
@@ -138,7 +142,9 @@ def _hand_grip(context: CallContext, parameter: Variant, closes: bool) -> Handle
 
 
 def _stored_motion(hand: Hand, closes: bool, force: float) -> tuple[float, float, float]:
-    """Return goal [mm], speed [mm/s] and force [N] of a motion; `force` is the force of a grip."""
+    """Return goal [mm], speed [mm/s] and force [N] of a motion that closes or opens the hand. Only closing
+    uses `force`.
+    """
     speed = hand.limits.speed * _STORED_SPEED
     return (hand.limits.narrowest, speed, force) if closes else (hand.limits.widest, speed, 0.0)
 
@@ -148,7 +154,7 @@ def _start(
 ) -> RunningCall | None:
     """Begin a motion, unless the state forbids it, the hand moves, or COBOTTA's motor is off.
 
-    If the call `waits`, it lasts as long as the motion. A grip of the 2FG hand fails without an object.
+    If the call `waits`, it lasts as long as the motion. A waiting call fails if the 2FG hand grips nothing.
     """
     is_gripper = hand is context.machine.equipment.gripper
     if is_gripper:
@@ -198,7 +204,9 @@ def _force(hand: Hand, part: Variant) -> float:
 
 
 def _has_next_option(rest: tuple[Variant, ...]) -> bool:
-    """Return whether NEXT ends the call before its motion ends; the option DetectOn has no effect."""
+    """Return whether the option NEXT is given, which ends the call before its motion. The option DetectOn has
+    no effect.
+    """
     return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
 
 
@@ -207,7 +215,7 @@ def _width(context: CallContext, parameter: Variant) -> Variant:
 
 
 def _of_gripper(read: Callable[[Hand, int], Variant]) -> CommandHandler:
-    """Make a handler that reads the 2FG hand; `read` gets the hand and the time in ns."""
+    """Return a handler that reads a value of the 2FG hand. `read` gets the hand and the time in ns."""
     return lambda context, parameter: read(context.machine.equipment.gripper, context.now)
 
 
@@ -226,14 +234,14 @@ HAND_COMMANDS: CommandTable = {
     "handcurpressure": lambda context, _: r8(context.machine.equipment.vacuum * _SUCTION),
     "handcurload": lambda context, _: r8(_SUCTION_LOAD if context.machine.equipment.vacuum else 0.0),
 }
-"""Handlers of the hand commands of Controller_Execute by the commands' names in lower case."""
+"""Handlers of the hand commands of Controller_Execute, by command name in lower case."""
 
 HAND_EXTENSION_COMMANDS: CommandTable = {
     "curpos": _width,
     "chuck": HAND_COMMANDS["handchuck"],
     "unchuck": HAND_COMMANDS["handunchuck"],
 }
-"""Handlers of the commands of the extension Hand0 by the commands' names in lower case."""
+"""Handlers of the commands of the extension Hand0, by command name in lower case."""
 
 
 _FORCE_CONTROLS = range(1, 11)
@@ -357,7 +365,7 @@ EQUIPMENT_COMMANDS: CommandTable = {
     ),
     "forcewaitcondition": accept_without_effect,
     "autocal": accept_without_effect,
-    # RobInfo returns the type name for 1, and an empty text for other numbers.
+    # RobInfo returns the type name if the parameter is 1, and an empty text for any other parameter.
     "robinfo": lambda context, kind: bstr(
         context.machine.initial_state.type_name if integer_of(kind) == 1 else ""
     ),
@@ -369,7 +377,7 @@ EQUIPMENT_COMMANDS: CommandTable = {
     "setareaenabled": _switch_area,
     "getareaenabled": lambda context, area: boolean(_area(area) in context.machine.equipment.areas),
 }
-"""Handlers of the commands of Robot_Execute by the commands' names in lower case."""
+"""Handlers of the commands of Robot_Execute, by command name in lower case."""
 
 LINE_COMMANDS: CommandTable = {
     # Every line number exists, and no line has a device at its other end.
@@ -380,4 +388,4 @@ LINE_COMMANDS: CommandTable = {
     "count": _of_line(i4(0)),
     "input": _of_line(bstr("")),
 }
-"""Handlers of the commands of the extension Comm by the commands' names in lower case."""
+"""Handlers of the commands of the extension Comm, by command name in lower case."""

@@ -2,14 +2,14 @@
 
 Sources for names, parameters and results of commands: ShoheiKobata/orin_bcap_python_samples,
 DENSORobot/denso_robot_ros2, nkawa/Denso_CobottaPro900_MQTT_Control (bits of SysState, fields of an error).
-Fields of an error that only a real controller program can fill are 0.
+If only a real controller program can fill a field of an error, the field is 0.
 
 The simulator answers E_NOTIMPL to a function without a handler in this module. The C server answers E_NOTIMPL
 to an id without callback (orin_bcap C/src/bCAPServer/bcap_server.c). DENSO's skeleton of a provider also
 answers E_NOTIMPL (CaoProvRobot.cpp, 2003).
 
 The only source for missing functions concerns the robot: a wrapper of the RC8 provider (VE026A_JNI.java by
-Suzuki, 2015) has no methods Chuck, Unchuck, GoHome and Drive. The simulator has Drive nevertheless, because
+Suzuki, 2015) has no methods Chuck, Unchuck, GoHome and Drive. The simulator nevertheless has Drive, because
 clients need this function. The simulator lacks Rotate, because no source describes the planes of Rotate.
 """
 
@@ -117,13 +117,13 @@ def _put_auto_mode(context: CallContext, parameter: Variant) -> None:
 CONTROLLER_COMMANDS: CommandTable = {
     **HAND_COMMANDS,
     "clearerror": _clear_error,
-    # The text of an error is bcapscope's, not the controller's.
+    # The description of the error is bcapscope's own, not that of a real controller.
     "geterrordescription": lambda context, code: bstr(describe_hresult(integer_of(code)).text),
     "getcurerrorcount": lambda context, _: i4(len(context.machine.active_alarms)),
     "getcurerrorinfo": _current_error_info,
     "geterrorlogcount": lambda context, _: i4(len(context.machine.alarm_log)),
     "geterrorlog": _error_log,
-    # SysInfo returns the serial number for 0, and an empty text for other numbers.
+    # SysInfo returns the serial number if the parameter is 0, and an empty text for any other parameter.
     "sysinfo": lambda context, kind: bstr("" if integer_of(kind) else "SIMULATOR"),
     "sysstate": _system_state,
     "stostate": lambda context, _: boolean(context.machine.emergency),
@@ -133,12 +133,12 @@ CONTROLLER_COMMANDS: CommandTable = {
     "putautomode": _put_auto_mode,
     "getautomode": lambda context, _: i2(context.machine.auto_mode),
 }
-"""Handlers of the commands of Controller_Execute by the commands' names in lower case."""
+"""Handlers of the commands of Controller_Execute, by command name in lower case."""
 
 TASK_COMMANDS: CommandTable = {
     "getstatus": lambda context, _: i4(context.machine.tasks.get(context.object.name.casefold(), READY))
 }
-"""Handlers of the commands of Task_Execute by the commands' names in lower case."""
+"""Handlers of the commands of Task_Execute, by command name in lower case."""
 
 
 Arguments: TypeAlias = "tuple[Variant, ...]"
@@ -180,7 +180,7 @@ def _text_at(arguments: Arguments, index: int) -> str:
 
 
 def _check_name(context: CallContext, kind: ObjectClass, name: str, option: str) -> None:
-    """Refuse an object name that the controller does not have; the one robot accepts any name."""
+    """Refuse the name of an object that the controller does not have. A robot may have any name."""
     machine, folded = context.machine, name.casefold()
     if kind is ObjectClass.VARIABLE:
         system_variables.check_exists(context.object.kind, name, machine.profile.generation)
@@ -199,7 +199,9 @@ def _create_file(context: CallContext, name: str, option: str) -> None:
 
 
 def _get_message(context: CallContext, arguments: Arguments) -> Variant:
-    """Run Controller_GetMessage, which returns the newest active error or, without one, is refused."""
+    """Run Controller_GetMessage, which returns the newest active error. Refuse the call if no error is
+    active.
+    """
     active = context.machine.active_alarms
     if not active:
         raise RefusedError(OBJECT_NOT_FOUND)
@@ -314,7 +316,9 @@ _SHARED_HANDLERS: Mapping[str, FunctionHandler] = {
     "Disconnect": lambda context, _: context.objects.release(context.object),
     "GetVariableNames": _variable_names,
 }
-"""Handlers by verb, for functions that several classes of objects have."""
+"""Handlers of the functions that several classes of objects have, by the name without the class, such as
+`GetTag`.
+"""
 
 _OWN_HANDLERS: Mapping[str, FunctionHandler] = {
     "Controller_GetMessage": _get_message,
@@ -381,4 +385,6 @@ def _handler(function: Function) -> FunctionHandler | None:
 FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, FunctionHandler | None]] = {
     function.id: (function.owner, _handler(function)) for function in FUNCTIONS.values() if function.id > 3
 }
-"""Class of object and handler of each function by its id; without handler, the function is refused."""
+"""Object class and handler of each function, by function id. The simulator refuses functions without a
+handler.
+"""

@@ -1,9 +1,9 @@
 """Kinematics of a simple arm: joints to position, and position to joints.
 
-No public source gives the link lengths of the real arms, so the simulated arm has lengths of its own and is
-no model of any DENSO robot. J1 turns about the vertical. J2 and J3 move two links of equal length in a
-vertical plane. The wrist has no length: J4, J5 and J6 are Rx, Ry and Rz themselves. The conversion is exact
-both ways. The rotation of a pose is Rz·Ry·Rx. A pose holds X, Y, Z in mm, then Rx, Ry, Rz in
+No public source gives the link lengths of the real arms. The simulated arm has lengths of its own, so it is
+not a model of a DENSO robot. J1 turns about the vertical. J2 and J3 move two links of equal length in a
+vertical plane. The wrist has no length: the angles J4, J5 and J6 equal Rx, Ry and Rz. The conversion is exact
+in both directions. The rotation of a pose is Rz·Ry·Rx. A pose holds X, Y, Z in mm, then Rx, Ry, Rz in
 degrees.
 """
 
@@ -29,7 +29,7 @@ LINK_LENGTH = 350.0
 HOME: Joints = (0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0)
 
 FIG = 1.0
-"""Fig of every computed position; the Fig of a parameter is ignored."""
+"""Value of Fig in every computed position. The simulator ignores the Fig that a client sends."""
 
 
 class AxisLimit(NamedTuple):
@@ -58,7 +58,7 @@ _NOT_THERE = _ZEROS[AXIS_COUNT:]
 
 
 def pad_joints(values: tuple[float, ...]) -> Joints:
-    """Drop values after the sixth, which the arm lacks, and append zeros up to eight joints."""
+    """Keep the six joints that the arm has, and append zeros up to eight joints."""
     return (values[:AXIS_COUNT] + _ZEROS)[:8]
 
 
@@ -135,7 +135,9 @@ FEWEST_NUMBERS: Mapping[PoseType, int] = {_P: 6, _J: 6, _T: 9}
 POSE_LENGTHS: Mapping[PoseType, range] = {
     pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()
 }
-"""Allowed lengths of a set point, by pose type: Fig may be missing, and one more value may follow."""
+"""Allowed numbers of values in a set point, by pose type. The value of Fig may be missing, and one more value
+may follow.
+"""
 
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -147,13 +149,13 @@ PoseNumbers: TypeAlias = tuple[float, ...]
 
 
 def moved_in_base(pose: PoseNumbers, deviation: PoseNumbers) -> PoseNumbers:
-    """Move and turn a pose along and about the axes of the base; return six numbers."""
+    """Return the six numbers of a pose, after moving it along and turning it about the axes of the base."""
     place = tuple(a + b for a, b in zip(pose[:3], deviation[:3], strict=True))
     return place + _combined_angles(pose, deviation, rotation(deviation), rotation(pose))
 
 
 def moved_in_tool(pose: PoseNumbers, deviation: PoseNumbers) -> PoseNumbers:
-    """Move and turn a pose along and about its own axes; return six numbers."""
+    """Return the six numbers of a pose, after moving it along and turning it about its own axes."""
     turn = rotation(pose)
     place = tuple(a + b for a, b in zip(pose[:3], _apply(turn, deviation[:3]), strict=True))
     return place + _combined_angles(pose, deviation, turn, rotation(deviation))
@@ -184,9 +186,10 @@ def rotation(pose: PoseNumbers) -> Matrix:
 
 
 def _combined_angles(pose: PoseNumbers, other: PoseNumbers, first: Matrix, second: Matrix) -> PoseNumbers:
-    """Return the angles of first·second.
+    """Return the angles Rx, Ry, Rz of the rotation `first`·`second`.
 
-    If the second rotation is zero, the angles of `pose` stay equal, so that set points do not jump by a turn.
+    If the second rotation is zero, return the angles of `pose` unchanged, so that set points do not jump by a
+    full turn.
     """
     if not any(other[3:6]):
         return pose[3:6]

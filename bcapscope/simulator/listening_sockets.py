@@ -1,4 +1,4 @@
-"""Opening the listening sockets of the simulator, and the queue of datagrams that wait for processing."""
+"""Open the listening sockets of the simulator, and queue the datagrams that it has not processed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ _RECEIVE_BUFFER = 4 << 20
 """Requested size in bytes of the buffer for waiting datagrams; the system may grant less."""
 
 _BACKLOG = 1024
-"""Maximum number of connections to accept; beyond it, a new client retries after a second."""
+"""Maximum number of TCP connections that wait until the simulator accepts them. If more connections wait, a
+new client retries after a second.
+"""
 
 
 class SimulatorListenError(BcapError):
@@ -61,7 +63,9 @@ def _bind(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
 
 
 MAX_PER_SENDER = 32
-"""Maximum number of waiting datagrams of one sender: the attempts of a call, and some further calls."""
+"""Maximum number of waiting datagrams of one sender: enough for the attempts of one call and for some further
+calls.
+"""
 
 MAX_BYTES = 2 << 20
 """Maximum number of waiting bytes of all senders; each datagram adds `_COST` to its size."""

@@ -2,7 +2,7 @@
 
 Sources for the checked conditions and the codes of refusals: the public list of controller errors in
 nkawa/Denso_CobottaPro900_MQTT_Control and the issues of DENSORobot/denso_robot_ros. The order of the checks
-and all durations are assumed. All times are ns of the caller's clock.
+and all durations are assumed. All times are in ns of the caller's clock.
 """
 
 from __future__ import annotations
@@ -47,7 +47,9 @@ MAX_ACTIVE = 32
 MAX_LOGGED = 128
 
 OTHER_CLIENT = 0
-"""Number of the pendant or a client on another network as owner of the arm; clients start at 1."""
+"""Owner number for the arm if the pendant, or a client on another network, has it. Numbers of clients start
+at 1.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +64,11 @@ class InitialState:
         speed: External speed in percent, as set on the pendant.
         tasks: Names of the loaded programs; `running` names those that run.
         errors: Codes of the active errors, oldest first.
-        empty: Names, in capitals, of robot variables whose value is EMPTY.
+        empty: Names of the robot variables whose value is EMPTY, in capitals.
         arm_taken: Whether a client outside this network has the arm.
         object_width: Width in mm of an object between the fingers of the hands; None for no object.
-        udp_clients: Number of places that half-open UDP clients occupy; `tcp_clients` is the number over TCP.
+        udp_clients: Number of half-open UDP clients, which count towards the limit of clients; `tcp_clients`
+            is the same for TCP.
         epoch: Time in ns since 1970 at which the model's clock is 0.
     """
 
@@ -103,7 +106,7 @@ class Speeds:
     def effective_share(self, speed: float | None) -> float:
         """Return the speed of a motion as a share of the highest speed, from 0.001 to 1.
 
-        `speed` is the internal speed in percent; None means the robot's own setting.
+        `speed` is the internal speed in percent; None means the internal speed that was set for the robot.
         """
         internal = self.internal if speed is None else speed
         return max(0.001, min(1.0, self.external * internal / 10_000))
@@ -123,7 +126,9 @@ class Alarm:
 
 
 class ControlLogRecord(NamedTuple):
-    """One record: time in ns since the controller's start, commanded joints, and joints of the encoders."""
+    """One record of the control log: time in ns since the controller's start, commanded joints, and joints of
+    the encoders.
+    """
 
     time: int
     commanded: Joints
@@ -131,7 +136,9 @@ class ControlLogRecord(NamedTuple):
 
 
 class ControlLog:
-    """The control log: joint records, oldest first, one every 8 ms; `due` is the time of the next in ns."""
+    """The control log: joint records, oldest first, one every 8 ms; `due` is the time of the next record in
+    ns.
+    """
 
     def __init__(self) -> None:
         self.records: deque[ControlLogRecord] = deque(maxlen=MAX_RECORDS)
@@ -144,7 +151,7 @@ class ControlLog:
         self.due = None
 
     def advance(self, now: int, sample: Callable[[int], ControlLogRecord]) -> None:
-        """Store the records that are due; after a long pause, only as many records as the ring holds."""
+        """Store the records that are due; after a long pause, only as many records as the log holds."""
         due = self.due
         if due is None:
             return
@@ -160,11 +167,11 @@ class Machine:
     """The state of one controller.
 
     Attributes:
-        active_alarms: Errors until ClearError, newest first; `alarm_log` holds all errors.
+        active_alarms: Errors that ClearError has not cleared, newest first; `alarm_log` holds all errors.
         owner: Number of the client that has the arm; None if no client has it.
         open_objects: Objects that each client has opened, by client number.
-        stop_count: Number of times that Robot_Halt, an error or the emergency stop stopped motion so far.
-        stopped_by: Result of the last stop.
+        stop_count: How many times Robot_Halt, an error or the emergency stop has stopped motion.
+        stopped_by: Result code of the calls whose motion the last stop ended.
         current_move: The last ordinary motion; None if that motion was stopped.
     """
 
@@ -225,7 +232,9 @@ class Machine:
         return self._motor_at
 
     def check_state(self) -> None:
-        """Refuse a call during an emergency stop or error, outside automatic mode, or without token."""
+        """Refuse a call during an emergency stop or error, outside automatic mode, or without the executable
+        token.
+        """
         if self.emergency:
             raise RefusedError(EMERGENCY_STOP)
         if self.active_alarms:
@@ -254,17 +263,20 @@ class Machine:
             raise RefusedError(E_FAIL)
 
     def check_reach(self, joints: Joints) -> None:
-        """Refuse joints beyond their limits, with the software limit of the first such axis."""
+        """Refuse joints beyond their limits, with the software-limit error of the first axis that is beyond
+        its limit.
+        """
         axis = axis_beyond_limit(joints, self.initial_state.limits)
         if axis:
             raise RefusedError(SOFTWARE_LIMIT + axis)
 
     def stop(self, now: int, code: int, is_reported: bool = True) -> None:
-        """End motions and slave mode at once; calls that wait for these return `code`.
+        """End motions and slave mode at once; the calls that wait for a motion or for slave mode return
+        `code`.
 
         If slave mode was on, the next slvMove also returns `code` (issues 20 and 49 of
         DENSORobot/denso_robot_ros), unless another reply reports `code` (`is_reported`). Later calls of
-        slvMove return that slave mode is off (issues 6 and 42).
+        slvMove return the error that slave mode is off (issues 6 and 42).
         """
         self.slave.leave(0 if is_reported else code)
         self.arm.halt(now)
@@ -278,7 +290,7 @@ class Machine:
 
         The motor goes off at level 4 and above, and at a set point beyond a limit (list of controller errors
         in nkawa/Denso_CobottaPro900_MQTT_Control). The motor also goes off at the emergency stop.
-        `is_reported` is as for `stop`.
+        `is_reported` has the same meaning as in `stop`.
         """
         self._add_alarm(code, now)
         self.stop(now, code, is_reported)
@@ -290,8 +302,8 @@ class Machine:
     def refuse(self, code: int, now: int) -> NoReturn:
         """Refuse a call with an error that is active until ClearError, as in `raise_error`.
 
-        The error is listed once, however often the client repeats the call. Otherwise 32 set points in a row
-        would push the error that ended slave mode out of the list.
+        The error is listed once, however often the client repeats the call. If each refusal were listed, 32
+        set points in a row would push the error that ended slave mode out of the list.
 
         A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). It is
         assumed that an RC7 does the same: a result other than S_OK stops RobSlave and slave mode (DENSO Wave
@@ -307,7 +319,7 @@ class Machine:
         self.slave.unreported_result = 0
 
     def switch_mode(self, mode: int, now: int) -> None:
-        """Turn the mode switch; without automatic mode, all motion ends and the motor goes off."""
+        """Turn the mode switch. Outside automatic mode, all motion ends and the motor goes off."""
         self.mode = mode
         if mode != AUTOMATIC:
             self._lose_power()
@@ -343,7 +355,7 @@ class Machine:
             self.raise_error(HAND_DEVIATION, collision)
 
     def due(self) -> int | None:
-        """Return the time in ns of the next change that no call causes; None if nothing is in progress."""
+        """Return the time in ns of the next change that no call causes; None if no such change is due."""
         slave = self.slave
         due = None if slave.mode is None or slave.is_empty else slave.next_tick
         collision = self.equipment.hand.collides_at

@@ -1,9 +1,9 @@
 """Ordinary motions: Robot_Move, Drive, Approach, Depart, Halt, Hold, Unhold.
 
 Unless the option is NEXT, a call lasts as long as its motion. The motion ends when the commanded joints reach
-the target, or with @E when the encoders reach the target. With @P, the next motion may begin when most of the
-first motion's time is over. A second motion before that time returns 80010004 (b-Cap.h of the ANSI-C client,
-which then repeats its Robot_Move).
+the target. With @E, the motion ends when the encoders reach the target. With @P, the next motion may begin
+when most of the first motion's time is over. If a second motion begins too early, its call returns 80010004
+(b-Cap.h of the ANSI-C client, which then repeats its Robot_Move).
 """
 
 from __future__ import annotations
@@ -45,7 +45,9 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: CallContext, interpolation: Variant, pose: Variant, option: Variant) -> HandlerOutcome:
-    """Run Robot_Move; lines and circles are executed like PTP, and a free curve does not move the arm."""
+    """Run Robot_Move. The arm moves along lines and circles as in PTP, and does not move along a free
+    curve.
+    """
     kind, read = integer_of(interpolation), context.machine.memory.read
     if kind == _CIRCLE:
         targets = [parse_target(each, read) for each in _poses(pose)]
@@ -76,7 +78,9 @@ def drive(
     option: str,
     passing: int | None = None,
 ) -> HandlerOutcome:
-    """Move single axes (1..6) by, or to, angles in degrees; if `passing` is None, `option` names the pass."""
+    """Move single axes (1..6) by angles in degrees, or to angles if `absolute`. If `passing` is None,
+    `option` names the pass.
+    """
     joints = list(context.machine.arm.goal)
     for axis, way in axis_moves:
         if not 1 <= axis <= AXIS_COUNT:
@@ -165,14 +169,18 @@ def _parse_passing(option: str) -> int:
 
 
 def _before_position(joints: Joints, distance: float) -> Joints:
-    """Return the joints for the point `distance` mm before a position, along its approach vector."""
+    """Return the joints for the point that lies `distance` mm before a position, along the position's
+    approach vector.
+    """
     here = position(joints)
     vector = trans(joints)[6:9]
     return joints_of_position((*(a - distance * b for a, b in zip(here, vector, strict=False)), *here[3:]))
 
 
 def _distance(part: Variant) -> tuple[float, int]:
-    """Read a distance such as `@P 10`, `10`, a number, or `[10, "", "@P"]`; return it in mm, and the pass."""
+    """Return the distance in mm and the pass, from text such as `@P 10`, from a number, or from `[10, "",
+    "@P"]`.
+    """
     if isinstance(part.value, str):
         last = part.value.split()[-1:] or ["0"]
         return float(number_of(bstr(last[0]))), _parse_passing(part.value)
@@ -204,7 +212,7 @@ def _option(items: tuple[Variant, ...], index: int) -> str:
 
 
 def _drive_many(context: CallContext, parameter: Variant, absolute: bool) -> HandlerOutcome:
-    """Run DriveEx or DriveAEx, whose parameters are axes and angles as text or as pairs, then an option."""
+    """Run DriveEx or DriveAEx. Parameters: axes with their angles, as text or as pairs, then an option."""
     items = items_of(parameter)
     axes = argument_at(items, 0)
     ways, passing = (
@@ -214,7 +222,7 @@ def _drive_many(context: CallContext, parameter: Variant, absolute: bool) -> Han
 
 
 def _axis_moves_of_text(text: str) -> tuple[list[tuple[int, float]], int | None]:
-    """Read text such as `@E (1, 5), (2, -10)`; return axes with angles, and the pass."""
+    """Read text such as `@E (1, 5), (2, -10)`; return the axes with their angles, and the pass."""
     match = _AXES.fullmatch(text) if len(text) <= LONGEST_POSE_TEXT else None
     pairs = _PAIR.findall(match["pairs"]) if match else []
     if match is None or len(pairs) != match["pairs"].count("("):
@@ -249,4 +257,4 @@ MOTION_COMMANDS: CommandTable = {
     "driveaex": partial(_drive_many, absolute=True),
     "motionskip": _motion_skip,
 }
-"""Handlers of the motion commands of Robot_Execute by the commands' names in lower case."""
+"""Handlers of the motion commands of Robot_Execute, by command name in lower case."""

@@ -1,8 +1,8 @@
 """The objects that a client has opened, by handle.
 
 A client has at most 1000 objects (orin_bcap C/src/bCAPServer/bcap_server.c). A handle is never used again, so
-that a released handle differs from every new one. It is assumed that the release of an object also releases
-the objects opened from it.
+that a new handle never equals a released one. It is assumed that the release of an object also releases the
+objects opened from it.
 """
 
 from __future__ import annotations
@@ -53,7 +53,9 @@ class ObjectTable:
         return len(self._by_handle)
 
     def open(self, kind: ObjectClass, name: str, parent: ControllerObject | None) -> ControllerObject:
-        """Open an object, unless the client already has 1000 objects or the name is too long."""
+        """Open an object and return it. Refuse the call if the client already has 1000 objects or the name is
+        too long.
+        """
         if len(self._by_handle) >= MAX_OBJECTS:
             raise RefusedError(E_MAX_OBJECT)
         if len(name) > LONGEST_NAME:
@@ -74,7 +76,7 @@ class ObjectTable:
     def find_by_name(
         self, kind: ObjectClass, name: str, parent: ControllerObject | None
     ) -> ControllerObject | None:
-        """Return the open object of this name, whatever its case, or None."""
+        """Return the open object with this name, ignoring case; None if there is none."""
         folded = name.casefold()
         for each in self._by_handle.values():
             if each.kind is kind and each.parent is parent and each.name.casefold() == folded:

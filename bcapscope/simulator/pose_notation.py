@@ -3,7 +3,7 @@
 Examples: `@E J(0, 0, 90, 0)`, `@P P1`, a plain array of numbers, or a VARIANT array of numbers, type, pass
 and extra axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2). The number of a variable
 may replace the numbers, as in `[1, "P", "@0"]`. ShoheiKobata's samples send this number as VT_I4, although
-their README says VT_R4. The samples also write the pass before the type.
+their README says VT_R4. ShoheiKobata's samples also write the pass before the type.
 """
 
 from __future__ import annotations
@@ -63,14 +63,14 @@ def parse_pose(pose: Variant, read: ReadVariable) -> WrittenPose:
     if isinstance(pose.value, str):
         return _from_text(pose.value, read)
     items = argument_values.items_of(pose)
-    # Two to four numbers are no pose, but the number, type and pass of a variable.
+    # Two to four numbers are not a pose: they are the number, type and pass of a variable.
     if items and (not _is_number(items[0]) or 1 < len(items) <= 4):
         return _from_parts(items, read)
     return _make_pose(None, argument_values.numbers_of(pose), 0)
 
 
 def parse_pass(part: Variant) -> int:
-    """Read a pass such as `@P`, `@E`, `@10` or its number; return 0 for an empty text."""
+    """Read a pass, given as text such as `@P`, `@E` or `@10`, or as a number; return 0 for an empty text."""
     if not isinstance(part.value, str):
         return argument_values.integer_of(part)
     match = re.fullmatch(r"\s*@([PE]|[0-9]{1,4})\s*|\s*", part.value[:LONGEST_POSE_TEXT], re.IGNORECASE)

@@ -1,4 +1,4 @@
-"""Profiles: the answers of the simulated controller that depend on the generation.
+"""Profiles: how the answers of the simulated controller depend on the controller's generation.
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core and
 ShoheiKobata/orin_bcap_python_samples (RC8, RC9); orin_bcap C/src/bCAPServer/bcap_server.c (C server). It is
@@ -21,7 +21,7 @@ _CONTROLLER_EXECUTE, _ROBOT_EXECUTE = 17, 64
 
 
 def _documented_for(function_id: int, *controllers: str) -> frozenset[str]:
-    """Return, in lower case, the commands that the sources name only for these controllers."""
+    """Return the commands, in lower case, that the sources mention for `controllers` and no others."""
     return frozenset(
         each.name.casefold() for each in commands_of(function_id) if each.controllers in controllers
     )
@@ -39,10 +39,12 @@ _RC7_ONLY = frozenset(("putautomode", "getautomode"))
 
 
 class NoArgument(StrEnum):
-    """Choice of the replies that carry no argument instead of EMPTY, in calls that can return a value.
+    """Which replies carry no argument where other replies carry the value EMPTY. The choice concerns calls
+    that can return a value.
 
     Only the reply to slvChangeMode is documented for RC7 (DENSO Wave 2009, How to use the Slave mode).
-    DENSO's C# and Java clients throw an exception if a successful reply to such a call has no argument.
+    DENSO's C# and Java clients throw an exception if a call can return a value and its successful reply has
+    no argument.
     """
 
     NEVER = "never"
@@ -55,8 +57,8 @@ class Profile:
     """One kind of controller.
 
     Attributes:
-        name: Name of the profile as an argument of `--profile`; `title` is its name for people.
-        generation: Generation, which decides the meaning of slave-mode numbers.
+        name: Name of the profile as an argument of `--profile`; `title` is the name that messages show.
+        generation: Generation of the controller, which decides the meaning of slave-mode numbers.
         replies: Content of the reserved field of replies.
         mode_type: VARIANT type of slvGetMode's result.
         real: VARIANT type of the numbers in a pose.
@@ -134,4 +136,4 @@ PROFILES: Mapping[str, Profile] = {profile.name: profile for profile in (_RC7, _
 """Every profile by its name."""
 
 DEFAULT_PROFILE = "rc8"
-"""Name of the profile of every simulator for which the user chose none."""
+"""Name of the profile that the simulator has if the user chose none."""

@@ -80,7 +80,9 @@ def _joints(context: CallContext, pose_type: PoseType, parameter: Variant) -> Jo
 
 
 def _out_range(context: CallContext, parameter: Variant) -> Variant:
-    """Run OutRange, which returns 0 inside the limits, bits of axes beyond them, or -1 if out of reach."""
+    """Run OutRange, which returns 0 if all axes are inside their limits, one bit per axis beyond its limit,
+    or -1 if the position is out of reach.
+    """
     items = items_of(parameter)
     pose = items[0] if items and not isinstance(items[0].value, int | float) else parameter
     try:
@@ -110,7 +112,7 @@ def _move(
 
 
 def _convert_work(context: CallContext, parameter: Variant) -> Variant:
-    """Run ConvertPosWork, which converts a pose from one work to another."""
+    """Run ConvertPosWork, which converts a pose from the coordinates of one work to those of another."""
     items = items_of(parameter)
     pose = _parse_position(context, argument_at(items, 0))
     works = context.machine.equipment.works
@@ -135,7 +137,7 @@ def frame_number(number: int, first: int = 0) -> int:
 
 
 def _parse_position(context: CallContext, pose: Variant) -> PoseNumbers:
-    """Convert a pose of any type to P type; a pose written as P type may be out of reach."""
+    """Convert a pose of any type to P type. A pose that the client wrote as P type may be out of reach."""
     written = parse_pose(pose, context.machine.memory.read)
     return written.values if written.type is _P else pose_of(_P, joints_of(written.type, written.values))
 
@@ -147,9 +149,10 @@ def _fig(pose: PoseNumbers) -> float:
 def _pallet_position(context: CallContext, parameter: Variant) -> Variant:
     """Run CalcPos of the extension Pallet.
 
-    The parameter holds rows, columns, layer height in mm, the four corners, the number of the place and
-    optionally the layer, both from 1. Places are counted from the first corner to the second, then row by row
-    towards the third. This order is assumed, because the samples do not show it.
+    The parameter holds rows, columns, layer height in mm, the four corners, the number of the pallet position
+    and optionally the layer. Positions and layers are counted from 1. Positions are counted from the first
+    corner to the second, then row by row towards the third. This order is assumed, because the samples do not
+    show it.
     """
     items = items_of(parameter)
     rows, columns = (_count(argument_at(items, index)) for index in (0, 1))
@@ -185,14 +188,16 @@ FRAMES: Mapping[str, FrameTable] = {
 }
 
 PALLET_COMMANDS: CommandTable = {"calcpos": _pallet_position}
-"""Handlers of the commands of the extension Pallet by the commands' names in lower case."""
+"""Handlers of the commands of the extension Pallet, by command name in lower case."""
 
 
 _KEEP, _SQUARE = -1, -2
 
 
 def _take_arm(context: CallContext, parameter: Variant) -> None:
-    """Run TakeArm, unless another client has the arm. A second number 1 keeps speed, tool and work."""
+    """Run TakeArm, unless another client has the arm. If the second number is 1, speed, tool and work keep
+    their values.
+    """
     machine, items = context.machine, items_of(parameter)
     keeps = len(items) > 1 and integer_of(items[1]) == 1
     if machine.owner not in (None, context.client):
@@ -210,7 +215,7 @@ def _give_arm(context: CallContext, parameter: Variant) -> None:
 
 
 def motor(context: CallContext, parameter: Variant) -> RunningCall | None:
-    """Run Motor, which lasts until the motor is on, unless the second number says not to wait."""
+    """Run Motor. The call lasts until the motor is on, unless the second number says not to wait."""
     items = items_of(parameter)
     on = integer_of(argument_at(items, 0)) != 0
     done = context.machine.switch_motor(on, context.now)
@@ -219,7 +224,9 @@ def motor(context: CallContext, parameter: Variant) -> RunningCall | None:
 
 
 def _ext_speed(context: CallContext, parameter: Variant) -> None:
-    """Run ExtSpeed: speed, acceleration, deceleration in percent; -1 keeps a value, -2 is speed² / 100."""
+    """Run ExtSpeed. Parameters: speed, acceleration and deceleration in percent. -1 keeps the current value,
+    and -2 means speed² / 100.
+    """
     numbers = numbers_of(parameter)
     if not numbers:
         raise RefusedError(E_INVALIDARG)
@@ -245,7 +252,9 @@ def _current_pose(pose_type: PoseType, timed: bool = False) -> CommandHandler:
 
 
 def _motion_complete(context: CallContext, parameter: Variant) -> Variant:
-    """Run MotionComplete: whether the command has ended or, with a second number 1, the encoders rest."""
+    """Run MotionComplete, which returns whether the motion command has ended. If the second number is 1,
+    return whether the encoders are at rest.
+    """
     items = items_of(parameter)
     if len(items) > 1 and integer_of(items[1]) == 1:
         return boolean(context.machine.arm.is_at_rest(context.now))
@@ -253,16 +262,17 @@ def _motion_complete(context: CallContext, parameter: Variant) -> Variant:
 
 
 def _servo_data(context: CallContext, parameter: Variant) -> Variant:
-    """Run GetSrvData, which returns the lag of the encoders in degrees for any number as parameter."""
+    """Run GetSrvData, which returns the lag of the encoders in degrees, whatever number the client sends."""
     integer_of(parameter)
     return float_array(VT.R8, currents(context))
 
 
 def _log_record(context: CallContext, parameter: Variant) -> Variant:
-    """Run GetLogRecord, for which index 0 is the oldest record.
+    """Run GetLogRecord, whose parameter 0 selects the oldest record.
 
-    Source for the 39 values: ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py. The counter in ms,
-    and current and load computed from the encoders' lag, are assumptions of bcapscope.
+    Source for the 39 values of a record in the controller's log: ShoheiKobata/orin_bcap_python_samples
+    others/Get_Syslog.py. The counter in ms, and current and load computed from the encoders' lag, are
+    assumptions of bcapscope.
     """
     index, machine = integer_of(parameter), context.machine
     if not 0 <= index < len(machine.log.records):
@@ -327,4 +337,4 @@ ROBOT_COMMANDS: CommandTable = {
     **dict.fromkeys(("manualresetpreparation", "motionpreparation"), accept_without_effect),
     "getmotionpreparationstate": lambda context, _: boolean(True),
 }
-"""Handlers of the commands of Robot_Execute by the commands' names in lower case."""
+"""Handlers of the commands of Robot_Execute, by command name in lower case."""

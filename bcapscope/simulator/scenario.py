@@ -71,15 +71,16 @@ class ScenarioTransport(StrEnum):
 
 
 class ClientProgram(StrEnum):
-    """Program of a client; without the faults of a scenario, each program succeeds."""
+    """What the client of a scenario does. Each program succeeds if no fault occurs."""
 
     CALLS = "calls"
     """The client connects, reads and writes a few variables, and disconnects."""
     MOTION = "motion"
     """Like `CALLS`; the client also takes the arm, switches the motor on and moves the robot to and fro."""
     SLAVE = "slave"
-    """Like `MOTION`; the client also moves to a first position with @E and sends set points in slave mode. If
-    the mode paces the client, each reply triggers the next set point; else the client sends one every 8 ms.
+    """Like `MOTION`; the client also moves to a first position with the pass @E and sends set points in slave
+    mode. If the mode paces the client, each reply triggers the next set point. If the mode does not pace the
+    client, the client sends a set point every 8 ms.
     """
     PASSING = "passing"
     """Like `SLAVE`, but the motion before slave mode has the pass @P."""
@@ -88,7 +89,9 @@ class ClientProgram(StrEnum):
 
 
 class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The client that a scenario is made for: its program, its slave mode, its options of Service_Start."""
+    """The client that a scenario is made for: its program, its slave mode, and its options of
+    Service_Start.
+    """
 
     session: ClientProgram = ClientProgram.SLAVE
     over: ScenarioTransport = ScenarioTransport.UDP
@@ -171,13 +174,13 @@ class AxisLimitsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
 
 class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A controller with a start state, and the faults and events that happen to it.
+    """The start state of a simulated controller, and the faults and events that happen to the controller.
 
     Attributes:
         title: One sentence that says what the scenario shows.
         story: Text that says what happens, how the controller reacts, and which users reported this failure.
         shows: Rule that `bcapscope diagnose` reports as the root cause; None for no rule.
-        then: Other rules that `bcapscope diagnose` reports, among the rules that depend on the client.
+        then: Rules besides `shows` that `bcapscope diagnose` reports if the scenario's `client` is used.
         client: Client that the scenario is made for.
         defects: Defects of DENSO's C server that the controller has; None for the defects of the profile.
         no_argument: Choice of the replies that carry no argument; None for the choice of the profile.

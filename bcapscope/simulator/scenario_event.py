@@ -1,7 +1,7 @@
 """Events at a controller that no client asked for, such as the emergency stop or an action on the pendant.
 
-Each event is validated data with a method that applies the event. Events share the notation of message
-faults; `action` distinguishes them in a document.
+Each event is validated data with a method that applies the event. Events have the same notation as faults of
+messages. In a document, the field `action` says which event or fault an entry is.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ class TakeArm(ScenarioEvent, frozen=True, kw_only=True, tag="take-arm"):
 
 
 class MoveArm(ScenarioEvent, frozen=True, kw_only=True, tag="move"):
-    """Somebody else moves the arm at `speed` percent, unless slave mode is on or a motion is held."""
+    """Somebody else moves the arm at `speed` percent, unless slave mode is on or a motion is paused."""
 
     joints: Joints6
     speed: Percent = 100.0

@@ -25,7 +25,14 @@ from bcapscope.simulator.scenario import FaultsAndEvents, Scenario
 from bcapscope.simulator.scenario_event import AnyEvent, ScenarioEvent
 from bcapscope.simulator.simulator import LARGEST_REQUEST, Peer, ResetMarker, Simulator, SimulatorOutput
 from bcapscope.traffic.call_kind import RecentRequests
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PARTICIPANT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Transport,
+)
 
 MAX_LINES = 1024
 """Maximum number of clients; beyond it, the runner forgets the UDP client that has been silent longest."""
@@ -54,9 +61,10 @@ class ScenarioRunner:
         seed: int | None = None,
         on_news: Callable[[Message], None] = lambda news: None,
     ) -> None:
-        """Begin to play; `simulator` has the scenario's profile and initial state.
+        """Begin to play a scenario. `simulator` must have the scenario's profile and initial state.
 
-        Without a `seed`, the scenario's seed is used. `on_news` gets the name of each event and fault.
+        Without a `seed`, the scenario's seed is used. `on_news` gets the name of each event and fault that
+        happens.
         """
         self.simulator = simulator
         self._scenario = scenario
@@ -98,7 +106,9 @@ class ScenarioRunner:
         return outputs
 
     def on_disconnect(self, peer: Peer, now: int) -> None:
-        """Remove a client that is gone, unless a fault hides this from the controller."""
+        """Remove a client that has disconnected, unless a fault hides the disconnection from the
+        controller.
+        """
         line = self._lines.get(peer)
         if line is None or self.shaper.passes_close(line.up.conversation):
             self.simulator.on_disconnect(peer, now)
@@ -181,7 +191,7 @@ class ScenarioRunner:
         return outputs
 
     def _carry_out(self, verdicts: Iterable[Verdict], now: int) -> list[SimulatorOutput]:
-        """Deliver the messages that the faults let through to the controller or the client."""
+        """Deliver the messages that pass the faults, to the controller or to the client."""
         outputs: list[SimulatorOutput] = []
         for verdict in verdicts:
             if isinstance(verdict, CloseConnection):
@@ -233,7 +243,7 @@ class ScenarioRunner:
         if len(self._lines) >= MAX_LINES:
             datagram_lines = (each.peer for each in self._lines.values() if each.splitter is None)
             self._remove_client(next(datagram_lines, None))
-        conversation = Conversation(_endpoint(peer), _HERE, transport, "we are the server")
+        conversation = Conversation(_endpoint(peer), _HERE, transport, SERVER_PARTICIPANT)
         self._peers[conversation] = peer
         splitter = StreamSplitter(limit=LARGEST_REQUEST) if transport is Transport.TCP else None
         up, down = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)

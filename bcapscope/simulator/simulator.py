@@ -1,8 +1,8 @@
 """The simulated controller with its clients: datagrams and segments in, datagrams and segments out.
 
 The model does no I/O and has no clock. The limits on clients are those of orin_bcap
-C/src/bCAPServer/bcap_server.c. A datagram that begins like a frame but is not one ends that server's UDP
-service. The simulator drops and counts such a datagram.
+C/src/bCAPServer/bcap_server.c. DENSO's C server ends its UDP service when it receives a datagram that begins
+like a frame but is not a frame. The simulator drops and counts such a datagram.
 """
 
 from __future__ import annotations
@@ -21,24 +21,27 @@ from bcapscope.simulator.machine import InitialState, Machine
 from bcapscope.simulator.profile import Profile
 
 MAX_CLIENTS = 20
-"""Maximum number of clients on TCP, and of clients on UDP."""
+"""Maximum number of clients per transport, TCP or UDP."""
 
 STOP_CLIENTS = 4
-"""Number of additional clients per transport whose first request is a stop. DENSO's C server refuses such
-clients; the additional places are bcapscope's own."""
+"""Number of additional clients per transport that are accepted because their first request is a stop. DENSO's
+C server refuses clients beyond its limit; only bcapscope accepts these.
+"""
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""Silence of a UDP client, in ns, after which a new client replaces it if all places are taken."""
+"""Time in ns without a request from a UDP client, after which a new client may replace this client. A new
+client replaces another one only if the maximum number of clients is reached.
+"""
 
 LARGEST_REQUEST = 64 * 1024
 """Largest request on TCP in bytes; the limit is bcapscope's own, so that a client cannot fill the memory."""
 
 Peer: TypeAlias = Hashable
-"""Key by which the caller identifies a client, such as an address or a connection."""
+"""Key by which the caller of this module identifies a client, such as an address or a connection."""
 
 
 class ResetMarker(bytes):
-    """Empty data on which the server resets the connection."""
+    """Empty data that makes the server reset the TCP connection."""
 
 
 class SimulatorOutput(NamedTuple):
@@ -49,7 +52,7 @@ class SimulatorOutput(NamedTuple):
 
 
 class HostedClient(Protocol):
-    """The calls of one client, such as a `CallExecutor`; each method is as in that class."""
+    """Interface of an object that runs the calls of one client. Each method works as in `CallExecutor`."""
 
     last_heard: int
 
@@ -62,7 +65,9 @@ class HostedClient(Protocol):
 
 
 ClientFactory: TypeAlias = Callable[[int, bool, Callable[[CallReport], None]], HostedClient]
-"""Makes a client from its number, whether it uses UDP, and a function that gets each answered call."""
+"""Creates a client. Arguments: the client's number, whether the client uses UDP, and a function that gets
+each answered call.
+"""
 
 
 class _Link(NamedTuple):
@@ -71,7 +76,9 @@ class _Link(NamedTuple):
 
 
 def _sound_frame(data: bytes, templates: FrameTemplates) -> Frame | None:
-    """Return the frame if a datagram is exactly one valid frame, else None; fast enough for floods."""
+    """Return the frame if a datagram is exactly one valid frame, else None. The check is fast enough for a
+    flood of datagrams.
+    """
     size = len(data)
     if not SMALLEST_FRAME <= size <= LARGEST_UDP_FRAME or data[0] != SOH or data[-1] != EOT:
         return None
@@ -82,12 +89,14 @@ def _sound_frame(data: bytes, templates: FrameTemplates) -> Frame | None:
 
 
 class ClientHost:
-    """The clients of a controller: finds the client of each request, and limits the number of clients.
+    """The clients of a controller. A `ClientHost` finds the client of each request, and limits the number of
+    clients.
 
     Attributes:
-        dropped: Number of datagrams that were no valid frame, or came from a client beyond the limit.
+        dropped: Number of datagrams that were not a valid frame, or came from a client beyond the limit.
         refused: Number of connections that were closed because of a bad frame or too many clients.
-        evictable_after: Silence of a UDP client in ns after which a new client may take its place.
+        evictable_after: Time in ns without a request from a UDP client, after which a new client may replace
+            this client.
         closes_on_bad_frame: Whether a bad frame ends its connection; else the host skips the frame.
     """
 
@@ -103,7 +112,8 @@ class ClientHost:
         self._templates = FrameTemplates()
         self._links: dict[Peer, _Link] = {}
         self._running: dict[Peer, HostedClient] = {}
-        self._stops: dict[Peer, None] = {}  # UDP clients in the additional places for stops, oldest first
+        # UDP clients accepted beyond the limit because of a stop, oldest first
+        self._stops: dict[Peer, None] = {}
         self._number = 0
 
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
@@ -118,7 +128,8 @@ class ClientHost:
         return self._on_request(peer, link.client, frame, now)
 
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
-        """Accept a TCP connection; return False if all places are taken, so that the caller closes it.
+        """Accept a TCP connection. Return False at the maximum number of clients; the caller then closes the
+        connection.
 
         A client whose first request is a stop (`is_stop`) is accepted beyond the usual limit.
         """
@@ -129,7 +140,9 @@ class ClientHost:
         return True
 
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process bytes of a connection; return the data to send. Bytes outside any frame are skipped."""
+        """Process bytes that a TCP connection received, and return the data to send. Bytes outside any frame
+        are skipped.
+        """
         link = self._links.get(peer)
         if link is None or link.splitter is None:
             return []
@@ -148,7 +161,7 @@ class ClientHost:
         return outputs
 
     def on_disconnect(self, peer: Peer, now: int) -> None:
-        """Remove a client that is gone."""
+        """Remove a client that has disconnected."""
         link = self._links.pop(peer, None)
         self._running.pop(peer, None)
         self._stops.pop(peer, None)
@@ -166,7 +179,9 @@ class ClientHost:
         return self._poll(now) if self._running else []
 
     def due(self, now: int) -> int | None:
-        """Return the latest time in ns for the next `advance`; None if nothing is in progress."""
+        """Return the latest time in ns for the next `advance`; None if no call and no motion is in
+        progress.
+        """
         return self._earliest_due(None, now)
 
     def _earliest_due(self, due: int | None, now: int) -> int | None:
@@ -186,7 +201,8 @@ class ClientHost:
         """Process a request, then poll the running calls, because the request may have completed them."""
         outputs = []
         for each in client.on_request(frame, now):
-            outputs.append(SimulatorOutput(peer, each))  # faster than a comprehension, which costs a call
+            # a loop is faster than a comprehension, which costs a function call
+            outputs.append(SimulatorOutput(peer, each))
         if client.running:
             self._running[peer] = client
         return outputs + self._poll(now) if self._running else outputs
@@ -213,7 +229,9 @@ class ClientHost:
         return self._add_client(peer, True, now)
 
     def _evict_silent_client(self, now: int) -> bool:
-        """Forget the UDP client that was silent longest; return False if no client was silent long enough."""
+        """Forget the UDP client that was silent longest. Return False if no client was silent for
+        `evictable_after`.
+        """
         silent = [(link.client.last_heard, peer) for peer, link in self._links.items() if not link.splitter]
         heard, peer = min(silent, key=lambda each: each[0])
         if now - heard < self.evictable_after:
@@ -260,11 +278,13 @@ class Simulator(ClientHost):
 
     @property
     def runs_in_real_time(self) -> bool:
-        """Whether the model's time continues without processor time, because a client sets the pace."""
+        """Whether the model's time continues while this process gets no processor, because a client sets the
+        pace.
+        """
         mode = self.machine.slave.mode
         return mode is not None and mode.overwrites_waiting
 
     @property
     def has_running_calls(self) -> bool:
-        """Whether a call is running that ends at a later time."""
+        """Whether any call has been received but not answered yet."""
         return bool(self._running)

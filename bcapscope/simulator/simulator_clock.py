@@ -1,12 +1,12 @@
 """The controller's time: the machine's time, stopped while this process gets no processor.
 
-A real controller never waits for a processor. If this process gets no processor while an event is due or a
-request is in its socket, the model's time stands still until the process runs again. Otherwise 8 ms would
-pass before the simulator sends the reply that asks the client for its next set point.
+A real controller never waits for a processor. An event may become due, or a request may arrive, while this
+process gets no processor. The model's time then stands still until the process runs again. If time continued,
+8 ms would pass before the simulator sends the reply that asks the client for its next set point.
 
-A frame that arrived meanwhile counts from its arrival, which the operating system records. A set point that
-arrived in time therefore counts as in time, however late the simulator reads it. Clients that do not wait for
-replies continue during such a delay; with such a client, the model's time does not stop.
+A frame that arrived during the delay is processed with its arrival time, which the operating system records.
+A set point that arrived in time therefore counts as in time, however late the simulator reads it. Clients
+that do not wait for replies continue during such a delay; with such a client, the model's time does not stop.
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ from collections.abc import Callable
 from typing import Protocol
 
 STALL_NS = 1_000_000
-"""Longest normal delay in ns after a due time or an arrival; a longer one means a lack of processor."""
+"""Longest normal delay in ns after a due time or the arrival of a request. A longer delay means that this
+process got no processor.
+"""
 
 
 class ClockedModel(Protocol):
-    """A model that uses the clock, such as a `Simulator`."""
+    """Interface of a model that a `SimulatorClock` serves, such as a `Simulator`."""
 
     @property
     def runs_in_real_time(self) -> bool: ...
@@ -30,7 +32,9 @@ class ClockedModel(Protocol):
 
 
 class SimulatorClock:
-    """The model's clock, in ns. The model never receives a time before `latest_time`, the last one."""
+    """The model's clock, in ns. `latest_time` is the last time that the model received; the model never
+    receives an earlier time.
+    """
 
     def __init__(
         self,
@@ -85,7 +89,6 @@ class SimulatorClock:
         return time_then
 
     def _pause(self, since: int, until: int, at: int) -> None:
-        """Note a pause of the model's time."""
         self._pause_began, self._pause_ended, self._paused_at = since, until, at
         self.paused_ns = until - at
         self._updated_at = at
@@ -96,7 +99,9 @@ class SimulatorClock:
         return self.latest_time
 
     def on_replies_sent(self) -> None:
-        """Note that all replies are sent; if sending took too long, the time pauses from the last update."""
+        """Record that all replies are sent. If sending took too long, the model's time pauses from the last
+        update.
+        """
         ours = self._monotonic()
         if ours - self.paused_ns - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
             self._pause(self._updated_at + self.paused_ns, ours, self._updated_at)

@@ -1,7 +1,7 @@
-"""The sockets of the simulator: UDP and TCP on one port, in one thread that waits no longer than needed.
+"""The sockets of the simulator: UDP and TCP on one port, served by one thread.
 
-The number of sockets is limited: 20 TCP clients, a few more that send stops, new connections without a frame,
-and the listening sockets.
+The number of sockets is limited: 20 TCP clients, a few more that send stops, new connections that have sent
+no frame yet, and the listening sockets.
 """
 
 from __future__ import annotations
@@ -34,18 +34,21 @@ LARGEST_BACKLOG = 1 << 20
 """Maximum number of bytes that a client may leave unread before the server closes its connection."""
 
 LONGEST_WAIT = 0.5
-"""Longest wait in seconds; after this time at the latest, the server notices an interrupt on every system."""
+"""Longest wait in seconds. On every system, the server notices an interrupt after this time at the latest.
+"""
 
-# Time in ns to poll instead of sleeping. On a virtual machine, waking an idle processor takes longer than
-# answering a call. Yielding instead of polling would cost a whole time slice if another program runs.
+# Time in ns for which the server polls its sockets instead of sleeping. On a virtual machine, waking an idle
+# processor takes longer than answering a call. Yielding the processor instead of polling would cost a whole
+# time slice if another program runs.
 _SPIN_NS = 60_000
 
-_MAX_DATAGRAMS = 1024  # maximum number of datagrams read before the second is processed
-_READ_SIZE = 256  # bytes read from a connection before the server reads another
-_READ_SIZE_PACED = 16384  # as `_READ_SIZE`, in modes where each set point has its own time
-_BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")  # a match inside a frame does no harm
+_MAX_DATAGRAMS = 1024  # maximum number of datagrams that are read before the second one is processed
+_READ_SIZE = 256  # maximum number of bytes read from one connection before the next
+_READ_SIZE_PACED = 16384  # `_READ_SIZE` in modes where each set point has its own arrival time
+# a match inside a frame does no harm, because both halves are delivered
+_BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")
 _MAX_ACCEPTED = 16  # maximum number of connections accepted in a row
-_SPARE_DESCRIPTORS = 3  # kept for clients that send a stop when no other descriptors are left
+_SPARE_DESCRIPTORS = 3  # reserved for clients that send a stop when no other descriptor is free
 _TIDY_INTERVAL_NS = 1_000_000_000  # ns
 
 _SAME_MOMENT_NS = 2_000_000  # ns; set points that arrive within this time belong to one cycle
@@ -56,23 +59,23 @@ ReadyDescriptors: TypeAlias = tuple[list[int], list[int]]
 
 
 class TrafficTap(Protocol):
-    """Receives all traffic of the server; addresses are host and port, times are ns since 1970."""
+    """Receives all traffic of the server. Addresses are host and port; times are in ns since 1970."""
 
     def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
         """Note a UDP datagram."""
 
     def on_segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Note bytes of a TCP connection."""
+        """Record bytes that were sent over a TCP connection."""
 
     def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
-        """Note that one end of a TCP connection closed or reset it."""
+        """Record that one end of a TCP connection closed or reset the connection."""
 
     def on_connection_end(self, client: Address, server: Address) -> None:
-        """Note that a TCP connection is over."""
+        """Record that a TCP connection has ended in both directions."""
 
 
 class ControllerModel(ClockedModel, Protocol):
-    """A model that decides the replies, such as a `Simulator`; each method is as in that class."""
+    """Interface of a model that decides the replies. Each method works as in `Simulator`."""
 
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]: ...
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool: ...
@@ -101,10 +104,11 @@ class _Connection:
 class SimulatorServer:
     """Moves bytes between sockets and a simulator; `tap` receives all traffic.
 
-    The model's time is the time of a `SimulatorClock`: requests count from their arrival, which Linux
-    records. On TCP, Linux records only the arrival of the last byte. In modes where the client sets the pace,
-    set points can pile up. The server then spreads their times evenly between the client's previous bytes and
-    the last ones. In other modes, all requests that were read together count as arriving at once.
+    The model's time is the time of a `SimulatorClock`. A request has its arrival time, which Linux records.
+    On TCP, Linux records only the arrival of the last byte. In modes where the client sets the pace, set
+    points can pile up. The server then spreads their arrival times evenly between the client's previous bytes
+    and the last bytes. In modes where the client does not set the pace, all requests that were read together
+    have the same arrival time.
     """
 
     def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:
@@ -115,13 +119,13 @@ class SimulatorServer:
         self._connections: dict[int, _Connection] = {}
         self._by_peer: dict[object, _Connection] = {}
         self._lobby: FirstFrameQueue[int] = FirstFrameQueue()
-        self._stops: list[_Connection] = []  # connections beyond the limit, oldest first
+        self._stops: list[_Connection] = []  # connections accepted beyond the limit for a stop, oldest first
         self._spares = SpareDescriptors(_SPARE_DESCRIPTORS)
         self._is_paused = False
-        self._tidied_at = -_TIDY_INTERVAL_NS  # opens no spares yet: the command needs descriptors first
+        self._tidied_at = -_TIDY_INTERVAL_NS  # no spare descriptors yet: the command itself needs some first
         self._spin_until = 0
         self._may_be_more = True
-        self._polled_empty_at = 0  # no data had arrived before this time
+        self._polled_empty_at = 0  # time of the latest poll that found no data
         self._clock = SimulatorClock(simulator)
         self._udp, self._tcp = open_sockets(host, port)
         self._udp_descriptor, self._tcp_descriptor = self._udp.fileno(), self._tcp.fileno()
@@ -141,7 +145,9 @@ class SimulatorServer:
         self._spares.close()
 
     def step(self, until: float = LONGEST_WAIT, extra: Sequence[int] = ()) -> list[int]:
-        """Serve sockets and due times for at most `until` seconds; return the readable ones of `extra`."""
+        """Serve sockets and due events for at most `until` seconds. Return the readable descriptors in
+        `extra`.
+        """
         now = self._clock.now()
         self._tidy()
         due = self._model.due(now)
@@ -179,8 +185,8 @@ class SimulatorServer:
     def _wait(self, readers: list[int], until: float, due: int | None, now: int) -> ReadyDescriptors:
         """Wait for readable and writable sockets; shortly after a request, poll instead of sleeping.
 
-        Bytes found after an empty poll arrived since that poll. If several datagrams arrived since then, the
-        next poll finds the others.
+        If a poll found no bytes, the bytes of the next poll arrived between both polls. If several datagrams
+        arrived, a later poll finds the remaining datagrams.
         """
         end = self._spin_until if due is None else min(self._spin_until, due)
         self._may_be_more = True
@@ -198,14 +204,17 @@ class SimulatorServer:
     def _select(self, readers: list[int], seconds: float) -> ReadyDescriptors:
         """Return the descriptors that are ready, after `seconds` at the latest.
 
-        Regular files, which stdin may be, are always ready; `epoll` refuses them. `select` waits with the
-        microsecond precision that modes on the 8 ms grid need; `poll` does not.
+        Stdin may be a regular file, which is always ready and which `epoll` refuses. Modes with a fixed cycle
+        of 8 ms need a wait with microsecond precision. `select` waits with microsecond precision, `poll` does
+        not.
         """
         readable, writable, _ = select.select(readers, self._writers, (), seconds)
         return readable, writable
 
     def _read_socket(self, source: int, is_crowded: bool) -> None:
-        """Read a socket; when many connections are readable, read datagrams after each connection."""
+        """Read a socket. If `is_crowded` says that many connections are readable, also read the waiting
+        datagrams.
+        """
         if source == self._udp_descriptor:
             self._read_datagrams()
         elif source == self._tcp_descriptor:
@@ -217,13 +226,16 @@ class SimulatorServer:
                 self._deliver_queued()
 
     def _read_datagrams(self) -> None:
-        """Read datagrams before the system's buffer overflows; answer the first at once, queue the others."""
+        """Read the waiting datagrams, so that the system's buffer does not overflow. Answer the first
+        datagram at once, and queue the remaining ones.
+        """
         receive, turns = self._receive, self.datagram_queue
-        asked = ANCILLARY_SIZE if self._may_be_more else 0  # 0: the datagram arrived between two polls
+        # 0: no time is requested, because the datagram came between two polls
+        asked = ANCILLARY_SIZE if self._may_be_more else 0
         for number in range(_MAX_DATAGRAMS if self._may_be_more else 1):
             try:
                 data, control, _, address = receive(LARGEST_DATAGRAM, asked)
-            except OSError:  # no data left; on Windows also raised for an earlier client's closed port
+            except OSError:  # no data is left or, on Windows, an earlier client closed its port
                 return
             if self.tap:
                 self.tap.on_datagram(address[:2], self.address, data, time.time_ns())
@@ -253,7 +265,7 @@ class SimulatorServer:
                 if (accepted := accept_connection(self._tcp, self._free_descriptor)) is None:
                     break
             except OSError:
-                self._is_paused = True  # or `select` would report the same connection again
+                self._is_paused = True  # otherwise `select` would report the same connection again at once
                 break
             sock, address = accepted
             sock.setblocking(False)
@@ -266,7 +278,7 @@ class SimulatorServer:
         self._choose_sockets()
 
     def _drop_newcomer(self, number: int | None) -> bool:
-        """Close a connection that has sent no frame yet; return whether there was such a connection."""
+        """Close a connection that has sent no frame yet. Return False if there is no such connection."""
         if number is None:
             return False
         self._drop(self._connections[number], by_reset=True)
@@ -280,7 +292,9 @@ class SimulatorServer:
         return is_freed
 
     def _tidy(self) -> None:
-        """Once a second, close overdue connections, and accept new ones again after a lack of descriptors."""
+        """Once a second, close overdue connections. If a lack of descriptors stopped the server from
+        accepting connections, accept them again.
+        """
         now = time.monotonic_ns()
         if now - self._tidied_at < _TIDY_INTERVAL_NS:
             return
@@ -293,7 +307,9 @@ class SimulatorServer:
             self._choose_sockets()
 
     def _admit(self, connection: _Connection, first: bytes) -> bool:
-        """Make a connection a client of the controller; close it if there is no room, unless it is a stop."""
+        """Make a connection a client of the controller. At the maximum number of clients, close the
+        connection unless its first request is a stop.
+        """
         is_stop = first_frame_stops(first)
         has_room = self._spares.refill() and self._model.on_connect(connection.peer, self._monotonic_now())
         if not has_room and is_stop:
@@ -306,7 +322,9 @@ class SimulatorServer:
         return has_room
 
     def _choose_sockets(self) -> None:
-        """Choose the sockets to wait for; read nothing from a client that does not read its replies."""
+        """Choose the sockets to wait for. While a client does not read its replies, the server reads nothing
+        from it.
+        """
         connections = self._connections.items()
         self._writers = [number for number, each in connections if each.is_blocked]
         listeners = () if self._is_paused else (self._tcp_descriptor,)
@@ -346,7 +364,7 @@ class SimulatorServer:
             self._deliver_segment(connection, data, came)
 
     def _deliver_spread(self, connection: _Connection, data: bytes, since: int, came: int) -> None:
-        """Process bytes as if they had arrived evenly between two times."""
+        """Process bytes as if they had arrived evenly spread between the times `since` and `came`."""
         taken = 0
         for piece in _BETWEEN_FRAMES.split(data):
             taken += len(piece)

@@ -1,8 +1,8 @@
-"""The commands of slave mode: slvChangeMode, slvGetMode, slvMove and the two formats.
+"""The commands of slave mode: slvChangeMode, slvGetMode, slvMove, slvSendFormat and slvRecvFormat.
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core
-(formats). It is assumed that slvMove returns a pose of the mode's type before slvRecvFormat, as in that
-guide.
+(formats). It is assumed that slvMove returns a pose of the mode's type until the client calls slvRecvFormat,
+as in DENSO's guide.
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ PATIENCE = 500 * MS
 
 INVALID_SET_POINT = 0x83201405
 LONGEST_SET_POINT = 1e9
-"""Length from which a set point is invalid: the norm of its numbers as a vector."""
+"""Smallest norm at which a set point is invalid. The norm is computed from the numbers of the set point,
+taken as a vector.
+"""
 
 FIRST_USER_IO = 128
 HAND_IO, MINI_IO = 48, 0
@@ -90,7 +92,8 @@ def _leave(context: CallContext) -> RunningCall | None:
         if slave.run_number != run:
             return DONE
         if slave.mode is None:
-            slave.unreported_result = 0  # this reply reports the end, so slvMove need not
+            # this reply reports the end of slave mode, so slvMove need not report it
+            slave.unreported_result = 0
             return DONE
         if not slave.is_empty or not machine.arm.is_at_rest(now):
             return None
@@ -240,4 +243,4 @@ SLAVE_COMMANDS: CommandTable = {
     "slvsendformat": send_format,
     "slvrecvformat": receive_format,
 }
-"""Handlers of the slave-mode commands of Robot_Execute by the commands' names in lower case."""
+"""Handlers of the slave-mode commands of Robot_Execute, by command name in lower case."""

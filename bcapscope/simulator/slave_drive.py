@@ -37,7 +37,8 @@ class SlaveDrive:
     Attributes:
         run_number: Number of slave-mode sessions so far.
         consumed: Number of set points consumed in this slave-mode session.
-        async_detector: Whether a late set point is an error in RC7's Async modes, a setting of the pendant.
+        async_detector: Whether a late set point is an error in RC7's Async modes. Users change this setting
+            on the pendant.
         receive_format: Format of slvMove's result, as set by slvRecvFormat; None before slvRecvFormat.
         unreported_result: Result that ended slave mode and that no client has received yet; 0 for none.
     """
@@ -80,7 +81,7 @@ class SlaveDrive:
         self._arm.begin_set_points(now)
 
     def drain(self) -> None:
-        """Continue until the buffer is empty; an empty buffer is from now on no error."""
+        """Continue slave mode until the buffer is empty. From now on, an empty buffer is not an error."""
         self._leaving = True
 
     def leave(self, unreported_result: int = 0) -> None:
@@ -141,7 +142,9 @@ class SlaveDrive:
         self._moving = False
 
     def _limit_violation(self, speed: Joints) -> int:
-        """Return the result code for the first axis that would be too fast or accelerate too much; else 0."""
+        """Return the result code for the first axis that would be too fast or accelerate too much; 0 if there
+        is no such axis.
+        """
         seconds = PERIOD_NS / 1e9
         for axis in range(AXIS_COUNT):
             limit = self._limits[axis]

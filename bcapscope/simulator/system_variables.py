@@ -37,7 +37,7 @@ _ONLY_ON_RC7 = frozenset(("TOOL", "WORK", "_ITP"))
 VariableReader = Callable[[CallContext], Variant]
 
 TYPE_NUMBER = 999
-"""Value of @TYPE; DENSO's arms have other values."""
+"""Value of the variable @TYPE of the simulated arm. DENSO's arms have other values."""
 
 
 def check_exists(owner: ObjectClass, name: str, generation: Generation) -> None:
@@ -66,7 +66,9 @@ def read_variable(context: CallContext) -> Variant:
 
 
 def write_variable(context: CallContext, value: Variant) -> HandlerOutcome:
-    """Write the variable of `context.object`; if the write runs a command, the call lasts as long as that."""
+    """Write the variable of `context.object`; if the write runs a command, the call lasts as long as the
+    command.
+    """
     place = _numbered_variable(context.object)
     if place:
         if place[0] in FRAMES:
@@ -104,7 +106,9 @@ def _write_frame(context: CallContext, kind: str, number: int, value: Variant) -
 
 
 def _numbered_variable(variable: ControllerObject) -> tuple[str, int] | None:
-    """Return letter and number of a numbered variable; if its name ends in `*`, the ID holds the number."""
+    """Return the letter and the number of a numbered variable. If the name of the variable ends in `*`, the
+    number is the ID that the client stored.
+    """
     match = _NUMBERED.fullmatch(variable.name.strip().upper())
     if match is None or _owner_kind(variable) is not ObjectClass.CONTROLLER:
         return None
@@ -179,7 +183,9 @@ _WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CommandHandler] = {
 """Handlers of variables whose writing runs a command or function, such as Motor."""
 
 _REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
-"""Variables that slave mode protects, because it refuses the equivalent command or function."""
+"""Variables that clients cannot write in slave mode, because slave mode refuses the equivalent command or
+function.
+"""
 
 
 def _speed(field: str) -> VariableReader:

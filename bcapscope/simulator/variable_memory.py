@@ -1,8 +1,8 @@
-"""Numbered variables and I/O of the controller.
+"""The numbered variables and the I/O of the simulated controller.
 
-Sources for the type by letter: ShoheiKobata/orin_bcap_python_samples SimpleSamples and
-DENSORobot/denso_robot_ros2. On a real controller, the number of variables of each letter is a setting; the
-simulator has one number for all letters.
+Sources for the VARIANT type that belongs to each letter: ShoheiKobata/orin_bcap_python_samples SimpleSamples
+and DENSORobot/denso_robot_ros2. On a real controller, the number of variables of each letter is a setting;
+the simulator has one number for all letters.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ IO_BYTES = 64
 """512 bits, IO0 to IO511."""
 
 LONGEST_TEXT = 247
-"""Maximum length of an S variable on RC8, by the manual's table of string variables; not verified."""
+"""Maximum length of an S variable on RC8, according to the manual's table of string variables. The limit is
+not verified.
+"""
 
 _ROW_LENGTHS = {"V": 3, "P": 7, "J": 8, "T": 10}
 _SCALARS = {"I": VT.I4, "F": VT.R4, "D": VT.R8}
@@ -58,7 +60,7 @@ class VariableMemory:
         return Variant(_SCALARS[letter], int(number) if letter == "I" else float(number))
 
     def write(self, letter: str, index: int, value: Variant) -> None:
-        """Write a variable, or refuse an unfit value; zeros complete a short vector."""
+        """Write a variable. Refuse a value that does not fit the variable; append zeros to a short vector."""
         if letter.startswith("IO"):
             self._write_io(letter, index, value)
             return
@@ -124,7 +126,9 @@ def _checked_text(value: Variant) -> str:
 
 
 def vector_of(value: Variant, length: int, real: VT) -> tuple[float, ...]:
-    """Convert an array to `length` numbers; missing numbers become 0. Anything else is refused."""
+    """Convert an array to `length` numbers; missing numbers become 0. Refuse a value that cannot be
+    converted.
+    """
     if not value.vt & ARRAY:
         raise RefusedError(TYPE_MISMATCH)
     numbers = argument_values.numbers_of(value)

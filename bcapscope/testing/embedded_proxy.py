@@ -1,4 +1,4 @@
-"""A proxy before a controller, for the tests of a client."""
+"""A proxy in front of a controller, for tests of a client."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from bcapscope.live.child_process import ChildProcess
 from bcapscope.testing.recording_context import LOOPBACK, RecordingContext
 
 _IDLE_FOR = 1.0
-"""Seconds after which a recorder that wrote nothing has nothing left to write; it polls every 0.075 s."""
+"""If the recorder writes nothing for this time in seconds, the recording is up to date. The recorder polls
+every 0.075 s.
+"""
 
 _WRITTEN_WITHIN = 5.0
 """Maximum time in seconds to wait for the recorder."""
@@ -26,13 +28,13 @@ class EmbeddedProxy(RecordingContext):
         with bcapscope.Proxy(to="192.168.0.1:5007", faults=["loss=5%"], seed=3) as proxy:
             run_my_client(proxy.host, proxy.port)
 
-    The proxy is that of `bcapscope proxy`. It records both sides. `calls` and `findings` wait until the
-    recorder has been idle for 1 s.
+    The proxy works like that of `bcapscope proxy`. The proxy records the traffic with the client and with the
+    controller. `calls` and `findings` wait until the recorder has been idle for 1 s.
 
     Attributes:
         host: Address on which the proxy listens.
-        port: Port for UDP and TCP; 0 before the block.
-        recording: Capture of the traffic of both sides. Without `record`, the file is temporary and exists
+        port: Port for UDP and TCP; 0 before the `with` block begins.
+        recording: Capture of the traffic of both legs. Without `record`, the file is temporary and exists
             until the block ends.
     """
 

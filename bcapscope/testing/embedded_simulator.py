@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bcapscope.simulator.simulator_server import SimulatorServer
 
 _WRITTEN_WITHIN = 5.0
-"""Maximum time in seconds for the recorder to write the packets that wait."""
+"""Maximum time in seconds that the recorder may take to write the waiting packets."""
 
 
 class EmbeddedSimulator(RecordingContext):
@@ -33,12 +33,12 @@ class EmbeddedSimulator(RecordingContext):
             run_my_client(simulator.host, simulator.port)
             assert not simulator.findings
 
-    The controller runs in a thread of its own until the block ends, also with `async with`. So a client that
-    blocks the event loop does not delay the controller's replies.
+    The controller runs in a thread of its own until the block ends, also with `async with`. A client that
+    blocks the event loop therefore does not delay the controller's replies.
 
     Attributes:
         host: Address on which the controller listens.
-        port: Port for UDP and TCP; 0 before the block.
+        port: Port for UDP and TCP; 0 before the `with` block begins.
         recording: Capture of the traffic, as seen at the controller. Without `record`, the file is temporary
             and exists until the block ends.
     """
@@ -56,7 +56,7 @@ class EmbeddedSimulator(RecordingContext):
 
         Args:
             profile: Kind of controller: `rc7`, `rc8`, `rc9` or `cserver`. Default: the profile of the
-                scenario, otherwise `rc8`.
+                scenario, or `rc8` without a scenario.
             scenario: Name of an included scenario, or path of a YAML file, as for `bcapscope sim --scenario`.
             faults: Faults in the notation of `bcapscope proxy --fault`, such as `loss=5%`.
             seed: Random seed of the faults. The same seed and traffic give the same faults.
@@ -103,7 +103,9 @@ class EmbeddedSimulator(RecordingContext):
 
 
 class _ServerThread:
-    """The thread that serves the clients. It owns the server and the recorder until it ends."""
+    """The thread that serves the clients. The thread owns the server and the recorder until the thread
+    ends.
+    """
 
     def __init__(self, server: SimulatorServer, recorder: BackgroundRecorder) -> None:
         self._server = server
@@ -141,7 +143,7 @@ class _ServerThread:
             serve(self._server, self._recorder.on_idle, self._on_wish, [self._own_end.fileno()])
         except _EndServing:
             return
-        except Exception as error:  # the thread that tests the client raises it
+        except Exception as error:  # the thread that tests the client raises this error
             self._error = error
 
     def _on_wish(self, descriptor: int) -> None:
@@ -155,7 +157,7 @@ class _ServerThread:
 
 
 class _EndServing(Exception):
-    """The owner wants the thread to end."""
+    """Ends the loop of the serving thread when the thread's owner asks for it."""
 
 
 def _load(name_or_path: str) -> Scenario:

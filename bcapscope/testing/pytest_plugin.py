@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bcapscope.testing.recording_context import RecordingContext
 
 _SOURCES = pytest.StashKey[dict[str, "RecordingContext"]]()
-"""What a test uses, by the name of its fixture."""
+"""The simulator and the proxy that a test uses, by the name of the fixture."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -49,9 +49,10 @@ def bcap_simulator(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[E
 def bcap_proxy(
     request: pytest.FixtureRequest, tmp_path: Path, bcap_simulator: EmbeddedSimulator
 ) -> Iterator[EmbeddedProxy]:
-    """A proxy before `bcap_simulator` with `.host`, `.port`, `.calls`, `.findings` and `.recording`.
+    """A proxy in front of `bcap_simulator` with `.host`, `.port`, `.calls`, `.findings` and `.recording`.
 
-    The faults of @pytest.mark.bcap happen in the proxy, so its capture shows the traffic before and after.
+    The faults of @pytest.mark.bcap happen in the proxy. The proxy's capture therefore shows the traffic
+    before and after the faults.
     """
     from bcapscope.testing.embedded_proxy import EmbeddedProxy
 

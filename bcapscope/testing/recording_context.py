@@ -21,18 +21,18 @@ LOOPBACK = "127.0.0.1"
 
 
 class RecordingContext(ThreadedContext):
-    """Records the traffic of its block, in a temporary file unless `record` names a file.
+    """Records the traffic of a `with` block, in a temporary file unless `record` names a file.
 
     Attributes:
         host: Address for clients.
-        port: Port for clients, UDP and TCP; 0 before the block.
+        port: Port for clients, UDP and TCP; 0 before the `with` block begins.
         recording: Capture of the traffic. A temporary file exists until the block ends.
     """
 
     def __init__(self, record: str | Path | None) -> None:
-        self.host = LOOPBACK
-        self.port = 0
-        self.recording = Path() if record is None else Path(record)
+        self.host: str = LOOPBACK
+        self.port: int = 0
+        self.recording: Path = Path() if record is None else Path(record)
         self._is_temporary = record is None
         self._stack = ExitStack()
         self._is_running = False
@@ -63,15 +63,15 @@ class RecordingContext(ThreadedContext):
 
     @abstractmethod
     def _start(self, opened: ExitStack) -> int:
-        """Start to serve and record, and return the port. `opened` releases what it holds after `_stop`."""
+        """Start to serve and record, and return the port. The exit stack `opened` is closed after `_stop`."""
 
     @abstractmethod
     def _stop(self) -> None:
-        """Stop to serve, and complete the recording."""
+        """Stop serving clients, and complete the recording."""
 
     @abstractmethod
     def _write_recording(self) -> None:
-        """Write to the file what was sent and received so far."""
+        """Write all traffic so far to the file of the recording."""
 
     @abstractmethod
     def _server_ports(self) -> frozenset[int]:

@@ -17,7 +17,9 @@ class ThreadedContext(ABC):
 
     @abstractmethod
     def _open(self) -> None:
-        """Acquire everything, or raise an exception and hold nothing."""
+        """Acquire the resource. If the resource cannot be acquired, release everything and raise an
+        exception.
+        """
 
     @abstractmethod
     def _close(self) -> None:
@@ -46,7 +48,7 @@ class ThreadedContext(ABC):
 
 
 async def _was_cancelled_during(work: Callable[[], None]) -> bool:
-    """Run `work` in a thread to its end; return whether the task was cancelled meanwhile."""
+    """Run `work` in a thread to its end; return whether the asyncio task was cancelled meanwhile."""
     import asyncio
 
     task, is_cancelled = asyncio.ensure_future(asyncio.to_thread(work)), False

@@ -11,11 +11,11 @@ from bcapscope.traffic.slave_mode_tracker import is_set_point
 class AlikeSetPoints:
     """The current run of alike set points in one conversation.
 
-    A set point belongs to a run if the client sent it once, the controller answered with S_OK, and both
-    frames are undamaged. Request and reply of successive set points in a run differ only in serial, reserved
-    and the numbers in the arguments. All set points of a run therefore have the same robot handle, command
-    and value types. A run begins after an accepted set point. Any other call of the conversation ends the
-    run.
+    A set point belongs to a run if the client sent it once, the controller answered with S_OK, and request
+    and reply are undamaged. Request and reply of successive set points in a run differ only in serial,
+    reserved and the numbers in the arguments. All set points of a run therefore have the same robot handle,
+    command and value types. A run begins after an accepted set point. Any other call of the conversation ends
+    the run.
     """
 
     def __init__(self) -> None:

@@ -46,10 +46,12 @@ class FrameRole(StrEnum):
     """The reply that the client accepted."""
     LATE = "late reply"
     """A reply that arrived after the client sent another attempt or began another call. A reply that
-    contradicts an earlier reply has this role, too."""
+    contradicts an earlier reply also has the role `LATE`.
+    """
     LOST = "lost reply"
     """A reply that was captured before the client sent another attempt. The client evidently did not receive
-    the reply, because the client retried."""
+    the reply, because it retried.
+    """
     DUPLICATE = "duplicate"
     """An exact copy of an earlier request or reply of the same call. The network or the capture made the
     copy, because all known clients give a retry a new serial."""
@@ -70,8 +72,7 @@ class CallState(StrEnum):
     ABANDONED = "abandoned"
     """The client began another call before it received a reply to this call."""
     UNANSWERED = "unanswered"
-    """Complete without a reply: the client waited until no reply was possible any more, or until the traffic
-    ended."""
+    """Complete without a reply: a reply can no longer follow, or the traffic has ended."""
     SETTLED = "settled"
     """Complete: no further frame can belong to the call."""
     EVICTED = "evicted"
@@ -89,9 +90,11 @@ class CallFrame(NamedTuple):
 
 
 class Call:
-    """A call, as far as it was captured. The call is complete when a `Tracker` returns it.
+    """A call, as far as it was captured. A call of `Capture.calls` is complete.
 
     Attributes:
+        conversation: Client, controller and transport.
+        kind: Function and command of the call.
         number: Number of the call in starting order, counted from 1 over all conversations.
         reply_missed: Whether the capture may lack the reply: bytes from the controller are missing, or the
             capture holds only requests.
@@ -100,13 +103,13 @@ class Call:
         last_attempt: Latest attempt of the call, the only one to which the client accepts a reply.
         other_frames: All frames of the call except `request` and `reply`, in capture order.
         abandoned_at: Time when the client began another call before it received a reply to this call, ns
-            since 1970; 0 if it did not. If the reply came after the client's timeout, the time of that
-            timeout.
-        gave_up_inferred: Whether `abandoned_at` is only inferred from the distances between the attempts.
+            since 1970; 0 if the client began no such call. If the reply came after the client's timeout, the
+            time of that timeout.
+        gave_up_inferred: Whether `abandoned_at` is only inferred from the times between the attempts.
         sure_until: Serial of the latest attempt that surely belongs to this call; None if all captured
             attempts do.
-        may_go_on: Whether later attempts that are not in this call may belong to it, so that the client may
-            have received a reply to them.
+        may_go_on: Whether later attempts that are not in this call may belong to it. The client may then have
+            received a reply to them.
         may_continue_in: The client's next call, if it may consist of later attempts of this call; None for
             a complete call.
         was_overtaken: Whether the controller answered a later request. Known only if `may_go_on` is set.
@@ -117,15 +120,31 @@ class Call:
         no_reply_expected: Whether a reply can no longer follow, even though the client began no other call.
         state: State of the call; a complete call is unanswered, settled or evicted.
         crossing_ns: Maximum time in ns between a reply and a retry of this client that may have crossed on
-            the network. The value is from the time when the call settled.
-        skipped_handles: Number of handles that the controller skipped before the accepted handle. If it
-            skipped as many handles as the call has attempts, or more, `skipped_handles` is 0.
+            the network. bcapscope determines this time when the call settles.
+        skipped_handles: Number of handles that the controller skipped before the handle in the accepted
+            reply. The number is 0 if the controller skipped at least as many handles as the call has
+            attempts.
         unseen_serials: Serials of the retries that were not captured, inferred from the serials around them.
         reserved_usage: How client and controller used the reserved field, as far as known when the call
             settled.
         memory_bytes: Size in bytes of the call's frames and their overhead, as counted by
             `ConversationPairing`.
     """
+
+    request: FrameObservation
+    last_attempt: FrameObservation
+    last_activity: int
+    abandoned_at: int
+    gave_up_inferred: bool
+    no_reply_expected: bool
+    reply_missed: bool
+    may_go_on: bool
+    was_overtaken: bool
+    is_at_controller: bool
+    state: CallState
+    skipped_handles: int
+    memory_bytes: int
+    crossing_ns: int
 
     __slots__ = (
         "abandoned_at",
@@ -198,7 +217,9 @@ class Call:
 
     @property
     def command(self) -> str | None:
-        """Command of an Execute function, such as `slvMove`; None for all other functions."""
+        """Command of an Execute function, such as `slvMove`; None if the function is not an Execute
+        function.
+        """
         return self.kind.command
 
     @property
@@ -245,7 +266,7 @@ class Call:
 
     @property
     def late_replies(self) -> tuple[FrameObservation, ...]:
-        """Replies with the role `LATE`. A client that compares serials discards these replies."""
+        """Replies with the role `LATE`, which a client discards if it compares serials."""
         return self._frames_with_role(FrameRole.LATE)
 
     @property
@@ -255,6 +276,7 @@ class Call:
 
     @property
     def notices(self) -> tuple[FrameObservation, ...]:
+        """Replies with S_EXECUTING: the controller was still working on the request."""
         return self._frames_with_role(FrameRole.NOTICE)
 
     @property
@@ -267,7 +289,7 @@ class Call:
 
     @property
     def lost_between(self) -> tuple[JoinedObservation, ...]:
-        """The frames that were lost between two places of the capture, by time."""
+        """The frames that were lost between two places of the capture, in order of time."""
         if not isinstance(self.request, JoinedObservation):
             return ()
         lost = (seen for seen in self.joined_frames if seen.was_lost_between)
@@ -287,12 +309,12 @@ class Call:
 
     @property
     def duplicates(self) -> tuple[FrameObservation, ...]:
+        """Exact copies of earlier requests or replies, which the network or the capture made."""
         return self._frames_with_role(FrameRole.DUPLICATE)
 
     @property
     def captured_again(self) -> tuple[FrameObservation, ...]:
-        """Frames that are probably a second record of a packet in the capture, and no copies on the
-        network."""
+        """Frames that the capture probably holds twice, although the network carried them once."""
         return self._frames_with_role(FrameRole.CAPTURED_AGAIN)
 
     @property
@@ -326,15 +348,12 @@ class Call:
         return self.reply.time - self.attempt_answered_by(self.reply).time
 
     def attempt_answered_by(self, reply: FrameObservation) -> FrameObservation:
-        """Return the attempt with the same serial as the reply; the first attempt if no serial matches."""
+        """Return the attempt that has the same serial as the reply; the first attempt if no attempt has this
+        serial.
+        """
         serial = reply.item.serial
         tries = (request for request in reversed(self.attempts) if request.item.serial == serial)
         return next(tries, self.request)
-
-    @property
-    def is_guess(self) -> bool:
-        """Whether the choice of frames for this call is a guess, because some attempts were not captured."""
-        return self.may_go_on or self.sure_until is not None
 
     def surely_has(self, serial: int) -> bool:
         """Return whether the attempt with a serial surely belongs to this call."""
@@ -342,10 +361,12 @@ class Call:
 
     @property
     def convention(self) -> ReservedConvention:
+        """How the client fills the reserved field of its requests."""
         return self.reserved_usage.convention
 
     @property
     def reply_reserved(self) -> ReplyReserved:
+        """How the controller fills the reserved field of its replies."""
         return self.reserved_usage.reply_reserved
 
     @property
@@ -367,10 +388,12 @@ class Call:
 
     @property
     def outcome(self) -> Outcome:
+        """How the call ended for the client."""
         return outcome_of(self)
 
     @property
     def verdict(self) -> CallVerdict:
+        """What happened to the call, as far as the capture shows."""
         return verdict_of(self)
 
     def _frames_with_role(self, role: FrameRole) -> tuple[FrameObservation, ...]:
@@ -385,8 +408,8 @@ class StrayReply:
 
     Attributes:
         call_number: Number of the settled call that had the same serial; None if no such call is remembered.
-        request_missed: Whether the serials show that the request was sent and not captured. If the client
-            uses the serial only later, `request_missed` becomes False.
+        request_missed: Whether the serials show that the request was sent, but not captured. `request_missed`
+            becomes False if the client uses the reply's serial later.
         may_answer_evicted: Whether the reply may belong to a call that was evicted from memory. Such a reply
             is reported neither as late nor as stray.
     """
@@ -398,4 +421,4 @@ class StrayReply:
 
 
 PairingResult: TypeAlias = Call | StrayReply
-"""Result of a `Tracker`: a completed call or a stray reply."""
+"""What a `Tracker` returns: a completed call or a stray reply."""

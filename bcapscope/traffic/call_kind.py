@@ -1,4 +1,4 @@
-"""Function and command of a request, and of the request that a reply answers."""
+"""Find the function and command of a request, or of the request that a reply answers."""
 
 from __future__ import annotations
 
@@ -11,22 +11,26 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_KINDS = 4096
-"""Maximum number of request prefixes whose call kind is remembered. Beyond this limit, all prefixes are
-dropped and learned again. A session has a few dozen prefixes: one per pair of handle and command."""
+"""Maximum number of request prefixes whose call kind is remembered. Beyond this limit, `CallKinds` drops all
+prefixes and learns them again. A session has a few dozen prefixes: one per pair of handle and command.
+"""
 
 MAX_SERIALS = 1024
 """Minimum number of latest requests of a conversation that `RecentRequests` remembers; the maximum is twice
-this. A thousand requests are enough to match a reply that is a second late, even if the client sends a set
-point every millisecond."""
+this number. A thousand requests are enough to match a reply that is a second late, even if the client sends a
+set point every millisecond.
+"""
 
 MAX_CONVERSATIONS = 256
-"""Maximum number of conversations that are followed. Beyond the limit, the conversation that was silent
-longest is dropped. The official server accepts 20 clients on each transport (orin_bcap
-C/src/bCAPServer/bcap_server.c)."""
+"""Maximum number of conversations whose requests are remembered. Beyond the limit, the conversation that was
+silent longest is dropped. DENSO's C server accepts 20 clients on each transport (orin_bcap
+C/src/bCAPServer/bcap_server.c).
+"""
 
 LONGEST_NAME = 256
-"""Maximum number of characters that are kept of the name of a command or object; … replaces the rest. Real
-names are far shorter."""
+"""Maximum number of characters of a command's or object's name that bcapscope keeps. The character … replaces
+the rest. Real names are far shorter.
+"""
 
 COMMAND_FUNCTIONS = frozenset(
     function.id
@@ -44,7 +48,7 @@ _BSTR_DATA = 33
 class CallKind(NamedTuple):
     """Function and command of a request, without its parameters.
 
-    Equal call kinds are usually the same object in memory.
+    Equal call kinds are usually the same Python object.
 
     Attributes:
         function_id: Number of the function, signed, even if the function is unknown.
@@ -74,8 +78,9 @@ def call_kind_of(request: Frame) -> CallKind:
 
 
 class CallKinds:
-    """Finds the call kinds of many requests fast, by their first bytes. Equal call kinds are the same
-    object."""
+    """Finds the call kinds of many requests fast, by their first bytes. Equal call kinds are the same Python
+    object.
+    """
 
     __slots__ = ("_by_prefix", "_known")
 
@@ -114,7 +119,8 @@ class CallKinds:
 class RecentRequests:
     """Remembers recent requests, so that a reply can be shown with the function that it answers.
 
-    A reply belongs to the latest request with the same serial, as it does for the official server.
+    A reply belongs to the latest request with the same serial. DENSO's C server assigns replies in the same
+    way.
     """
 
     def __init__(self) -> None:
@@ -157,8 +163,9 @@ class RecentRequests:
 
 
 class _KindsBySerial:
-    """Call kinds of one conversation's requests, by serial. Two tables let old entries expire without a
-    search."""
+    """Call kinds of one conversation's requests, by serial. The class uses two tables, so that old entries
+    expire without a search.
+    """
 
     def __init__(self) -> None:
         self.latest: dict[int, CallKind] = {}

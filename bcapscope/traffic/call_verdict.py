@@ -26,8 +26,7 @@ class Outcome(StrEnum):
     REFUSED = "refused"
     """The result code reports a failure."""
     UNANSWERED = "unanswered"
-    """No reply came before the client began another call, before the connection ended, or for a very long
-    time."""
+    """No reply came for a very long time, or before the client began another call or the connection ended."""
     CAPTURE_ENDED = "capture_ended"
     """The capture ended before a reply; a reply may have followed."""
     NOT_FOLLOWED = "not_followed"
@@ -51,23 +50,27 @@ class CallVerdict(StrEnum):
     EXECUTED_TWICE = "executed twice"
     """The controller executed the call more than once: replies to its attempts differ in result or arguments.
     A server that recognises a retry sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c;
-    the two replies in DENSO Wave 2009 are equal as well). Skipped numbers before the accepted handle also
-    show this, if there is at most one per unanswered attempt. The controller then created objects whose
-    handles the client never received."""
+    the two replies in DENSO Wave 2009 are equal as well). Handles that were skipped before the accepted
+    handle also show a second execution, if at most one handle per unanswered attempt was skipped. The
+    controller then created objects whose handles the client never received.
+    """
     REPLY_LATE = "reply late"
     """A reply was captured after the client had sent the next attempt or begun another call, so the client
-    discarded the reply. The client's timeout is too short, or the controller or the network took too long."""
+    discarded the reply. The client's timeout is too short, or the controller or the network was too slow."""
     REPLY_LOST = "reply lost"
-    """A reply was captured, but the client still sent another attempt, too late for the two to have crossed
-    on the network (see `capture_point`). The reply was lost between the capture point and the client, or the
-    client was too busy to read it. *Reply lost* is also the verdict in two other cases. S_EXECUTING was
-    captured for an attempt, but no result of that attempt. Or a reply was captured at the controller's side
-    of a proxy, but not at the client's side."""
+    """A reply was captured, and the client later sent another attempt, too late for reply and attempt to have
+    crossed on the network (see `capture_point`). The reply was lost between the capture point and the client,
+    or the client was too busy to read it. *Reply lost* is also the verdict if S_EXECUTING was captured for an
+    attempt, but no result of that attempt. *Reply lost* is also the verdict if a proxy recorded a reply at
+    the controller's side, but not at the client's side.
+    """
     REQUEST_LOST = "request lost"
     """S_EXECUTING was captured for the answered attempt, and nothing for the earlier attempts. The earlier
-    attempts were lost; otherwise the controller would have executed or answered them. *Request lost* is also
-    the verdict if an attempt was captured at the client's side of a proxy but not at the controller's side, and
-    if a capture at the controller holds neither an attempt nor a reply to it. If both requests and replies of a call were lost, the first loss determines the verdict."""
+    attempts were lost, because the controller would have executed or answered them. *Request lost* is also
+    the verdict if an attempt was captured at the client's side of a proxy but not at the controller's side.
+    The same holds if a capture at the controller has neither the attempt nor a reply to it. If both requests
+    and replies of a call were lost, the first loss determines the verdict.
+    """
     CANNOT_TELL = "cannot tell"
     """The client retried, and the capture does not show whether requests or replies were lost, or whether a
     reply was late: each of these verdicts would be wrong in some course of events that gives the same capture
@@ -167,7 +170,8 @@ def _sure(call: Call, frames: Sequence[_FrameT]) -> Sequence[_FrameT]:
 def _replies_differ(call: Call) -> bool:
     """Return whether the undamaged, completely captured replies differ in result or arguments.
 
-    E_BUSY and S_EXECUTING are left out, because they do not show whether the controller executed the call.
+    E_BUSY and S_EXECUTING are not compared, because they do not show whether the controller executed the
+    call.
     """
     accepted = () if call.reply is None else (call.reply,)
     replies = _sure(call, (*accepted, *call.late_replies, *_lost_replies(call)))
@@ -181,7 +185,7 @@ def _replies_differ(call: Call) -> bool:
 def may_have_crossed(call: Call, replies: Sequence[FrameObservation]) -> bool:
     """Return whether each of the lost replies may have crossed the client's next attempt on the network.
 
-    The next attempt may be one that was not captured.
+    The client's next attempt may be an attempt that was not captured.
     """
     attempts = sorted(call.attempts, key=attrgetter("time"))
     times = [each.time for each in attempts]

@@ -1,9 +1,10 @@
-"""Where a capture was taken, and how this place affects replies that were captured shortly before a retry.
+"""Where a capture was taken, and what this means for replies that were captured shortly before a retry.
 
 A reply and a retry cross if the client sends the retry before it receives the reply. The reply is then late.
-Otherwise the client never received the reply: it was lost. A capture on the client's computer shows whether
-the reply was late or lost. In a capture elsewhere, a reply before the retry may still have crossed the retry.
-The time between the two is then shorter than the round trip from the capture point to the client and back.
+If reply and retry did not cross, the client never received the reply, so the reply was lost. A capture on the
+client's computer shows whether the reply was late or lost. In a capture taken elsewhere, a reply that was
+captured before the retry may still have crossed it. The time between reply and retry is then shorter than the
+round trip from the capture point to the client and back.
 """
 
 from __future__ import annotations
@@ -18,15 +19,16 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, FrameObservation
 
 CROSSING_AT_CLIENT_NS = 500_000
-"""Maximum time in ns between a reply and a retry that may cross on the client's computer. The client may
-already be preparing the retry when the reply arrives."""
+"""Maximum time in ns between a reply and a retry that cross, if the capture was taken on the client's
+computer. The client may already be preparing the retry when the reply arrives.
+"""
 
 LONGEST_ROUND_TRIP_NS = 100_000_000
 """Assumed round trip to the client in ns, unless the traffic shows a shorter one. Factory networks delay a
 frame by milliseconds."""
 
-_REACTIONS = 3  # a single reaction can be a coincidence
-_MARGIN = 2  # one round trip can take longer than another
+_REACTIONS = 3  # number of reactions to collect; a single one can be a coincidence
+_MARGIN = 2  # factor on the round trip, because one can take longer than another
 
 
 class CapturePoint(StrEnum):
@@ -43,9 +45,9 @@ class CapturePoint(StrEnum):
 class CrossingWindow:
     """The time within which a reply and a retry of one client may cross.
 
-    The client's reactions show this time. A reaction lasts from a reply to the client's next request. This
-    time is the round trip from the capture point to the client and back, plus the client's time to prepare
-    the request.
+    The client's reactions show this time. A reaction lasts from a captured reply to the client's next
+    request. A reaction consists of the round trip from the capture point to the client and back, and of the
+    client's time to prepare the request.
 
     Attributes:
         considered_below_ns: Only reactions shorter than this can narrow the window.
@@ -82,8 +84,9 @@ class CrossingWindow:
             self.add_reaction(reaction)
 
     def ignore_reactions(self) -> None:
-        """Drop all reactions and ignore further ones, because the client begins calls without waiting for
-        replies."""
+        """Drop all reactions and ignore further ones, because this client begins calls without waiting for
+        replies.
+        """
         self.considered_below_ns = 0
         self._shortest.clear()
 
@@ -94,7 +97,7 @@ class CrossingWindow:
 
     @property
     def nanoseconds(self) -> int:
-        """The maximum time between a reply and a retry that may have crossed."""
+        """The maximum time in ns between a reply and a retry that may have crossed."""
         if self._taken_at is CapturePoint.CLIENT:
             return CROSSING_AT_CLIENT_NS
         if len(self._shortest) < _REACTIONS:

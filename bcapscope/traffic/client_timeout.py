@@ -1,4 +1,4 @@
-"""How long a client waits for a reply, inferred from the distances between its attempts."""
+"""How long a client waits for a reply, inferred from the times between its attempts."""
 
 from __future__ import annotations
 
@@ -12,27 +12,30 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 SHORTEST_TIMEOUT_NS = 2_000_000
-"""Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). A client that begins a new call sooner after
-the previous request does not wait for replies. It may therefore still accept the reply to the previous
-request."""
+"""Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). A client does not wait for replies if it
+begins a new call in less than this time after its previous request. Such a client may still accept the reply
+to the previous request.
+"""
 
 TIMEOUTS_TO_GIVE_UP = 4
-"""Number of timeouts without an attempt after which the client has given up a call that it retried."""
+"""If a client that retried a call sends no attempt for this number of timeouts, it has given the call up."""
 
 SHORTEST_SILENCE_NS = 50_000_000
-"""Minimum time in ns without an attempt after which the client has given up a call that it retried. A busy
-client or network delays an attempt by less."""
+"""If a client that retried a call sends no attempt for less than this time in ns, it has not given the call
+up. A busy client or network delays an attempt by less.
+"""
 
 OVERDUE_TIMEOUTS = 2
-"""Number of timeouts after the last attempt; any later reply counts as late. Attempts do not arrive exactly
-one timeout apart, so an earlier reply may have been in time."""
+"""A reply counts as late if it comes more than this number of timeouts after the last attempt. Attempts do
+not arrive exactly one timeout apart, so an earlier reply may have been in time.
+"""
 
 _MAX_DISTANCES = 32
 _MAX_KINDS = 64
 
 
 def attempt_distances(call: Call) -> list[int]:
-    """Return the distances between successive attempts of a call in ns.
+    """Return the times in ns between successive attempts of a call.
 
     If attempts between two captured attempts were not captured, the time between the captured attempts is
     divided evenly.
@@ -59,8 +62,8 @@ def waits_since(call: Call) -> int:
 def gives_up_at(call: Call) -> int:
     """Return when the client has evidently given up an unanswered call, ns since 1970; 0 if unknown.
 
-    The time is known only for a retried call without S_EXECUTING, which prolongs the client's timeout (DENSO
-    Wave 2009).
+    The time is known only for a retried call without S_EXECUTING, because S_EXECUTING prolongs the client's
+    timeout (DENSO Wave 2009).
     """
     distances = attempt_distances(call) if call.other_frames and not call.notices else ()
     if not distances:

@@ -53,8 +53,8 @@ class ConversationPairing:
         Args:
             latest_evicted: Call number of the latest evicted call that may belong to this conversation; 0 if
                 there is none.
-            budget: Counts the bytes of the open calls of all conversations.
-            kinds: Finds the call kinds of requests, for all conversations.
+            budget: Object that counts the bytes of the open calls of all conversations.
+            kinds: Object that finds the call kinds of requests, for all conversations.
             taken_at: Where the capture was taken; None if only the traffic shows it.
         """
         self.open_calls: deque[Call] = deque()
@@ -76,24 +76,23 @@ class ConversationPairing:
         self._latest_answered = 0  # highest number of an answered call
         self._answered_early: deque[tuple[int, int]] = (
             deque()
-        )  # number and time of calls answered before older ones
+        )  # number and time of each call that was answered before an older call
         self._handles = HandleSequence()
         self._timeouts = ShownTimeouts()
         self._crossing = CrossingWindow(taken_at)
         self._requests_only = RequestsOnlyEvidence()
         self._unseen_requests = UnseenRequests()
-        self._response_seen = False  # besides answered calls: a notice, a stray or damaged reply
+        self._response_seen = False  # True after a notice, or a stray, damaged or missing reply
         self._reused_serials = self._serials.reused
         self._release_serial = self._serials.release
 
     @property
     def memory_bytes(self) -> int:
-        """Size in bytes of the frames of all open calls, with overhead."""
+        """Memory in bytes that the frames of all open calls take, with overhead."""
         return sum(call.memory_bytes for call in self.open_calls)
 
     def add_request(self, observation: FrameObservation, frame: Frame, number: int) -> bool:
-        """Add a request. Return whether the request starts a new call, which then gets the number
-        `number`."""
+        """Add a request. Return whether the request starts a new call, whose number is then `number`."""
         serial, reserved = frame.serial, frame.reserved
         if self._unseen_requests.waiting:
             strays = self._unseen_requests.pop_before(serial)
@@ -165,7 +164,7 @@ class ConversationPairing:
             self._apply(call, CallEvent.NOTICE if is_notice else CallEvent.UNDELIVERED_REPLY, observation)
 
     def add_own_request(self, observation: FrameObservation, frame: Frame) -> None:
-        """Add a request that a proxy itself made. Only a copy of a client's request belongs to a call."""
+        """Add a request that a proxy sent on its own. Only a copy of a client's request belongs to a call."""
         prior = self._by_serial.get(frame.serial)
         if prior is not None:
             self._add_to_prior(prior, observation, frame)
@@ -193,7 +192,7 @@ class ConversationPairing:
         begun_at = 0 if self._newest_call is None else self._newest_call.request.time
         for _ in range(min(count, len(self.open_calls))):
             call = self.open_calls.popleft()
-            # so long after the client gave this call up, a reply would be late
+            # the client gave this call up so long ago that a reply would be late
             is_past = 0 < call.abandoned_at <= begun_at - LATE_WITHIN_NS
             event = _EXPIRY if is_past else _EVICTION
             self._latest_evicted = max(self._latest_evicted, call.number)
@@ -211,7 +210,7 @@ class ConversationPairing:
             yield self._finish_call(call, _EVICTION if is_overfull else _EXPIRY)
 
     def _apply(self, call: Call, event: CallEvent, observation: FrameObservation) -> None:
-        """Add a frame to a call, and change the state of the call according to `TRANSITIONS`."""
+        """Add a frame to a call, and change the call's state as `TRANSITIONS` says."""
         self._response_seen |= observation.flow.direction is Direction.RESPONSE
         state, role, reply_becomes = TRANSITIONS[call.state, event]
         call.state = state
@@ -344,7 +343,7 @@ class ConversationPairing:
 
     def _learn_from_first(self, serial: int, reserved: int) -> None:
         if not self._is_tcp:
-            if serial:  # with serial 0, the value 0 in the reserved field may be the frame's own serial
+            if serial:  # if the serial is 0, the value 0 in the reserved field may be the frame's own serial
                 self._reserved_usage = self._reserved_usage.after_first_attempt(reserved)
                 self._first_reserved = int(reserved != 0)
             return
@@ -435,7 +434,7 @@ class ConversationPairing:
     def _settle_irregular(self, call: Call, event: CallEvent) -> None:
         """Settle a call without a reply, or with frames besides one request and one reply.
 
-        The reply is late if the distances between the attempts show that the client had given up.
+        The reply is late if the times between the attempts show that the client had given up.
         """
         gave_up_at = self._timeouts.add_call(call) if call.other_frames and not self._is_tcp else 0
         if gave_up_at and call.state is _ANSWERED and call.reply is not None:

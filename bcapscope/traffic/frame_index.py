@@ -1,4 +1,4 @@
-"""Index of the frames of one call, in which a lookup takes the same time for any number of frames."""
+"""Index of the frames of one call. A lookup takes the same time for any number of frames."""
 
 from __future__ import annotations
 

@@ -14,13 +14,17 @@ OPENERS = frozenset((_SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.res
 
 
 class HandleSequence:
-    """The handles of one conversation. The controller counts them up in each session."""
+    """The handles of one conversation. In each session, the controller gives successive numbers as
+    handles.
+    """
 
     def __init__(self) -> None:
         self._last_handle = 0  # the last handle returned in this session
 
     def count_skipped(self, call: Call) -> None:
-        """Count the handles that the controller gave to unanswered attempts of a call of `OPENERS`."""
+        """Count the handles that the controller gave to unanswered attempts of a call. Only calls of
+        functions in `OPENERS` get handles.
+        """
         reply = call.reply
         if call.kind.function_id == _SERVICE_START:
             self._last_handle = 0

@@ -1,4 +1,4 @@
-"""Track which object each handle of a client refers to, and which objects the client never released."""
+"""Track the object that each handle of a client refers to, and the objects that the client never released."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from bcapscope.traffic.observation import Conversation
 
 MAX_OBJECTS = 4096
 """Maximum number of objects that are remembered per client. Beyond the limit, the oldest object is dropped.
-The official server allows 1000 (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+DENSO's C server allows 1000 (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
 MAX_SESSIONS = 1024
 """Maximum number of ended sessions that are remembered. Beyond the limit, the oldest session is dropped."""
 
 _HANDLE_TYPES = (VT.I4, VT.I2, VT.UI4)
-_I4_HANDLE = b"\x0a\x00\x00\x00\x03\x00\x01\x00\x00\x00"  # bytes of a VT_I4 argument before its value
+# number of bytes in a VT_I4 argument before its value
+_I4_HANDLE = b"\x0a\x00\x00\x00\x03\x00\x01\x00\x00\x00"
 
 
 @dataclass(slots=True, eq=False)
@@ -33,8 +34,8 @@ class TrackedObject:
     Attributes:
         name: Name in the call that opened the object, such as `Arm`; "" if the call has no name.
         parent: Label of the object through which this object was opened; "" for a controller or if unknown.
-        known_to_client: Whether the client received the handle; False if the reply was late or the call was
-            executed more than once.
+        known_to_client: Whether the client received the handle; False if the reply was late, or if another
+            execution of the call created the object.
     """
 
     kind: ObjectClass
@@ -56,7 +57,7 @@ class SessionEnding(StrEnum):
     STOPPED = "stopped"
     """The client ended the session properly, with Service_Stop."""
     RESTARTED = "restarted"
-    """The client called Service_Start again from the same port, as after a crash."""
+    """The client called Service_Start again from the same port, as a client does after a crash."""
     OPEN = "open"
     """No end was captured."""
 
@@ -92,16 +93,16 @@ class HandleTracker:
         """Start without sessions.
 
         Args:
-            max_ended: Maximum number of ended sessions that are remembered; beyond the limit, the oldest
-                session is dropped.
+            max_ended: Maximum number of ended sessions that the tracker remembers. Beyond the limit, the
+                tracker drops the oldest session.
         """
         self._clients: dict[Conversation, _ClientObjects] = {}
         self._current_client: _ClientObjects | None = None
         self._ended_sessions: deque[ServiceSession] = deque(maxlen=max_ended)
 
     def on_call(self, call: Call) -> TrackedObject | None:
-        """Process the next call; return the object of its handle, or None if the object is unknown. Pass the
-        calls of a conversation in starting order.
+        """Process the next call; return the object of the call's handle, or None if the object is unknown.
+        The caller must pass the calls of a conversation in starting order.
         """
         function = FUNCTIONS.get(call.kind.function_id)
         if function is None:

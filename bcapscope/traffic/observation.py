@@ -29,6 +29,42 @@ class Direction(StrEnum):
     RESPONSE = "response"
 
 
+class ServerEvidenceKind(StrEnum):
+    """How bcapscope knows which end of a conversation is the server."""
+
+    PORT = "port"
+    """Only the server has a port on which controllers listen."""
+    PARTICIPANT = "participant"
+    """bcapscope is the proxy, the client or the simulator of the conversation, and sees each stream from its
+    beginning."""
+    TEXT = "text"
+    """The frames are from pasted text, which has no addresses."""
+    HANDSHAKE = "handshake"
+    """The server accepted the TCP connection."""
+    RESULT = "result"
+    """The server sent a result code that no request can carry."""
+    CALL = "call"
+    """The client sent a function with the arguments of this function."""
+    GUESS = "guess"
+    """The other end sent first. No frame shows which end is the server."""
+
+
+class ServerEvidence(NamedTuple):
+    """What shows which end of a conversation is the server.
+
+    Attributes:
+        kind: Kind of the evidence.
+        code: The result code for `RESULT`, the function id for `CALL`, otherwise 0.
+    """
+
+    kind: ServerEvidenceKind
+    code: int = 0
+
+
+SERVER_PORT = ServerEvidence(ServerEvidenceKind.PORT)
+SERVER_PARTICIPANT = ServerEvidence(ServerEvidenceKind.PARTICIPANT)
+
+
 class Endpoint(NamedTuple):
     """IP address as text, and port number; port 0 if the port is unknown."""
 
@@ -51,7 +87,7 @@ class ConnectionEnd:
         reset: True if RST ended the connection; False if FIN closed one direction, and the other end may
             still send.
         time: Time of the first RST or FIN, ns since 1970-01-01 UTC.
-        both_ended: Whether the other end has also closed the connection, or either end has reset it since.
+        both_ended: Whether the second end has also closed the connection, or one end has reset it later.
     """
 
     by: Direction
@@ -61,7 +97,9 @@ class ConnectionEnd:
 
     @property
     def ends_replies(self) -> bool:
-        """Whether no reply can follow. The controller may still reply if only the client has sent FIN."""
+        """Whether the controller can no longer reply. The controller may still reply if only the client has
+        sent FIN.
+        """
         return self.reset or self.both_ended or self.by is Direction.RESPONSE
 
 
@@ -74,26 +112,27 @@ class Conversation:
     conversation.
 
     Attributes:
-        server_known_by: Why `server` is considered the server, as text for the user: "port 5007", or the
-            evidence in the traffic.
+        client: Address and port of the client.
+        server: Address and port of the controller.
+        server_evidence: What shows that `server` is the server.
         connection_end: End of the TCP connection, as far as captured; None while the connection is open, and
             for UDP.
         interface: Name of the interface on which the conversation was captured; "" if the capture names none.
         controller_leg: For the leg between client and proxy, the conversation of the leg between proxy and
-            controller; None for other conversations, or if the capture lacks the second leg.
-        capture_side: The capture that the conversation comes from, if two captures hold the same
-            conversation; otherwise None.
+            controller; None for any other conversation, or if the capture lacks the second leg.
+        capture_side: The place of the capture that the conversation comes from; None unless two captures hold
+            the same conversation.
     """
 
     def __init__(
-        self, client: Endpoint, server: Endpoint, transport: Transport, server_known_by: str
+        self, client: Endpoint, server: Endpoint, transport: Transport, server_evidence: ServerEvidence
     ) -> None:
         self.client = client
         self.server = server
         self.transport = transport
-        self.server_known_by = server_known_by
+        self.server_evidence = server_evidence
         self.connection_end: ConnectionEnd | None = None
-        self.interface = ""
+        self.interface: str = ""
         self.controller_leg: Conversation | None = None
         self.capture_side: CaptureSide | None = None
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 MAX_EXTRA_FRAMES = 65536
-"""Maximum number of retries, notices and further replies of a conversation's open calls, about 30 MB. The
-call that exceeds the limit is evicted with all earlier calls, and its further frames start another call. The
-older C client retries without end (start-jsk/denso b-Cap.c), and so reaches the limit within 20 minutes at
-one retry every 20 ms."""
+"""Maximum number of retries, notices and further replies of a conversation's open calls. These frames take
+about 30 MB of memory. The call that exceeds the limit is evicted with all earlier calls, and its further
+frames start another call. The older C client retries without end (start-jsk/denso b-Cap.c). At one retry
+every 20 ms, such a client reaches the limit within 20 minutes.
+"""
 
 FRAME_COST = 512
 """Overhead of a frame in bytes."""

@@ -1,8 +1,8 @@
 """Table of how events change the state of a call while its frames are captured.
 
 For each state and event, `TRANSITIONS` has the next state, and the role of the event's frame in the call.
-`ConversationPairing` decides by serials, bytes and times which event a frame is. A pair of state and event
-that the table does not contain cannot occur.
+`ConversationPairing` decides by serials, bytes and times which event a frame is. If the table does not
+contain a pair of state and event, this pair cannot occur.
 """
 
 from __future__ import annotations
@@ -31,16 +31,17 @@ class CallEvent(StrEnum):
     COPY = "copy"
     """An exact copy of an earlier frame of the call arrives."""
     CAPTURED_AGAIN = "captured again"
-    """The capture holds the packet of a frame of the call twice."""
+    """The capture holds a packet with a frame of the call twice."""
     NOTICE = "notice"
     """The controller sends S_EXECUTING."""
     REPLY = "reply"
     """The controller answers the latest attempt."""
     EARLIER_REPLY = "earlier reply"
-    """The controller answers an attempt before the latest one."""
+    """The controller answers an attempt that is not the latest one."""
     OVERDUE_REPLY = "overdue reply"
-    """The reply to the latest attempt came after the client had given up. The distances between the attempts
-    show this once the call is complete."""
+    """The reply to the latest attempt came after the client had given up. Once the call is complete, the
+    times between the attempts show this.
+    """
     UNDELIVERED_REPLY = "undelivered reply"
     """The controller sends a reply that is lost before it reaches the client's side."""
     NEXT_CALL = "next call"
@@ -131,5 +132,5 @@ AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is Cal
 
 
 def copy_event(time: int, earlier: int) -> CallEvent:
-    """Return the event of an exact copy of a frame, from the times of both in ns."""
+    """Return which event an exact copy of a frame is, from the times of copy and frame in ns."""
     return CallEvent.CAPTURED_AGAIN if time - earlier <= CAPTURED_AGAIN_WITHIN_NS else CallEvent.COPY

@@ -1,4 +1,4 @@
-"""How long further frames of a call can follow: the time windows of `ConversationPairing`."""
+"""The time windows of `ConversationPairing`: for how long further frames of a call can follow."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from bcapscope.traffic.client_timeout import gives_up_at
 from bcapscope.traffic.observation import Conversation, Transport
 
 COPIES_WITHIN_NS = 100_000_000
-"""Maximum time in ns within which copies and reordered frames arrive: factory networks delay a frame by
-milliseconds. No client restarts on the same port this fast without a Service_Start."""
+"""Maximum time in ns after which copies and reordered frames still arrive. Factory networks delay a frame by
+milliseconds. No client restarts on the same port within this time without a Service_Start.
+"""
 
 RETRY_WITHIN_NS = 5_000_000_000
 """Maximum time in ns from a captured reply to a retry of its request. No client waits longer before a retry
@@ -19,15 +20,17 @@ RETRY_WITHIN_NS = 5_000_000_000
 
 LATE_WITHIN_NS = 1_000_000_000
 """Maximum time in ns to wait for a reply after the client began another call, if the controller has answered
-a later call. A reply after this time is a stray reply that names its call."""
+a later call. A reply after this time is a stray reply, which names the call that it answers."""
 
 BUSY_WITHIN_NS = 30_000_000_000
 """Maximum time in ns to wait for a reply after the client began another call, if the controller has not
 answered a later call. The controller may still be executing the call, because controllers answer in order."""
 
 EXECUTION_NS = 180_000_000_000
-"""Maximum time in ns without a frame of a call, if no later call was answered. It is the server's
-InvokeTimeout, after which the server never answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+"""Maximum time in ns from one frame of a call to the next, if no later call was answered. The value is the
+InvokeTimeout of DENSO's C server, after which the server never answers (orin_bcap
+C/src/bCAPServer/bcap_server.c).
+"""
 
 
 def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequence[tuple[int, int]]) -> int:
@@ -52,9 +55,9 @@ def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequ
 def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], now: int) -> None:
     """Mark the open calls that could no longer be answered when the traffic of their conversation ended.
 
-    An answer to a later call shows this, because controllers answer in order and the network reorders replies
-    only within a short time. The distances between the attempts show this if the capture ends after the
-    client gave up.
+    If a later call has a reply, an open call can no longer be answered, because controllers answer in order.
+    The network reorders replies only within a short time. The times between the attempts also show that a
+    call can no longer be answered, if the capture ends after the client gave up.
 
     Args:
         open_calls: Open calls of the conversation, oldest first.
@@ -64,7 +67,7 @@ def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], no
     over = closing is not None and closing.ends_replies
     end = max((call.last_activity for call in open_calls), default=0)
     overtaken = end + 1 if conversation.transport is Transport.TCP else end - COPIES_WITHIN_NS
-    answered = overtaken  # time of the earliest reply to a later call, or else `overtaken`
+    answered = overtaken  # time of the earliest reply to a later call; `overtaken` if there is none
     for call in reversed(open_calls):
         gives_up = gives_up_at(call)
         call.no_reply_expected = over or answered < overtaken or 0 < gives_up <= now

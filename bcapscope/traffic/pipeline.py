@@ -28,7 +28,7 @@ _Result = TypeVar("_Result")
 def overriding_methods(
     objects: Iterable[_Owner], method: Callable[Concatenate[_Owner, _Parameters], _Result]
 ) -> list[Callable[_Parameters, _Result]]:
-    """Return the bound `method` of each object whose class overrides the base class's `method`."""
+    """Return the bound method `method` of each object whose class overrides this method of the base class."""
     name = method.__name__
     return [getattr(each, name) for each in objects if getattr(type(each), name) is not method]
 
@@ -40,8 +40,8 @@ class PipelineSubscriber:
     pipeline computes only what its subscribers need.
 
     Attributes:
-        needs_targets: Whether `on_call` needs the object of each call's handle. If not, its `target` may be
-            None.
+        needs_targets: Whether `on_call` needs the object of each call's handle. If `needs_targets` is False,
+            the `target` of `on_call` may be None.
     """
 
     needs_targets: ClassVar[bool] = False
@@ -65,15 +65,16 @@ class PipelineSubscriber:
         change."""
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Release the data of a conversation that has ended. All its calls have already been passed to
-        `on_call`."""
+        """Release the data of a conversation that has ended. `on_call` has already received all calls of this
+        conversation.
+        """
 
 
 class CallCollector(PipelineSubscriber):
     """Collects completed calls in the list `calls`. A reader may remove calls from the list."""
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
-        """Collect the calls for which `is_selected` returns True, by default all calls."""
+        """Collect the calls for which `is_selected` returns True. The default collects all calls."""
         self.calls: list[Call] = []
         self._is_selected = is_selected
 
@@ -104,7 +105,8 @@ class Pipeline:
                 follows handles only if a subscriber needs targets.
             slave_mode: Slave-mode tracker to update, for a caller that reads the tracker. If None, the
                 pipeline follows slave mode only if a subscriber overrides `on_slave_mode`.
-            joiner: Joins captures of one conversation from several places; None for traffic from one place.
+            joiner: Joiner for captures of one conversation from several places; None for traffic from one
+                place.
             taken_at: Where the capture was taken; None if only the traffic shows it.
         """
         self._tracker = Tracker(taken_at)
@@ -127,7 +129,7 @@ class Pipeline:
 
     @property
     def has_open_calls(self) -> bool:
-        """Whether there are open calls, which `expire` can complete."""
+        """Whether there are open calls that `expire` could complete."""
         return bool(self._tracker.open_calls)
 
     def expire(self, now: int) -> None:
@@ -151,7 +153,8 @@ class Pipeline:
         """Complete all open calls, because the traffic has ended.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970; 0 if it ended with the last observation.
+            ended_at: Time when the traffic ended, ns since 1970; 0 if the traffic ended with the last
+                observation.
         """
         if self._joiner is not None:
             self._add_joined(self._joiner.close())
@@ -178,7 +181,7 @@ class Pipeline:
             if observation.flow not in joiner.passing:
                 self._add_joined(joiner.add(observation))
                 return
-            for on_frame in frame_handlers:  # as in `add`, for nearly all captures
+            for on_frame in frame_handlers:  # the same as in `add`; nearly all captures use this path
                 on_frame(observation)
             settled = observe(observation)
             if settled:

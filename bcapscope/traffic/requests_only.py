@@ -11,15 +11,16 @@ FEWEST_CALLS = 8
 
 LONGEST_STEP_NS = 500_000_000
 """Maximum time in ns from one call to the next if the client receives replies. A client without a reply waits
-for its timeout: 1 s in DENSO Wave 2009, 3 s in orin_bcap Python bcapclient.py. One call may take as long even
-with a reply, but not several in succession."""
+for its timeout: 1 s in DENSO Wave 2009, 3 s in orin_bcap Python bcapclient.py. A single call with a reply may
+take this long, but several successive calls with replies do not.
+"""
 
 
 class RequestsOnlyEvidence:
     """Recognises by a client's requests that the controller answered, although no reply was captured.
 
-    A client that uses a handle has received the reply with this handle. A client that makes several calls in
-    quick succession, without a retry, has received replies as well.
+    A client that uses a handle has received the reply with this handle. A client has also received replies if
+    it makes several calls in quick succession without a retry.
 
     Attributes:
         is_proven: Whether the requests show that the controller answered.
@@ -27,7 +28,8 @@ class RequestsOnlyEvidence:
 
     def __init__(self) -> None:
         self.is_proven = False
-        self._opened: set[ObjectClass] = set()  # classes of which the client opened objects in this capture
+        # object classes of which the client opened an object in this capture
+        self._opened: set[ObjectClass] = set()
         self._calls_in_a_row = 0
         self._latest_call: Call | None = None
 

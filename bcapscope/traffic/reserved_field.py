@@ -1,4 +1,4 @@
-"""Deduce from frames how a client and a controller use the reserved field."""
+"""Find out from frames how a client and a controller use the reserved field."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["ReplyReserved", "ReservedConvention", "ReservedFieldUsage"]
 
 
 class ReservedFieldUsage(NamedTuple):
-    """Use of the reserved field by client and controller, as far as known.
+    """How client and controller use the reserved field, as far as the frames have shown it.
 
     Attributes:
         reply_reserved: How the controller fills the reserved field of its replies.
@@ -20,8 +20,9 @@ class ReservedFieldUsage(NamedTuple):
     reply_reserved: ReplyReserved = ReplyReserved.UNKNOWN
 
     def after_first_on_tcp(self, serial: int, reserved: int) -> ReservedFieldUsage:
-        """Return the usage after a request on TCP. With serial 1, the value 1 may be a version mark or the
-        serial itself."""
+        """Return the updated usage after a request on TCP. With serial 1, the value 1 may be a version mark
+        or the serial itself.
+        """
         if reserved == serial == 1:
             return self
         if reserved in (0, 1):
@@ -31,7 +32,9 @@ class ReservedFieldUsage(NamedTuple):
         )
 
     def after_first_attempt(self, reserved: int) -> ReservedFieldUsage:
-        """Return the usage after a first attempt on UDP, whose reserved field is 0 or its own serial."""
+        """Return the updated usage after a first attempt on UDP. The reserved field of a first attempt is 0
+        or the attempt's own serial.
+        """
         if reserved:
             return self._replace(convention=ReservedConvention.OWN)
         return (
@@ -43,10 +46,11 @@ class ReservedFieldUsage(NamedTuple):
     def after_retry(
         self, origin: int, previous: int, reserved: int, starts_with_zero: bool
     ) -> ReservedFieldUsage:
-        """Return the usage after a retry.
+        """Return the updated usage after a retry.
 
         Args:
-            origin: Serial of the call's first attempt, as captured or as named by a retry.
+            origin: Serial of the call's first attempt, from the captured attempt or from a retry that names
+                it.
             previous: Serial of the call's previous attempt.
             starts_with_zero: Whether the client's latest first attempt has 0 in the reserved field.
         """
@@ -59,7 +63,7 @@ class ReservedFieldUsage(NamedTuple):
         return self._replace(convention=ReservedConvention.SEED)
 
     def after_reply(self, request_reserved: int, reply_reserved: int) -> ReservedFieldUsage:
-        """Return the usage after a reply to a request with the reserved field `request_reserved`."""
+        """Return the updated usage after a reply to a request with the reserved field `request_reserved`."""
         if request_reserved == 0 or reply_reserved not in (0, request_reserved):
             return self
         return self._replace(reply_reserved=ReplyReserved.ECHOED if reply_reserved else ReplyReserved.ZERO)

@@ -19,7 +19,7 @@ class SerialTable:
     Attributes:
         open_calls: The open calls, each listed under the serials of all its attempts.
         reused: For each reused serial on TCP, the calls that still wait for a reply although a later request
-            has this serial, oldest first. A settled call is listed by its number.
+            has the same serial; oldest first. A settled call is listed by its number.
     """
 
     def __init__(self) -> None:
@@ -62,8 +62,8 @@ class SerialTable:
     def queue_reused(self, serial: int) -> None:
         """Queue the open call with this serial, before a new request reuses the serial.
 
-        TCP keeps the order, so the reply to the queued call comes first. The Python client reuses its serial
-        after a timeout (orin_bcap Python bcapclient.py).
+        TCP keeps the order of the frames, so the reply to the queued call comes before the reply to the new
+        request. The Python client reuses its serial after a timeout (orin_bcap Python bcapclient.py).
         """
         prior = self.open_calls.get(serial)
         if prior is None or prior.reply is not None or prior.late_replies:

@@ -32,12 +32,16 @@ _PARAMETER = 2
 
 
 class SlaveModeEffect(Enum):
-    """Evidence of a call about slave mode, or its effect on slave mode."""
+    """What a call shows about slave mode, or how the call changes slave mode."""
 
     SET_POINT = "set point"
-    """The call is a set point that was accepted, found the buffer full, or has no captured reply."""
+    """The call is a set point that was accepted, that found the buffer full, or whose reply was not
+    captured.
+    """
     SET_POINT_FAILED = "set point failed"
-    """The call is a set point that the controller refused with another error."""
+    """The call is a set point that the controller refused for a reason other than a full buffer or slave mode
+    being off.
+    """
     FOUND_OFF = "found off"
     """The call is a set point that the controller refused because slave mode is off."""
     MODE_CHANGED = "mode changed"
@@ -47,11 +51,11 @@ class SlaveModeEffect(Enum):
     ROBOT_RELEASED = "robot released"
     """The client released a robot with this call, and the controller did not refuse the call."""
     ERROR = "error"
-    """Another call failed with an error that switches slave mode off."""
+    """The call, which is not a set point, failed with an error that switches slave mode off."""
 
 
 def slave_mode_effect(call: Call) -> SlaveModeEffect | None:
-    """Return the evidence or effect of a call; None if the call has nothing to do with slave mode."""
+    """Return what a call shows about slave mode or changes in slave mode; None if the call does neither."""
     function_id, command = call.kind
     code = call.hresult
     refused = code is not None and is_failure(code)
@@ -97,7 +101,7 @@ class SlaveModeChange:
 
     Attributes:
         effect: How the call changed slave mode.
-        mode: Number of the slave mode after the call, 0 for off; None if unreadable.
+        mode: Number of the slave mode after the call, 0 for off; None if the call's argument is unreadable.
     """
 
     call: Call
@@ -170,7 +174,7 @@ _NOTHING_KNOWN = OpenSlaveMode()
 
 
 def _updated(known: OpenSlaveMode, effect: SlaveModeEffect, call: Call) -> OpenSlaveMode | None:
-    """Return the slave mode after an answered call; None if the call does not change it."""
+    """Return the slave mode after an answered call; None if the call does not change slave mode."""
     handle = handle_of(call.request.item)
     others = tuple(robot for robot in known.robots if robot != handle)
     if effect is SlaveModeEffect.MODE_CHANGED:

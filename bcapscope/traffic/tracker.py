@@ -15,10 +15,11 @@ from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_OPEN = 8192
-"""Maximum number of open calls in all conversations, about 10 MB. Beyond the limit, the older half of the
-open calls is evicted from the conversation with the most open calls. Four clients that send a set point every
-2 ms without a reply reach the limit. The evicted calls are then older than a second and are considered
-unanswered, because a reply would be late."""
+"""Maximum number of open calls in all conversations. These calls take about 10 MB of memory. Beyond the
+limit, the older half of the open calls is evicted from the conversation with the most open calls. Four
+clients that send a set point every 2 ms without a reply reach the limit. The evicted calls are then older
+than a second and are considered unanswered, because a reply would be late.
+"""
 
 MAX_BYTES = 32 * 1024 * 1024
 """Maximum size in bytes of all frames of open calls, with overhead. Beyond the limit, the older half of the
@@ -26,8 +27,9 @@ open calls is evicted from the conversation with the largest calls. One call wit
 and reply stays within this limit."""
 
 SWEEP_NS = 50_000_000
-"""Time in ns between two searches for settled calls, by the times of the observations. Users do not notice
-this delay."""
+"""Time in ns between two searches for settled calls, measured by the times of the observations. Users do not
+notice this delay.
+"""
 
 _REQUEST = Direction.REQUEST
 
@@ -35,16 +37,16 @@ _REQUEST = Direction.REQUEST
 class Tracker:
     """Pairs requests, retries, notices and replies of live or recorded traffic in bounded memory.
 
-    The tracker numbers calls in starting order, and returns the calls of a conversation in that order. It
-    returns a call as soon as no further frame can belong to this call or an earlier call of the conversation.
-    Conversations do not wait for each other.
+    The tracker numbers calls in starting order, and returns the calls of a conversation in that order. The
+    tracker returns a call as soon as no further frame can belong to this call or an earlier call of the
+    conversation. Calls of one conversation do not wait for calls of another conversation.
 
     The calls depend only on the observations so far. A truncated capture gives the same calls as the whole
     capture, except for calls that are open at its end. Beyond the memory limits, the tracker evicts calls: it
-    returns calls although a reply may follow.
+    returns them although a reply may still follow.
 
-    The tracker uses no clock except the times of the observations. Observations are added in capture order,
-    and their times normally increase.
+    The tracker uses no clock except the times of the observations. The caller adds observations in capture
+    order. Their times normally increase.
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:
@@ -115,7 +117,9 @@ class Tracker:
         return self._pop_results() if self._results else ()
 
     def expire(self, now: int) -> Sequence[PairingResult]:
-        """Return the calls that are complete at the time `now` (ns since 1970) without a new observation."""
+        """Return the calls that have become complete by the time `now` (ns since 1970), although no
+        observation was added.
+        """
         self._settle_expired(now)
         return self._pop_results()
 

@@ -23,8 +23,9 @@ else, such as a restart of the client."""
 
 
 MAX_RECENT = 1024
-"""Maximum distance of a recent serial from the latest serial. The serials of at least as many settled calls
-are remembered (`serial_table`)."""
+"""A serial counts as recent if it differs from the latest serial by at most this number. `serial_table`
+remembers the serials of at least as many settled calls.
+"""
 
 
 def skipped_serials(before: int, after: int) -> tuple[int, ...]:
@@ -42,10 +43,10 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
 class UnseenRequests:
     """The stray replies of one client that answer requests which were not captured.
 
-    There are three cases. The client skipped the serial of the reply, or used this serial before the capture
-    began, or the serial follows the client's latest captured serial. In the third case, the request may be a
-    retry of the client's newest call. The next request shows whether the client has used the serial, and
-    perhaps for which call.
+    There are three cases. First, the client skipped the serial of the reply. Second, the client used this
+    serial before the capture began. Third, the serial follows the client's latest captured serial. In the
+    third case, the request may be a retry of the client's newest call. The next request shows whether the
+    client has used the serial, and perhaps for which call.
 
     Attributes:
         waiting: Whether stray replies wait for the client's next request.
@@ -59,7 +60,7 @@ class UnseenRequests:
         self.waiting = False
 
     def add_stray_reply(self, stray: StrayReply, newest: Call | None) -> None:
-        """Set `request_missed` of a reply that belongs to no known call."""
+        """Set `request_missed` of a stray reply, which belongs to no known call."""
         if stray.call_number is not None:
             return
         serial = stray.observation.item.serial

@@ -1,1 +1,1 @@
-"""Transports for asyncio: UDP and TCP. They do not interpret the bytes they carry."""
+"""Transports for asyncio: UDP and TCP. The transports do not interpret the bytes that they carry."""

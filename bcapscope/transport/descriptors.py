@@ -21,9 +21,10 @@ def is_out_of_descriptors(error: OSError) -> bool:
 
 
 def wait_readable(descriptor: int, seconds: float) -> bool:
-    """Wait until a file descriptor is readable, at most `seconds`; return whether it is.
+    """Wait at most `seconds` until a file descriptor is readable. Return whether it is readable.
 
-    Opens no file descriptor. On systems with `poll`, the descriptor may exceed the limit of `select`.
+    This function opens no file descriptor. On systems with `poll`, the descriptor may exceed the limit of
+    `select`.
     """
     if not hasattr(select, "poll"):
         return bool(select.select([descriptor], (), (), seconds)[0])
@@ -37,8 +38,8 @@ def accept_connection(
 ) -> tuple[socket.socket, Any] | None:
     """Accept a connection and return its socket and address; None if no connection is pending.
 
-    If no file descriptor is free, this function calls `free_descriptor`, which closes one and returns whether
-    it did.
+    If no file descriptor is free, this function calls `free_descriptor`. `free_descriptor` closes a
+    descriptor, and returns False if it has none to close.
 
     Raises:
         OSError: No connection can be accepted now.

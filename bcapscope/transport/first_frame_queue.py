@@ -1,8 +1,8 @@
-"""TCP connections that have not sent a complete frame yet; no I/O and no clock.
+"""TCP connections that have not sent a complete frame yet. This module does no I/O and uses no clock.
 
-An attacker can open many connections at no cost, and each takes the place of an honest client. Therefore a
-connection becomes a client only when its first frame is complete. When places run out, connections without a
-complete frame are dropped first.
+An attacker can open many connections at no cost, and each could keep out an honest client. Therefore a
+connection becomes a client only when its first frame is complete. When too many connections are open,
+connections without a complete frame are dropped first.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from typing import Generic, TypeVar
 from bcapscope.protocol.first_frame import is_first_frame_incomplete
 
 MAX_PENDING = 256
-"""Maximum number of connections without a complete frame. Any further connection displaces another.
-On a busy machine, an honest client may send its first byte some ms after it connects. A flood opens a hundred
-connections in that time."""
+"""Maximum number of connections without a complete frame. A further connection displaces another connection
+without a complete frame. On a busy machine, an honest client may send its first byte some milliseconds after
+it connects. An attacker can open a hundred connections in that time.
+"""
 
 FIRST_FRAME_TIMEOUT = 10_000_000_000
 """Maximum time in ns between the first and the last byte of a connection's first frame."""
@@ -65,8 +66,8 @@ class FirstFrameQueue(Generic[Key]):
         """Add a connection.
 
         Return the connection that the caller must drop to make room; None if there is room. The connection to
-        drop is the oldest of the source with the most connections. Connections that sent a few bytes have no
-        priority, because an honest client that has just connected has sent none.
+        drop is the oldest one of the source that has the most connections. Connections that sent some bytes
+        are not preferred, because an honest client that has just connected has sent no bytes.
         """
         dropped = self._next_to_drop() if len(self._waiting) >= self._limit else None
         if dropped is not None:

@@ -23,5 +23,5 @@ class LoopClock:
         return now + self._epoch
 
     def call_at(self, when: int, callback: Callable[[], None]) -> asyncio.TimerHandle:
-        """Call `callback` when `now` reaches `when`, ns."""
+        """Call `callback` when `now` returns a time of at least `when`, ns."""
         return self._loop.call_at(when / 1e9, callback)

@@ -1,4 +1,4 @@
-"""Interfaces that all transports share: a link to one peer, and the receiver of its data."""
+"""Interfaces that all transports share: a link to one peer, and the receiver of the data from this peer."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ class LinkReceiver(Protocol):
         """Process a datagram, or the next bytes of a stream."""
 
     def on_send_error(self, reason: Message) -> None:
-        """Process an error of the operating system for sent data; the link remains open."""
+        """Process an error that the operating system reports for sent data; the link remains open."""
 
     def on_link_lost(self, reason: Message) -> None:
-        """Process the loss of the link; no data follows."""
+        """Process the loss of the link, after which no data can arrive."""
 
 
 class Link(Protocol):
-    """A link to one peer; each implementation decides how it passes on received data.
+    """A link to one peer. Each implementation decides how to deliver received data.
 
     Attributes:
         datagrams: True if the link carries datagrams, which may get lost or repeated; False for a stream.

@@ -15,7 +15,7 @@ AncillaryData: TypeAlias = list[tuple[int, int, bytes]]
 """Ancillary data of a received message, which includes the receive time if the kernel reports it."""
 
 ReceiveFunction: TypeAlias = Callable[[int, int], tuple[bytes, AncillaryData, int, Any]]
-"""A function with the signature of `socket.recvmsg`."""
+"""A function that has the signature of `socket.recvmsg`."""
 
 ANCILLARY_SIZE = 64
 """Size of the buffer for ancillary data, bytes."""
@@ -32,7 +32,9 @@ def enable_receive_timestamps(sock: socket.socket) -> None:
 
 
 def receive_function(sock: socket.socket) -> ReceiveFunction:
-    """Return the socket's `recvmsg`; if the system lacks it, a replacement without ancillary data."""
+    """Return the socket's `recvmsg`. On a system without `recvmsg`, return a replacement that gives no
+    ancillary data.
+    """
     return getattr(sock, "recvmsg", None) or partial(_receive_without_ancillary, sock)
 
 
@@ -46,7 +48,7 @@ def _receive_without_ancillary(
 def kernel_timestamp(ancillary: AncillaryData, now: int) -> int:
     """Return the receive time that the kernel reported, ns since 1970.
 
-    If the kernel reported none, return `now`, or the current time if `now` is 0.
+    If the kernel reported no receive time, return `now`; if `now` is 0, return the current time.
     """
     if not ancillary or len(ancillary[0][2]) != _TIMESPEC.size:
         return now or time.time_ns()

@@ -23,7 +23,7 @@ CONNECT_TIMEOUT = 5.0
 
 
 class SocketLink(asyncio.BaseProtocol, Generic[T]):
-    """A link over a connected socket, which passes events to the receiver until `close`.
+    """A link over a connected socket. The link passes events to its receiver until `close` is called.
 
     Attributes:
         end_reason: Message id of the reason for `on_link_lost` if the link ends without an error.
@@ -44,7 +44,7 @@ class SocketLink(asyncio.BaseProtocol, Generic[T]):
         return self._address("peername")
 
     def close(self) -> None:
-        """Close the socket; a stream still sends the data written before."""
+        """Close the socket; a TCP connection still sends the data that was written before."""
         self._receiver = None
         if self._transport is not None:
             self._transport.close()
@@ -103,10 +103,11 @@ def close_with_reset(sock: socket.socket) -> None:
 
 
 def preferred_address(addresses: Iterable[AddressInfo]) -> AddressInfo:
-    """Return the first IPv4 address of a host; without IPv4 address, the first address. Controllers use IPv4.
+    """Return the first IPv4 address of a host, because controllers use IPv4; the first address if there is no
+    IPv4 address.
 
-    Over UDP a wrong choice looks like a controller that does not answer. Names such as localhost often list
-    an IPv6 address first.
+    Over UDP, a wrong address has the same effect as a controller that does not answer. Names such as
+    localhost often list an IPv6 address first.
     """
     return min(addresses, key=lambda each: each[0] != socket.AF_INET)
 

@@ -2,5 +2,6 @@
 
 import os
 
-# Textual draws up to two frames after the update that a key caused, and reads this variable at import.
+# Textual draws a change up to two frames later, so the frame rate is high. Textual reads TEXTUAL_FPS at
+# import.
 os.environ.setdefault("TEXTUAL_FPS", "240")

@@ -1,4 +1,4 @@
-"""The Textual application: screens, themes, settings, HALT and orderly shutdown."""
+"""The Textual application, with its screens, themes, settings, HALT and orderly shutdown."""
 
 from __future__ import annotations
 
@@ -36,19 +36,23 @@ if TYPE_CHECKING:
     from bcapscope.tui.screens.base_screen import BaseScreen
 
 CLOSE_TIMEOUT = 10.0
-"""Maximum time in seconds for all closers together; after that, the screen closes anyway."""
+"""Maximum time in seconds for all closers together. When this time is over, the screen closes even if closers
+still run.
+"""
 
 HALT_KEY_WINDOW = 0.5
-"""Time in seconds after a halt by the driver within which `action_halt` does not halt a second time."""
+"""For this time in seconds after the terminal driver halted the robot, `action_halt` does not halt it
+again.
+"""
 
 TERMINAL_CHECK_INTERVAL = 1.0
 """Seconds between two checks that the terminal still exists."""
 
 _GC_THRESHOLDS = (2_000, 20, 1000)
-"""Thresholds of the garbage collector, during which no key is handled.
+"""Thresholds of the garbage collector. No key is handled while the collector runs.
 
-Textual creates many objects. A frequent collection of new objects takes 1 ms, a rarer one 30 ms. A full
-collection takes 50 ms, so it is rare.
+Textual creates many objects. A collection of new objects is frequent and takes 1 ms; a collection of older
+objects is rarer and takes 30 ms. A full garbage collection takes 50 ms, so full collections are rare.
 """
 
 
@@ -62,10 +66,11 @@ class ScreenEntry(NamedTuple):
 
 
 class BcapApp(KeyOrderApp):
-    """The application.
+    """The application that shows the screens.
 
     Attributes:
-        status: Texts at the right of the top bar, each with the name of its style or "".
+        status: Texts at the right of the top bar, each with the name of its style, or with "" for the plain
+            style.
     """
 
     CSS_PATH = ["bcapscope.tcss", "tester.tcss"]  # noqa: RUF012 - Textual declares a list
@@ -86,9 +91,10 @@ class BcapApp(KeyOrderApp):
         Args:
             settings_path: Settings file; None selects the platform's default.
         """
-        # Without this, Textual first shows a blank default screen, and reads all styles for it, too.
+        # Without this line, Textual first shows a blank default screen, and reads all styles for that screen.
         self.DEFAULT_MODE = screen_entries[0].mode  # type: ignore[misc]  # a class attribute in Textual
-        self._halts: list[Callable[[], bool]] = []  # must exist before the driver, which calls the callbacks
+        # must exist before the terminal driver, which calls the callbacks
+        self._halts: list[Callable[[], bool]] = []
         self._last_halt = -math.inf, False
         self._control_char_filter = ControlCharFilter()
         super().__init__()
@@ -132,7 +138,7 @@ class BcapApp(KeyOrderApp):
         self.text_styles = inks
 
     def on_load(self) -> None:
-        """Undo the eager start of tasks, which Textual chooses from Python 3.12 on.
+        """Switch off the eager start of tasks, which Textual switches on from Python 3.12 on.
 
         With eager tasks, the first screen is mounted before it is on the stack of screens, and its first
         `Input` raises a ScreenStackError.
@@ -205,12 +211,12 @@ class BcapApp(KeyOrderApp):
         """Register a callback for HALT, which any thread may call, and which must not raise.
 
         Args:
-            halt: Stops motion without waiting, and returns whether there was something to stop.
+            halt: Function that stops motion without waiting, and returns whether anything was moving.
         """
         self._halts.append(halt)
 
     def halt(self) -> bool:
-        """Call all HALT callbacks, from any thread; return whether one of them had something to stop."""
+        """Call all HALT callbacks, from any thread; return whether one of them stopped something."""
         return any([each() for each in tuple(self._halts)])
 
     def _halt_by_key(self) -> None:
@@ -218,7 +224,7 @@ class BcapApp(KeyOrderApp):
         self._last_halt = time.monotonic(), self.halt()
 
     def action_halt(self) -> None:
-        """Stop everything that moves, unless the driver has just done so, and show a message."""
+        """Stop everything that moves, unless the terminal driver has just stopped it, and show a message."""
         halted_at, was_moving = self._last_halt
         if time.monotonic() - halted_at > HALT_KEY_WINDOW:
             was_moving = self.halt()
@@ -284,7 +290,7 @@ class BcapApp(KeyOrderApp):
         self.save_settings()
 
     def action_language(self, name: str) -> None:
-        """Save the language for the next start; texts on the screen keep the present language."""
+        """Save the language for the next start; texts on the screen keep the current language."""
         self.settings.language = name
         self.save_settings()
         self.show_message(label("shell.language.next"))

@@ -1,8 +1,9 @@
-"""Ink marks in rendered lines: one control character before a piece of text selects a style of the theme.
+"""Ink marks in rendered lines. An ink mark is a control character that selects a style of the theme for the
+text after it.
 
 Renderers put the sequences of a `Palette` before pieces of text. The palette `INK` of this module uses one
-character below U+0020 for each sequence. Escaped text from the wire cannot contain such a character, so no
-sender can select a style.
+character below U+0020 for each sequence. Escaped text from the wire cannot contain such a character, so text
+from the wire cannot select a style.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ INK = Palette(
 """The palette for all widgets."""
 
 LIT, CURSOR = "\x0f", "\x10"
-"""Marks before highlighted bytes: those of the field under the tree's cursor, and the byte at the cursor."""
+"""Marks of highlighted bytes. `LIT` precedes the bytes of the field under the tree's cursor, `CURSOR` the
+byte at the cursor.
+"""
 
 _STYLE_MARKS = re.compile("[\x01-\x07\x0e-\x10]")
 STYLE_NAMES: Mapping[str, str] = {

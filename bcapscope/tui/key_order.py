@@ -1,8 +1,8 @@
 """Handles keys strictly in order: each key goes to the widget that has the focus after the previous key.
 
-Textual chooses the widget for a key when it reads the key. The widget handles the key later, after it has
-bubbled through the widget's parents. Fast typing, pasting and remote terminals can deliver `/` and letters in
-one packet. All these keys would then go to the list, and none to the field that `/` opens.
+Textual chooses the widget for a key when it reads the key. The widget handles the key later, after Textual
+has offered the key to the widget's parents. Fast typing, pasting and remote terminals can deliver `/` and
+letters in one packet. All these keys would then go to the list, and none to the field that `/` opens.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from textual.message_pump import MessagePump
 from textual.widgets import Input
 
 STUCK_AFTER = 1.0
-"""Maximum time in seconds that keys wait for the previous key, whose widget may no longer exist."""
+"""Maximum time in seconds that keys wait until the previous key is handled. The widget of the previous key
+may no longer exist.
+"""
 
 _MOUNT_POLL_INTERVAL = 0.02
 """Time in seconds between two checks whether a new screen is mounted."""
@@ -28,7 +30,8 @@ _MOUNT_POLL_INTERVAL = 0.02
 
 @dataclass
 class KeyHandled(Message):
-    """A marker that takes the path of a key through the widgets; it arrives when they have handled the key.
+    """A marker that follows a key on the key's path through the widgets. The marker arrives when the widgets
+    have handled the key.
 
     A second marker waits for events that the key caused, such as the press of a button.
     """
@@ -60,7 +63,7 @@ class KeyOrderApp(App[None]):
             self._start_stuck_timer()
 
     async def _deliver_event(self, event: Event) -> None:
-        """Deliver a key; deliver queued keys, too, while they are letters for the same input field."""
+        """Deliver a key, and the queued keys after it while they are letters for the same input field."""
         while True:
             target = self.focused or self.screen
             await super().on_event(event)
@@ -79,10 +82,11 @@ class KeyOrderApp(App[None]):
 
     @on(KeyHandled)
     def _marker_returned(self, message: KeyHandled) -> None:
-        self.call_later(self._deliver_next, message)  # after callbacks of the key, such as focus
+        # runs after the callbacks that the key scheduled, such as a change of focus
+        self.call_later(self._deliver_next, message)
 
     async def _deliver_next(self, marker: KeyHandled) -> None:
-        """If a key opens a screen, deliver the next key only after this screen is mounted."""
+        """Deliver the next key. If the previous key opened a screen, wait until this screen is mounted."""
         if marker is not self._pending:
             return
         if not self._queued_events:

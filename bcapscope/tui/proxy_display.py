@@ -1,4 +1,4 @@
-"""What the proxy screen shows: summary, lists of clients, rules and messages, and edits of held messages."""
+"""Texts and lists of the proxy screen: summary, clients, rules, held messages and their edits."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bcapscope.tui.widgets.lines import ItemList, TextList
 from bcapscope.tui.widgets.record_lists import left_aligned, right_aligned
 
 _SILENT_AFTER = 1.0
-"""Time in seconds after an unanswered request until the list shows the controller as silent."""
+"""If a request is unanswered for this time in seconds, the list shows the controller as silent."""
 
 _MAX_MESSAGES = 5000
 
@@ -129,7 +129,7 @@ def _delay_line(key: str, times: Sequence[int]) -> str:
 
 def _traffic_counts(figures: ProxyStats) -> Iterator[str]:
     is_tcp = figures.bytes_up or figures.bytes_down
-    if figures.came_up or figures.came_down or not is_tcp:  # a transport without traffic gets no line
+    if figures.came_up or figures.came_down or not is_tcp:  # no line for a transport without traffic
         up, down = f"{figures.came_up:,}/{figures.left_up:,}", f"{figures.came_down:,}/{figures.left_down:,}"
         yield label("proxy.datagrams", up=up, down=down)
     if is_tcp:
@@ -159,7 +159,9 @@ def _slow_warning(delays: RelayDelays) -> str:
 
 
 def intercept_line(figures: ProxyStats) -> str:
-    """Return the line that says which messages the proxy holds, escaped and with marks of `INK`."""
+    """Return the line that says which messages the proxy holds. The line is escaped and has marks of
+    `INK`.
+    """
     if figures.intercept is None:
         return f"{INK.dim} {label('proxy.intercept.none')}{INK.reset}"
     return f" {label('proxy.intercept.is')} {INK.name}{printable(figures.intercept)}{INK.reset}"
@@ -195,10 +197,10 @@ def edited_message(data: bytes, flow: Flow, text: str) -> bytes:
 
 
 def proposed_edit(data: bytes, offset: int) -> str:
-    """Return the text of an edit that sets the argument at a byte offset to its present value.
+    """Return a proposal for an edit: text that sets the argument at a byte offset to its present value.
 
-    If no argument is at the offset, the edit sets the last argument. The result is "" if no argument has a
-    text form.
+    If no argument is at the offset, the edit sets the last argument. The result is "" if no argument can be
+    written as text.
     """
     frame = next(iter(parse_datagram(data)), None)
     if not isinstance(frame, Frame) or frame.problems:

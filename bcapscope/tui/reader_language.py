@@ -19,7 +19,7 @@ class _Reader:
 
 
 def set_language(name: str) -> None:
-    """Choose the language of everything that this process shows; "" keeps the present language."""
+    """Choose the language of everything that this process shows; "" keeps the current language."""
     if name in tuple(Language):
         _Reader.words = MessageFormatter(Language(name))
 
@@ -29,7 +29,7 @@ def current_language() -> Language:
 
 
 def reader_words() -> MessageFormatter:
-    """Return the message formatter for the language of the screen."""
+    """Return the message formatter that writes in the language of the screen."""
     return _Reader.words
 
 

@@ -33,7 +33,7 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 MAX_RECENT = 20
-"""Maximum number of remembered files, and of remembered hosts."""
+"""Maximum number of recently used files, and of recently used hosts."""
 
 
 class Settings(msgspec.Struct, omit_defaults=True):
@@ -73,7 +73,7 @@ def write_settings(settings: Settings, path: Path) -> None:
 
 
 def with_recent(item: str, recent: list[str]) -> list[str]:
-    """Return a list that starts with `item`, followed by at most `MAX_RECENT` - 1 earlier items.
+    """Return a list that starts with `item`. At most `MAX_RECENT` - 1 earlier items follow.
 
     A file name with a lone surrogate is not added, because YAML cannot store it.
     """

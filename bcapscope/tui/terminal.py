@@ -1,4 +1,4 @@
-"""What lies between Textual and the terminal: the drivers, and the filter of control characters."""
+"""The terminal drivers of the screen, and the filter that removes control characters from its lines."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ HALT_KEYS = ("f12", "ctrl+backslash")
 def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[Driver]:
     """Return a terminal driver that calls `halt` in its reading thread as soon as it reads a HALT key.
 
-    The driver also discards its output after the terminal has gone, and takes over the terminal again when a
-    stopped program continues.
+    The driver also discards its output after the terminal has gone. When the stopped program continues, the
+    driver takes over the terminal again.
     """
 
     class HaltDriver(driver):  # type: ignore[valid-type, misc]  # the base class varies
@@ -44,9 +44,10 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
             super().process_message(message)
 
         def _sigcont_application(self, *arguments: Any) -> None:
-            """Take over the terminal again; a terminal that hangs up sends SIGCONT after SIGHUP.
+            """Take over the terminal again, unless SIGCONT came from a terminal that hangs up.
 
-            Textual alone would start second threads for reading and writing, and later end only one of each.
+            Textual's own method would start a second thread for reading and for writing, and later end only
+            one of each.
             """
             if not os.isatty(self.fileno):
                 return
@@ -61,8 +62,8 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
 class _HangupSafeFile:
     """An output file that discards data after the terminal has gone.
 
-    An error would end Textual's writing thread, and the program's shutdown would wait for that thread for
-    ever.
+    An error would end Textual's writing thread, and the program would wait for that thread for ever when it
+    shuts down.
     """
 
     def __init__(self, file: IO[str]) -> None:
@@ -81,10 +82,11 @@ class _HangupSafeFile:
 def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) -> type[Driver]:
     """Return a browser driver that survives the loss of its server; return any other driver unchanged.
 
-    Textual's browser driver raises an error when the server has gone, or keeps running unseen.
+    When the server has gone, Textual's own browser driver raises an error or continues to run unseen.
 
     Args:
-        on_end: Ends the program in order. The event loop calls it when the viewer or the server has gone.
+        on_end: Function that ends the program in order. The event loop calls it when the viewer or the server
+            has gone.
     """
     if not issubclass(driver, WebDriver):
         return driver
@@ -128,8 +130,8 @@ _IDEOGRAPHIC_SPACE = "\u3000"
 class ControlCharFilter(LineFilter):
     """Replaces each character that is not visibly printable, after running all other line filters.
 
-    `ControlCharFilter` runs the other filters itself. Textual splits and joins each line once per filter, so
-    a single filter is faster.
+    Textual splits and joins each line once per filter. `ControlCharFilter` therefore runs the other filters
+    itself, so that Textual sees only one filter.
     """
 
     def __init__(self, earlier_filters: Sequence[LineFilter] = ()) -> None:
@@ -151,7 +153,9 @@ class ControlCharFilter(LineFilter):
 
 
 def _replace_control_chars(text: str) -> str:
-    """Replace each control character by as many columns as Textual counted for the character."""
+    """Replace each control character by text that is as many columns wide as Textual counted for the
+    character.
+    """
     return "".join(
         char if char.isprintable() or char == _IDEOGRAPHIC_SPACE else _REPLACEMENT * cell_len(char)
         for char in text

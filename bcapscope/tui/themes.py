@@ -45,8 +45,8 @@ block-cursor-blurred-foreground  #d7dce2             #1c2127             #e8e8e8
 """
 """Colours by theme.
 
-The rows whose names begin with "ink-" are the styles of rendered lines. The rows from "border" on, and these
-styles, are variables of the style sheet.
+The rows whose names begin with "ink-" are the styles of rendered lines. The style sheet has these styles, and
+the rows from "border" on, as variables.
 """
 
 _VARIABLE_PREFIXES = ("ink-", "border", "block-")
@@ -78,7 +78,9 @@ def theme_styles(theme: Theme) -> Styles:
 
 
 def readable_style(style: Style, background: Style) -> Style:
-    """Return a style whose colour is blended towards the background's text colour until it is readable."""
+    """Return a readable style. If its colour has too little contrast, the colour is blended towards the
+    background's text colour.
+    """
     both = background + style
     if (
         style.color is None

@@ -8,10 +8,10 @@ from bcapscope.protocol.tables.hresult import S_BUF_FULL, S_EXECUTING
 
 
 class _ColoringRule(NamedTuple):
-    """A rule; the first rule whose display filter matches a packet colors it.
+    """A coloring rule. Wireshark colors a packet by the first rule whose display filter matches the packet.
 
     Attributes:
-        background: Red, green and blue, 0..255; Wireshark's file has 0..65535.
+        background: Red, green and blue from 0 to 255. In Wireshark's file, the numbers are from 0 to 65535.
     """
 
     name: str

@@ -9,7 +9,9 @@ from bcapscope import __version__
 from bcapscope.wireshark.lua_tables import dissector_tables
 
 PARTS = ("inflate", "decoder", "splitter", "dissector")
-"""The fixed parts of the dissector, in order. Each part uses what the earlier parts export."""
+"""The fixed Lua parts of the dissector, in the order in which the dissector contains them. Each part uses
+what the earlier parts export.
+"""
 
 _EXPORTS = re.compile(r"(?m)^-- Exports: (.+)$")
 
@@ -31,7 +33,9 @@ def dissector_text() -> str:
 
 
 def _block(part: str) -> str:
-    """Return a part as a block of its own, because a Lua function has at most 200 local names."""
+    """Return a part of the dissector as a separate Lua block, because a Lua function has at most 200 local
+    names.
+    """
     exports = _EXPORTS.search(part)
     declared = f"local {exports[1]}\n" if exports else ""
     return f"{declared}do\n\n{part}\nend\n"

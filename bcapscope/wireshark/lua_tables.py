@@ -26,7 +26,9 @@ _HIDDEN_CATEGORIES = ("Cc", "Cf", "Zl", "Zp")
 
 
 def dissector_tables(parts: Iterable[str]) -> str:
-    """Return all tables as Lua; `parts` are the fixed parts of the dissector, which name their texts."""
+    """Return all tables as Lua; `parts` are the fixed parts of the dissector. The Lua code of the parts names
+    the texts that the tables must contain.
+    """
     tables = {**_limits(), **_types(), **_functions(), **_results(), "TEXTS": _texts(parts)}
     tables["COUNTS"] = {
         unit: [ENGLISH_WORDS.plural(f"count.{unit}", number).replace(str(number), "{n}") for number in (1, 2)]

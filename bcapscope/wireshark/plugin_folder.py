@@ -32,14 +32,15 @@ def install(folder: Path) -> tuple[Path, Path]:
     """Write the dissector and the coloring rules to `folder`, and return their paths.
 
     Raises:
-        FileWriteError: A file cannot be written, or another program's file has its name.
+        FileWriteError: A file cannot be written, or another program has a file with the same name.
     """
     files = {DISSECTOR_NAME: dissector_text(), COLORING_RULES_NAME: coloring_rules_text()}
     for name in files:
         _check_own(folder / name)
     for name, text in files.items():
         path = folder / name
-        temporary = path.with_name(f".{name}.{os.getpid()}.part")  # not loaded by Wireshark while incomplete
+        # Wireshark does not load a file with this name
+        temporary = path.with_name(f".{name}.{os.getpid()}.part")
         try:
             folder.mkdir(parents=True, exist_ok=True)
             temporary.write_text(text, encoding="utf-8", newline="\n")
@@ -52,10 +53,10 @@ def install(folder: Path) -> tuple[Path, Path]:
 
 
 def uninstall(folder: Path) -> list[Path]:
-    """Remove the files of `install`, and return the paths that existed.
+    """Remove the files that `install` wrote, and return the paths of the removed files.
 
     Raises:
-        FileWriteError: A file cannot be removed, or another program's file has its name.
+        FileWriteError: A file cannot be removed, or another program has a file with the same name.
     """
     found = [path for name in (DISSECTOR_NAME, COLORING_RULES_NAME) if (path := folder / name).exists()]
     for path in found:
@@ -69,7 +70,7 @@ def uninstall(folder: Path) -> list[Path]:
 
 
 def _check_own(path: Path) -> None:
-    """Check that bcapscope wrote the file at `path`, if there is one."""
+    """Check that bcapscope wrote the file at `path`, if this file exists."""
     if not os.path.lexists(path):
         return
     try:

@@ -6,7 +6,15 @@ from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.traffic.call import Call, CallFrame, FrameObservation, FrameRole
 from bcapscope.traffic.call_kind import CallKind
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PORT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    Transport,
+)
 from bcapscope.traffic.reserved_field import ReservedFieldUsage
 
 MS = 1_000_000
@@ -16,7 +24,7 @@ EXECUTE = 64
 
 
 def client(port: int = 50001) -> Conversation:
-    return Conversation(Endpoint("10.0.0.2", port), SERVER, Transport.UDP, "port 5007")
+    return Conversation(Endpoint("10.0.0.2", port), SERVER, Transport.UDP, SERVER_PORT)
 
 
 CLIENT = client()

@@ -13,7 +13,17 @@ from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.protocol.codec.frame import Frame, Malformed, encode_frame, parse_single_frame
 from bcapscope.protocol.codec.variant import EMPTY
 from bcapscope.traffic import tracker
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PARTICIPANT,
+    SERVER_PORT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    ServerEvidence,
+    Transport,
+)
 from bcapscope.traffic.pipeline import Pipeline
 from tests.analysis.driving import ENTER, Plan
 from tests.analysis.plays import SCENES
@@ -150,7 +160,7 @@ _CODES = st.sampled_from(
     (0, 0x900, 0x0F200501, 0x84201482, 0x83500121, 0x83501032, 0x84204043, 0x80070057, 0x809100AA)
 )
 _CONVERSATIONS = tuple(
-    Conversation(Endpoint("10.0.0.2", 50001 + number), Endpoint("10.0.0.1", 5007), transport, "port 5007")
+    Conversation(Endpoint("10.0.0.2", 50001 + number), Endpoint("10.0.0.1", 5007), transport, SERVER_PORT)
     for number, transport in enumerate((Transport.UDP, Transport.TCP, Transport.UDP))
 )
 _FLOWS = tuple(Flow(each, direction) for each in _CONVERSATIONS for direction in Direction)
@@ -221,11 +231,11 @@ def test_memory_is_bounded_by_what_is_open_and_not_by_what_was_seen() -> None:
 
 
 @pytest.mark.parametrize(
-    ("known_by", "rule"), [("port 5007", "capture-gap"), ("the proxy", "malformed-request")]
+    ("evidence", "rule"), [(SERVER_PORT, "capture-gap"), (SERVER_PARTICIPANT, "malformed-request")]
 )
-def test_a_proxy_has_seen_each_stream_from_its_beginning(known_by: str, rule: str) -> None:
+def test_a_proxy_has_seen_each_stream_from_its_beginning(evidence: ServerEvidence, rule: str) -> None:
     ends = Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007)
-    flow = Flow(Conversation(*ends, Transport.TCP, known_by), Direction.REQUEST)
+    flow = Flow(Conversation(*ends, Transport.TCP, evidence), Direction.REQUEST)
     diagnosis = Diagnosis()
     item = Malformed(b"GET / HTTP/1.0\r\n\r\n", (problem_of(0, "outside", "bytes outside of any frame"),))
     diagnosis.on_frame(Observation(1, 0, 0, flow, item, 0))

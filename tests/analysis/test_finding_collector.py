@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 from bcapscope.analysis.finding import Finding, Severity
-from bcapscope.analysis.finding_collector import MAX_FINDINGS, MAX_KEPT, FindingCollector
+from bcapscope.analysis.finding_collector import MAX_FINDINGS, FindingCollector
+from bcapscope.analysis.finding_group import MAX_KEPT
 from bcapscope.analysis.rules.rule_checker import SECOND, DiagnosisRule, Occurrence
 from bcapscope.messages import Message
-from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, Transport
 from tests.samples.findings import sentence_of
 
-HERE = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007), Transport.UDP, "port 5007")
-ELSEWHERE = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.9", 5007), Transport.UDP, "port 5007")
+HERE = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007), Transport.UDP, SERVER_PORT)
+ELSEWHERE = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.9", 5007), Transport.UDP, SERVER_PORT)
 
 
 def rule(name: str, *follows: str, severity: Severity = Severity.ERROR) -> DiagnosisRule:

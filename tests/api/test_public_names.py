@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 
 import pytest
 
@@ -53,6 +56,15 @@ def test_the_public_names_are_pinned() -> None:
     assert sorted(bcapscope.__all__) == PUBLIC_NAMES
 
 
+def test_the_scapy_layer_is_pinned() -> None:
+    module = import_module("bcapscope.scapy_layer")
+    assert module.__all__ == ["BCAP"]
+    names = "soh length serial reserved function hresult argc args trailer eot"
+    assert [field.name for field in module.BCAP.fields_desc] == names.split()
+    properties = {name for name, value in vars(module.BCAP).items() if isinstance(value, property)}
+    assert properties == {"is_response", "function_id", "command_name", "retry_of", "frame"}
+
+
 def test_type_checkers_see_the_same_names() -> None:
     tree = ast.parse(Path(str(bcapscope.__file__)).read_text("utf-8"))
     block = next(node for node in tree.body if isinstance(node, ast.If))
@@ -67,6 +79,14 @@ def test_type_checkers_see_the_same_names() -> None:
 def test_each_name_is_there_listed_and_documented(name: str) -> None:
     assert name in dir(bcapscope)
     assert getattr(bcapscope, name).__doc__
+
+
+def test_the_reference_describes_each_name_and_nothing_that_does_not_exist() -> None:
+    page = (ROOT / "docs" / "reference.md").read_text("utf-8")
+    described = re.findall(r"(?m)^::: (\S+)$", page)
+    assert {f"bcapscope.{name}" for name in PUBLIC_NAMES} <= set(described)
+    for path in described:
+        assert resolve_name(path).__doc__, path
 
 
 def test_another_name_is_an_attribute_error() -> None:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.user_types import reported_by_mypy
+
 ROOT = Path(__file__).parent.parent.parent
 PAGE = (ROOT / "docs" / "python.md").read_text("utf-8")
 EXAMPLES = re.findall(r"(?ms)^```python\n(.*?)^```$(?:\n\n```text\n(.*?)^```$)?", PAGE)
@@ -28,25 +30,14 @@ def test_every_example_prints_what_the_page_shows(program: str, output: str) -> 
     assert done.stdout == output
 
 
-def checked(*paths: Path) -> list[str]:
-    """Return what mypy reports about programs of users."""
-    pytest.importorskip("mypy")
-    argv = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary"]
-    argv += ["--config-file", "", "--cache-dir", str(ROOT / ".mypy_cache" / "examples")]
-    argv += map(str, paths)
-    done = subprocess.run(argv, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.stderr == ""
-    return done.stdout.splitlines()
-
-
 def test_every_example_has_sound_types(tmp_path: Path) -> None:
     paths = [tmp_path / f"example_{number}.py" for number in range(len(EXAMPLES))]
     for path, (program, _) in zip(paths, EXAMPLES, strict=True):
         path.write_text(program, "utf-8")
-    assert checked(*paths) == []
+    assert reported_by_mypy(*paths) == []
 
 
-def test_types_of_users_are_checked(tmp_path: Path) -> None:
+def test_types_of_users_are_reported_by_mypy(tmp_path: Path) -> None:
     path = tmp_path / "wrong.py"
     path.write_text("import bcapscope\nbcapscope.open(5)\nbcapscope.Packet\n", "utf-8")
-    assert [line.rpartition("[")[2] for line in checked(path)] == ["arg-type]", "attr-defined]"]
+    assert [line.rpartition("[")[2] for line in reported_by_mypy(path)] == ["arg-type]", "attr-defined]"]

@@ -75,7 +75,7 @@ def test_rows_that_are_missing_are_told_once() -> None:
     assert made.fit_to_offset("0020", 11)
     made.add(11, row(offset="0020"))
     assert made.fit_to_offset("0030", 12)
-    assert made.notes == ["16 bytes are missing in the text before line 11"]
+    assert list(map(str, made.notes)) == ["16 bytes missing in the text before line 11"]
 
 
 def test_two_blocks_put_together() -> None:

@@ -22,7 +22,15 @@ from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.filter.getters import AnnotatedFrame
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PORT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    Transport,
+)
 from tests.cli.run import CAPTURES
 from tests.render.scenes import scenes
 from tests.samples.problems import problem_of
@@ -39,7 +47,7 @@ def texts(told: AnnotatedFrame) -> tuple[object, ...]:
     """Return all that an observation says; flows are compared by what they say."""
     seen, question, comments = told
     conversation = seen.flow.conversation
-    ends = (seen.flow.src, seen.flow.dst, conversation.transport, conversation.server_known_by)
+    ends = (seen.flow.src, seen.flow.dst, conversation.transport, conversation.server_evidence)
     return (seen._replace(flow=None), type(seen.item), seen.item.problems, ends, question, comments)  # type: ignore[arg-type]
 
 
@@ -95,7 +103,9 @@ def test_more_conversations_than_are_kept(
     told = []
     for number in range(1, 41):
         client = Endpoint("10.0.0.2", 40_000 + number % 10)
-        flow = Flow(Conversation(client, Endpoint("fd00::1%é", 5007), Transport.TCP, "x"), Direction.REQUEST)
+        flow = Flow(
+            Conversation(client, Endpoint("fd00::1%é", 5007), Transport.TCP, SERVER_PORT), Direction.REQUEST
+        )
         told.append(AnnotatedFrame(Observation(number, number, number, flow, item, number), None))
     store = written(stack, tmp_path, told)
     assert [texts(store.read_frame(number)) for number in range(1, 41)] == [texts(each) for each in told]

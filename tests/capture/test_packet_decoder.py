@@ -16,7 +16,15 @@ from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.traffic.observation import Direction, Observation, Transport
+from bcapscope.protocol.tables.function_table import function_by_name
+from bcapscope.traffic.observation import (
+    SERVER_PORT,
+    Direction,
+    Observation,
+    ServerEvidence,
+    ServerEvidenceKind,
+    Transport,
+)
 from tests.capture.packets import (
     CLIENT,
     CLIENT_PORT,
@@ -69,7 +77,7 @@ def test_a_call_and_its_result() -> None:
     (conversation,) = observer.conversations
     assert str(conversation.client) == "10.0.0.2:50001"
     assert str(conversation.server) == "10.0.0.1:5007"
-    assert (conversation.transport, conversation.server_known_by) == (Transport.UDP, "port 5007")
+    assert (conversation.transport, conversation.server_evidence) == (Transport.UDP, SERVER_PORT)
     assert observer.counts == CaptureCounts(packets=3, items=3)
     assert observer.counts.frames == 3
 
@@ -176,15 +184,16 @@ def test_unknown_ports_are_told_by_what_is_said() -> None:
     ]
     assert [each.packet for each in found] == [2, 3, 4, 5]
     assert observer.counts.not_bcap == 1
-    assert observer.conversations[0].server_known_by == (
-        "10.0.0.2:50001 sent a call of Controller_GetTag with its arguments"
-    )
+    get_tag = function_by_name("Controller_GetTag")
+    assert get_tag is not None
+    evidence = ServerEvidence(ServerEvidenceKind.CALL, get_tag.id)
+    assert observer.conversations[0].server_evidence == evidence
 
 
 def test_a_given_port_is_the_servers() -> None:
     found, observer = observe(captured(from_server(b"anything", 1234)), 1234, 5007)
     assert raws(found) == [("response", b"anything")]
-    assert observer.conversations[0].server_known_by == "port 1234"
+    assert observer.conversations[0].server_evidence == SERVER_PORT
 
 
 def test_both_ends_on_the_port_are_told_by_what_is_said() -> None:
@@ -196,7 +205,7 @@ def test_both_ends_on_the_port_are_told_by_what_is_said() -> None:
 def test_what_proves_nothing_until_the_end_is_guessed() -> None:
     found, observer = observe(captured(from_server(DOUBTFUL, 1), from_server(DOUBTFUL, 1)))
     assert raws(found) == [("request", DOUBTFUL), ("request", DOUBTFUL)]
-    assert observer.conversations[0].server_known_by.startswith("a guess")
+    assert observer.conversations[0].server_evidence.kind is ServerEvidenceKind.GUESS
 
 
 @pytest.mark.parametrize("kept", [42, 44, 57, 60, 70, 85])
@@ -269,14 +278,14 @@ def test_a_tcp_session() -> None:
 def test_a_tcp_session_on_another_port_is_told_by_its_handshake() -> None:
     found, observer = observe(captured(*session(15007, DOUBTFUL)))
     assert raws(found) == [("request", DOUBTFUL), *SAID[1:]]
-    assert observer.conversations[0].server_known_by == "the TCP handshake: this end accepted the connection"
+    assert observer.conversations[0].server_evidence.kind is ServerEvidenceKind.HANDSHAKE
     assert observer.counts == CaptureCounts(packets=6, items=3)
 
 
 def test_a_tcp_session_on_another_port_without_its_beginning_is_told_by_what_is_said() -> None:
     found, observer = observe(captured(*session(15007)[4:]))
     assert raws(found) == SAID[1:]
-    assert observer.conversations[0].server_known_by.endswith("that no request can carry")
+    assert observer.conversations[0].server_evidence.kind is ServerEvidenceKind.RESULT
 
 
 def test_a_first_frame_in_pieces_on_another_port() -> None:

@@ -30,7 +30,7 @@ def test_a_captioned_packet() -> None:
 def test_a_direction_that_had_to_be_guessed_is_said() -> None:
     pasted = read(REQUEST.hex(" "))
     assert next(iter(pasted)).flow.direction is Direction.REQUEST
-    assert "taken for a request by its bytes" in pasted.comments[1]
+    assert "direction unknown, but the bytes look like a request" in pasted.comments[1]
 
 
 def test_a_damaged_frame_is_shown_as_it_is_with_its_problems() -> None:

@@ -7,7 +7,7 @@ import pytest
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.traffic.observation import Direction
+from bcapscope.traffic.observation import Direction, ServerEvidenceKind
 from tests.shared_folder import SHARED
 
 pytestmark = pytest.mark.interop
@@ -39,4 +39,4 @@ def test_every_packet_of_a_recording_is_understood(
     assert (sides.count(Direction.REQUEST), sides.count(Direction.RESPONSE)) == (requests, responses)
     (conversation,) = observer.conversations
     assert conversation.server.port == port
-    assert not conversation.server_known_by.startswith("a guess")
+    assert conversation.server_evidence.kind is not ServerEvidenceKind.GUESS

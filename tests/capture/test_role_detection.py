@@ -13,8 +13,7 @@ from bcapscope.capture.role_detection import (
 )
 from bcapscope.protocol.codec.frame import Frame, Malformed, encode_frame
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
-from bcapscope.protocol.tables.function_table import FUNCTIONS
-from bcapscope.traffic.observation import Direction
+from bcapscope.traffic.observation import Direction, ServerEvidence, ServerEvidenceKind
 from tests.capture.packets import reply, request, service_start
 
 HANDLE, NAME = Variant(VT.I4, 1), Variant(VT.BSTR, "slvMove")
@@ -33,7 +32,7 @@ def test_exactly_one_end_on_the_port_is_the_server(ends: tuple[int, int], server
 def test_such_a_number_can_only_be_a_result(code: int) -> None:
     for arguments in ([], [HANDLE], [EMPTY]):
         found = direction_evidence(Frame(encode_frame(1, 0, code, arguments)))
-        assert found == (Direction.RESPONSE, f"a result, 0x{code:08X}, that no request can carry")
+        assert found == (Direction.RESPONSE, ServerEvidence(ServerEvidenceKind.RESULT, code))
 
 
 @pytest.mark.parametrize(
@@ -51,7 +50,7 @@ def test_such_a_number_can_only_be_a_result(code: int) -> None:
 )
 def test_a_function_with_its_arguments_can_only_be_a_request(code: int, arguments: list[Variant]) -> None:
     found = direction_evidence(Frame(encode_frame(1, 0, code, arguments)))
-    assert found == (Direction.REQUEST, f"a call of {FUNCTIONS[code].name} with its arguments")
+    assert found == (Direction.REQUEST, ServerEvidence(ServerEvidenceKind.CALL, code))
 
 
 @pytest.mark.parametrize(

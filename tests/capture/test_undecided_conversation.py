@@ -10,7 +10,14 @@ from bcapscope.capture.undecided_conversation import (
     reverse_key,
 )
 from bcapscope.protocol.codec.frame import Frame, Malformed, encode_frame
-from bcapscope.traffic.observation import Direction, Endpoint, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PORT,
+    Direction,
+    Endpoint,
+    ServerEvidence,
+    ServerEvidenceKind,
+    Transport,
+)
 from tests.capture.packets import CLIENT, SERVER, reply, request
 
 ENDS = Endpoint("10.0.0.2", 6000), Endpoint("10.0.0.1", 7000)
@@ -32,7 +39,7 @@ def test_keys_name_the_ends_and_turn_around() -> None:
 
 def test_a_decided_talk_gives_out_at_once() -> None:
     talk = UndecidedConversation(ENDS, Transport.UDP)
-    talk.set_server(1, "port 7000")
+    talk.set_server(1, SERVER_PORT)
     first, second = timed_item(DOUBTFUL), timed_item(DOUBTFUL, 2)
     assert talk.add_item(0, first)
     assert talk.add_item(1, second)
@@ -41,7 +48,7 @@ def test_a_decided_talk_gives_out_at_once() -> None:
     assert (asked.direction, answered.direction) == (Direction.REQUEST, Direction.RESPONSE)
     assert asked.conversation is answered.conversation
     assert (asked.conversation.client, asked.conversation.server) == ENDS
-    assert asked.conversation.server_known_by == "port 7000"
+    assert asked.conversation.server_evidence == SERVER_PORT
     assert talk.release_items() == []
 
 
@@ -54,7 +61,8 @@ def test_doubtful_items_wait_for_proof() -> None:
         released = talk.release_items()
         assert [flow.src for flow, _ in released] == [ENDS[1], ENDS[sender]]
         assert {flow.conversation.server for flow, _ in released} == {ENDS[1]}
-        assert str(ENDS[sender]) in released[0][0].conversation.server_known_by
+        kind = ServerEvidenceKind.RESULT if sender else ServerEvidenceKind.CALL
+        assert released[0][0].conversation.server_evidence == ServerEvidence(kind, item.code)
 
 
 def test_without_proof_the_server_is_guessed_and_called_a_guess() -> None:
@@ -66,7 +74,7 @@ def test_without_proof_the_server_is_guessed_and_called_a_guess() -> None:
     assert len(released) == HELD_ITEMS_LIMIT
     conversation = released[0][0].conversation
     assert conversation.client == ENDS[1]
-    assert conversation.server_known_by.startswith("a guess")
+    assert conversation.server_evidence.kind is ServerEvidenceKind.GUESS
 
 
 def test_the_end_is_a_guess_too_but_never_overrules() -> None:
@@ -75,7 +83,7 @@ def test_the_end_is_a_guess_too_but_never_overrules() -> None:
     talk.guess_server()
     assert talk.release_items()[0][0].conversation.client == ENDS[0]
     talk = UndecidedConversation(ENDS, Transport.UDP)
-    talk.set_server(0, "port 6000")
+    talk.set_server(0, SERVER_PORT)
     talk.add_item(0, timed_item(DOUBTFUL))
     talk.guess_server()
     assert talk.release_items()[0][0].conversation.server == ENDS[0]

@@ -270,7 +270,7 @@ def test_armed_calls_are_sent_though_the_log_cannot_be_written(
     assert ran.code == ExitCode.OK
     assert len([call for call in executed if call[0] == "Robot_Execute"]) == 2
     assert ran.err.count("cannot write the action log") == 1
-    assert "Calls are sent without it." in ran.err
+    assert "Calls are sent without a log entry." in ran.err
 
 
 def test_a_refusal() -> None:

@@ -69,7 +69,7 @@ def test_tree_and_hexdump() -> None:
 def test_hex_goes_with_text_only() -> None:
     done = run_here("decode", RETRIES, "--hex", "--json")
     assert done.code == ExitCode.USAGE
-    assert "--hex works with lines and --tree only" in done.err
+    assert "--hex cannot be combined with --csv or --json" in done.err
 
 
 def test_a_filter_keeps_numbers_and_pairing() -> None:

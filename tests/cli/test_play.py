@@ -105,7 +105,7 @@ def test_limits_of_the_simulated_arm_hold_for_it(port: int, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        (("--mode", "0x999"), "is not a mode. Give sync, async, or a number"),
+        (("--mode", "0x999"), "is not a slave mode. Give sync, async, or a number"),
         (("--limit", "J1=fast"), "is not a range"),
     ],
 )
@@ -225,7 +225,9 @@ def test_ctrl_c_and_ctrl_z_bring_the_robot_to_rest(port: int, gentle: Path, keys
     assert terminal.close() == 130
 
 
-@pytest.mark.parametrize(("typed", "code"), [("127.0.0.1", 0), ("yes", 10), ("\x03\x03", 130)])
+@pytest.mark.parametrize(
+    ("typed", "code"), [("127.0.0.1\n", 0), ("yes\n", 10), ("\x03", 130), ("\x03\x03\n", 130)]
+)
 def test_the_host_is_typed_to_let_a_robot_move(tmp_path: Path, typed: str, code: int) -> None:
     file = tmp_path / "still.csv"
     file.write_text("0,0,90,0,90,0\n" * 10)

@@ -98,5 +98,5 @@ def test_no_terminal_is_told_in_one_sentence(words: list[str], tmp_path: Path) -
     )
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.endswith(
-        "Error: the screen needs a terminal. Use decode, calls or diagnose without one\n"
+        "Error: the screen needs a terminal. Without a terminal, use decode, calls or diagnose\n"
     )

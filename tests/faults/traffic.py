@@ -10,7 +10,14 @@ from bcapscope.faults.fault_notation import read_fault
 from bcapscope.faults.wire_message import CloseConnection, FaultOutput, FaultResult, SendBytes
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PORT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Transport,
+)
 
 MS = 1_000_000
 ROBOT_EXECUTE = 64
@@ -26,7 +33,7 @@ class Talk(NamedTuple):
 
 def talk(transport: Transport = Transport.UDP, client: Endpoint = CLIENT) -> Talk:
     """Make a conversation."""
-    conversation = Conversation(client, SERVER, transport, "port 5007")
+    conversation = Conversation(client, SERVER, transport, SERVER_PORT)
     return Talk(Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE))
 
 

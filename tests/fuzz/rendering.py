@@ -16,10 +16,18 @@ from bcapscope.render.frame_record import FrameRecordRenderer
 from bcapscope.render.frame_tree import FrameTreeRenderer
 from bcapscope.render.hexdump import hexdump
 from bcapscope.traffic.call_kind import COMMAND_FUNCTIONS, CallKind, RecentRequests
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PORT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    Transport,
+)
 from tests.samples.problems import problem_of
 
-_CONVERSATION = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("::1", 5007), Transport.UDP, "port 5007")
+_CONVERSATION = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("::1", 5007), Transport.UDP, SERVER_PORT)
 _FLOWS = tuple(Flow(_CONVERSATION, direction) for direction in Direction)
 _NOTE = problem_of(0, "cut", "the capture kept less than there was")
 

@@ -12,7 +12,13 @@ from bcapscope.proxy.intercept import Intercept
 from bcapscope.proxy.policy import LateDecision, PolicyAction, SendAction
 from bcapscope.proxy.request_guard import RequestGuard
 from bcapscope.proxy.rule_policy import RulePolicy
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PARTICIPANT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Transport,
+)
 from tests.proxy.scripting import Here
 
 MS = 1_000_000
@@ -101,7 +107,7 @@ def _set_up(choice: int) -> tuple[RulePolicy, tuple[str, ...], Here | None]:
     )
     transport = Transport.TCP if choice & TCP else Transport.UDP
     ends = Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007)
-    made.add_client(1, Conversation(*ends, transport, "the proxy"), 0)
+    made.add_client(1, Conversation(*ends, transport, SERVER_PARTICIPANT), 0)
     return made, faults, here
 
 

@@ -209,7 +209,7 @@ class Seen(Observation):
 
 def _shown(observation: Observation) -> tuple[object, ...]:
     flow = observation.flow
-    return (*observation[:3], repr(flow), flow.conversation.server_known_by, *observation[4:])
+    return (*observation[:3], repr(flow), flow.conversation.server_evidence, *observation[4:])
 
 
 def observed(packets: Iterable[Packet]) -> tuple[list[Seen], tuple[str, int | None] | None]:

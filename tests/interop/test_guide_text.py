@@ -83,7 +83,7 @@ def test_sound_dumps_are_the_frames_of_the_vectors() -> None:
 
 
 def test_the_reply_with_a_serial_of_its_own_is_told() -> None:
-    notes = {line: packet.notes for line, packet in PACKETS.items() if packet.notes}
+    notes = {line: tuple(map(str, packet.notes)) for line, packet in PACKETS.items() if packet.notes}
     assert notes == {395: ("serial 8 does not match the request above, which has serial 5",)}
 
 

@@ -18,7 +18,15 @@ from bcapscope.live import background_recorder as module
 from bcapscope.live.background_recorder import MAX_WAITING, BackgroundRecorder
 from bcapscope.live.recorder import Recorder
 from bcapscope.protocol.codec.frame import Frame, encode_frame
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PORT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    Transport,
+)
 from tests.cli.run import run
 from tests.english import collects
 
@@ -129,7 +137,7 @@ def test_a_stuck_disk_holds_nobody_up_and_what_is_missing_is_told_and_noted(
     assert told[1:] == [f"a.pcapng lacks {1000 - kept} packets, because the disk was too slow"]
     code, _, lines = frames(tmp_path / "a.pcapng", disk.taken.getvalue())
     assert (code, len(lines)) == (0, kept + 1)
-    comment = f"{1000 - kept} packets before this one could not be written in time"
+    comment = f"{1000 - kept} packets before this packet could not be written in time"
     assert comment.encode() in disk.taken.getvalue()
 
 
@@ -239,7 +247,7 @@ def test_a_capture_on_a_full_disk_ends_with_a_whole_packet(tmp_path: Path, recor
 
 
 def seen(transport: Transport, direction: Direction, number: int) -> Observation:
-    conversation = Conversation(Endpoint(*CLIENT), Endpoint(*SERVER), transport, "")
+    conversation = Conversation(Endpoint(*CLIENT), Endpoint(*SERVER), transport, SERVER_PORT)
     item = Frame(encode_frame(number, 0, 1 if direction is Direction.REQUEST else 0))
     return Observation(number, TIME + number, TIME + number, Flow(conversation, direction), item, 0)
 

@@ -7,7 +7,7 @@ import pytest
 from bcapscope.analysis.finding_places import client_place
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.places import Duration, Moment, Quantity, Times, WireText
-from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, Transport
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_long_names_are_cut() -> None:
 
 
 def test_clients_are_named_where_there_are_several() -> None:
-    one = Conversation(Endpoint("fd00::a", 50001), Endpoint("fd00::1", 5007), Transport.TCP, "port 5007")
+    one = Conversation(Endpoint("fd00::a", 50001), Endpoint("fd00::1", 5007), Transport.TCP, SERVER_PORT)
     words = MessageFormatter(start=1_000_000_000, only_client=False)
     assert client_place(one).text(ENGLISH_WORDS) == "your client"
     assert client_place(one).text(words) == "client [fd00::a]:50001 (TCP)"

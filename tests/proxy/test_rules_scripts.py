@@ -15,7 +15,7 @@ from bcapscope.proxy.request_guard import RequestGuard, read_target
 from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.proxy.script_protocol import FinishScripts, ScriptAnswer, pack
 from bcapscope.proxy.script_queue import MAX_BYTES_IN_ALL, MAX_WAITING
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
+from bcapscope.traffic.observation import SERVER_PORT, Conversation, Direction, Endpoint, Transport
 from tests.english import collects, english
 from tests.faults.traffic import CLIENT, MS, reply, request
 from tests.proxy.scripting import Here, Listener, Meddler
@@ -183,7 +183,7 @@ def test_a_halt_ends_the_motions_of_all_clients_other_stops_those_of_their_own(
 def test_a_halt_of_one_controller_leaves_the_motions_of_another() -> None:
     here = Here(Looker())
     made = rules(scripts=here)
-    other = Conversation(CLIENT, Endpoint("10.0.0.99", 5007), Transport.UDP, "port 5007")
+    other = Conversation(CLIENT, Endpoint("10.0.0.99", 5007), Transport.UDP, SERVER_PORT)
     made.add_client(2, other, 0)
     here.answer(made, 0)
     made.receive(1, UP, request(1), 0)

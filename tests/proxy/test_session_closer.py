@@ -10,7 +10,15 @@ from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.protocol.tables.function_table import function_by_name
 from bcapscope.proxy.session_closer import SessionCloser
 from bcapscope.traffic.handle_tracker import HandleTracker
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PORT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    Transport,
+)
 from bcapscope.traffic.pipeline import Pipeline
 from bcapscope.traffic.slave_mode_tracker import SlaveModeTracker
 from tests.english import english
@@ -20,7 +28,7 @@ class Session:
     """Makes calls and answers them."""
 
     def __init__(self, transport: Transport = Transport.UDP, own: bool = False) -> None:
-        self.conversation = Conversation(Endpoint("a", 1), Endpoint("b", 2), transport, "")
+        self.conversation = Conversation(Endpoint("a", 1), Endpoint("b", 2), transport, SERVER_PORT)
         handles, self.slave_mode = HandleTracker(), SlaveModeTracker()
         self.closer = SessionCloser(handles, self.slave_mode)
         self.pipeline = Pipeline(self.closer, handles=handles, slave_mode=self.slave_mode)

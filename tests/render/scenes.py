@@ -10,6 +10,7 @@ from bcapscope.protocol.codec.frame import Frame, Framing, Malformed, encode_fra
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 from bcapscope.traffic.observation import (
+    SERVER_PORT,
     Conversation,
     Direction,
     Endpoint,
@@ -26,7 +27,7 @@ HOSTILE = "\x1b[2J\x9b31m\u202egnp\u2028\n\r\t\0\ud800\"'<b>[/foo]=cmd|' /C calc
 """What a terminal, a table, a page or a markup language would obey."""
 
 _CONVERSATION = Conversation(
-    Endpoint("10.0.0.2", 50001), Endpoint("fe80::1%eth0", 5007), Transport.UDP, "port 5007"
+    Endpoint("10.0.0.2", 50001), Endpoint("fe80::1%eth0", 5007), Transport.UDP, SERVER_PORT
 )
 FLOWS = {direction: Flow(_CONVERSATION, direction) for direction in Direction}
 

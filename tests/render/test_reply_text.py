@@ -11,7 +11,15 @@ from bcapscope.protocol.tables.hresult import E_HANDLE, S_OK
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.reply_text import ReplyRenderer
 from bcapscope.traffic.call_kind import CallKind
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PORT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    Transport,
+)
 
 _REPLY = Frame(encode_frame(2, 0, S_OK, (Variant(VT.I2, 2),)))
 _TRIES = (Attempt(1, 0, 0), Attempt(2, 1, 2_000_000))
@@ -33,7 +41,7 @@ def test_a_refusal_has_its_meaning_and_names_are_made_harmless() -> None:
 
 
 def test_an_object() -> None:
-    ends = Conversation(Endpoint("10.0.0.2", 5), Endpoint("10.0.0.1", 5007), Transport.UDP, "")
+    ends = Conversation(Endpoint("10.0.0.2", 5), Endpoint("10.0.0.1", 5007), Transport.UDP, SERVER_PORT)
     seen = Observation(4, 1_700_000_000_000_000_001, 0, Flow(ends, Direction.RESPONSE), _REPLY, 0)
     record = json.loads(ReplyRenderer().record(seen, CallKind(64, "slvGetMode"), 2_345_678, _TRIES))
     assert record["function"] == "Robot_Execute"

@@ -18,7 +18,7 @@ from bcapscope.analysis.finding import Severity
 from bcapscope.messages import ENGLISH_WORDS
 from bcapscope.render.escape import printable
 from bcapscope.render.report_page import report_page, template_environment
-from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, Transport
 from tests.render.reports import CAPTURES, Page, page_of, report_data_of
 from tests.samples.findings import make_finding
 
@@ -93,7 +93,7 @@ def test_hostile_strings_of_a_capture_are_only_shown() -> None:
 def test_hostile_strings_from_anywhere_are_only_shown() -> None:
     report_data = report_data_of(CAPTURES / "slave-mode-lost.pcapng")
     finding = make_finding("rule", Severity.ERROR, HOSTILE, (1,), None, HOSTILE, HOSTILE)
-    hostile = Conversation(Endpoint(HOSTILE, 1), Endpoint(HOSTILE, 2), Transport.UDP, HOSTILE)
+    hostile = Conversation(Endpoint(HOSTILE, 1), Endpoint(HOSTILE, 2), Transport.UDP, SERVER_PORT)
     lanes = tuple(replace(timeline, conversation=hostile) for timeline in report_data.timelines)
     sessions = tuple(replace(session, conversation=hostile) for session in report_data.slave_sessions)
     hostile_data = replace(report_data, findings=(finding,), timelines=lanes, slave_sessions=sessions)
@@ -168,7 +168,7 @@ def test_a_table_has_its_caption_and_sides() -> None:
 
 
 def test_the_ends_of_a_conversation_are_escaped() -> None:
-    ends = Conversation(Endpoint("<a>", 1), Endpoint("b", 2), Transport.UDP, "the port")
+    ends = Conversation(Endpoint("<a>", 1), Endpoint("b", 2), Transport.UDP, SERVER_PORT)
     made = elements().ends(ends)
     assert made == '<span class="ends">&lt;a&gt;:1</span> → <span class="ends">b:2 UDP</span>'
 

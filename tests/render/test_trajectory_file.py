@@ -17,11 +17,11 @@ from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.modes import Generation, PoseType, slave_mode_by_number
 from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.render.trajectory_file import CsvTrajectoryWriter, JsonTrajectoryWriter, column_names
-from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, Transport
 
 SOURCE = Message("generation.command", command="TakeArm")
 START = 1_700_000_000_000_000_000
-TALK = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007), Transport.UDP, "port 5007")
+TALK = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007), Transport.UDP, SERVER_PORT)
 
 
 def trajectory(pose_type: PoseType = PoseType.P, has_stamps: bool = True) -> CapturedTrajectory:

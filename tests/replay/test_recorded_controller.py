@@ -18,12 +18,14 @@ from bcapscope.simulator.argument_values import bstr, i4
 from bcapscope.simulator.call_executor import MAX_WAITING
 from bcapscope.simulator.simulator import MAX_CLIENTS, SimulatorOutput
 from bcapscope.traffic.call_kind import CallKind
-from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, Transport
 from tests.replay.sessions import perform, recorded
 from tests.replay.test_script_player import motion
 
 MS = 1_000_000
-CONVERSATION = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007), Transport.UDP, "")
+CONVERSATION = Conversation(
+    Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007), Transport.UDP, SERVER_PORT
+)
 START, GET, MOVE = CallKind(1, None), CallKind(101, None), CallKind(64, "slvMove")
 
 

@@ -1,4 +1,4 @@
-"""The Python blocks of the documentation about tests of clients run as they are shown.
+"""The Python blocks of the documentation about tests of clients run as they are shown, and have sound types.
 
 A block with tests runs in pytest, beside a client of its own.
 """
@@ -14,13 +14,14 @@ import pytest
 
 import bcapscope
 from bcapscope.protocol.tables.function_table import FUNCTIONS
+from tests.user_types import reported_by_mypy
 
 _CLIENT = """
 import asyncio
 import bcapscope.client as client
 
-def run_my_client(host, port):
-    async def run():
+def run_my_client(host: str, port: int) -> None:
+    async def run() -> None:
         async with client.connect(client.over_udp(host, port)) as service:
             await service.connect("", "CaoProv.DENSO.VRC", "localhost")
     asyncio.run(run())
@@ -46,6 +47,14 @@ def test_a_python_block_runs(block: str, tmp_path: Path) -> None:
     program.write_text(_CLIENT + block, encoding="utf-8")
     options = ["-m", "pytest", "-q", "--strict-markers"] if "def test_" in block else []
     subprocess.run([sys.executable, "-W", "error", *options, str(program)], cwd=tmp_path, check=True)
+
+
+@pytest.mark.parametrize("page", ["simulator.md", "testing.md", "controllers.md"])
+def test_python_blocks_have_sound_types(page: str, tmp_path: Path) -> None:
+    paths = [tmp_path / f"block_{number}.py" for number in range(len(_python_blocks(page)))]
+    for path, block in zip(paths, _python_blocks(page), strict=True):
+        path.write_text(_CLIENT + block, encoding="utf-8")
+    assert reported_by_mypy(*paths) == []
 
 
 @pytest.mark.parametrize("number", range(3))

@@ -16,7 +16,15 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.traffic.joining.captured_twins import CapturedTwins, CaptureSide
 from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.joining.place_merger import Coverage
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PORT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    Transport,
+)
 
 US, MS = 1_000, 1_000_000
 S_EXECUTING = 0x900
@@ -166,7 +174,7 @@ class CapturedSession:
     def _conversations(self) -> list[Conversation]:
         """Return the conversation as each capture has it. The clocks of the captures agree."""
         ends = Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007)
-        places = [Conversation(*ends, Transport.UDP, "port 5007") for _ in self.around.places]
+        places = [Conversation(*ends, Transport.UDP, SERVER_PORT) for _ in self.around.places]
         if len(places) > 1:
             twins = CapturedTwins((Coverage(), Coverage()), 0, is_relayed=False)
             for conversation, place in zip(places, CapturePlace, strict=True):

@@ -7,7 +7,15 @@ from collections.abc import Iterable
 from bcapscope.protocol.codec.frame import Frame, Malformed, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PORT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    Transport,
+)
 from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 from bcapscope.traffic.tracker import Tracker
 
@@ -53,7 +61,7 @@ class Script:
         self.seen: list[Observation] = []
 
     def client(self, port: int = 50001, transport: Transport = Transport.UDP) -> Client:
-        conversation = Conversation(Endpoint("10.0.0.2", port), SERVER, transport, "port 5007")
+        conversation = Conversation(Endpoint("10.0.0.2", port), SERVER, transport, SERVER_PORT)
         return Client(self, conversation)
 
     def track(self, stop: int | None = None) -> list[PairingResult]:

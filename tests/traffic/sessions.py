@@ -14,7 +14,15 @@ from typing import NamedTuple
 
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PORT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    Transport,
+)
 
 US, MS = 1_000, 1_000_000
 START = 1_700_000_000_000_000_000
@@ -300,7 +308,7 @@ class Capture:
                 Endpoint("10.0.0.2", 50001 + index),
                 Endpoint("10.0.0.1", 5007),
                 Transport.TCP if profile.is_tcp else Transport.UDP,
-                "port 5007",
+                SERVER_PORT,
             )
             for index, (profile, _) in enumerate(sessions)
         ]

@@ -17,14 +17,22 @@ from bcapscope.traffic.call_kind import (
     RecentRequests,
     call_kind_of,
 )
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PORT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    Transport,
+)
 
 SLV_MOVE = CallKind(64, "slvMove")
 
 
 def conversation(port: int = 50001) -> Conversation:
     server = Endpoint("10.0.0.1", 5007)
-    return Conversation(Endpoint("10.0.0.2", port), server, Transport.UDP, "port 5007")
+    return Conversation(Endpoint("10.0.0.2", port), server, Transport.UDP, SERVER_PORT)
 
 
 def execute(command: str, function_id: int = 64, handle: int = 1, serial: int = 1) -> Frame:

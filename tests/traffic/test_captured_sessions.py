@@ -92,7 +92,9 @@ def test_a_verdict_is_true_or_cannot_be_told(around: Surroundings, seed: int, na
     settled += tracker.close()
     for call in calls_of(settled):
         known = session.by_serial[call.request.item.serial]
-        assert call.is_guess or all(session.by_serial[serial] is known for serial in call.serials)
+        assert call.sure_until is not None or all(
+            session.by_serial[serial] is known for serial in call.serials
+        )
         check(call, known, around)
     first = first_request(session.observations)
     for stray in strays_of(settled):

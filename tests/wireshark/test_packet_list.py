@@ -37,6 +37,36 @@ def test_the_info_column_is_readable(script: Path) -> None:
     ]
 
 
+def test_the_info_column_gives_the_meaning_of_a_failure(script: Path) -> None:
+    infos = _infos(script, CAPTURES / "slave-mode-lost.pcapng")
+    assert infos[65] == "Reply 433 0x83500121 to Robot_Execute slvMove (slvMove while slave mode is off)"
+    assert infos[61] == "Reply 431 S_OK to Robot_Execute slvMove"
+
+
+def test_the_tree_shows_a_result_with_its_meaning(script: Path) -> None:
+    lines = tshark(script, CAPTURES / "slave-mode-lost.pcapng", "-O", "bcap").splitlines()
+    results = {line.strip() for line in lines if line.startswith("    Result: ")}
+    assert "Result: 0x00000000 S_OK: done" in results
+    assert "Result: 0x83500121: slvMove while slave mode is off" in results
+
+
+def test_the_tree_shows_the_numbers_of_an_argument_in_one_line(script: Path) -> None:
+    lines = tshark(script, CAPTURES / "slave-session.pcapng", "-O", "bcap").splitlines()
+    arguments = {line.strip() for line in lines if re.match(r"    \w+: VT_", line)}
+    assert "vntParam: VT_R8|VT_ARRAY [8] 0, 0, 90, 0, 90, 0, 0, 0" in arguments
+    fractions = "0.00055, 0.00034, 90.0005, -0.00041, 89.9995, 0.00083, 0, 0"
+    assert f"vntParam: VT_R8|VT_ARRAY [8] {fractions}" in arguments
+    assert "hRobot: VT_I4 2" in arguments
+    assert "vntParam: VT_I4|VT_ARRAY [2] 18, 1" in arguments
+
+
+def test_the_tree_shows_the_first_of_many_numbers(script: Path, tmp_path: Path) -> None:
+    many = encode_frame(5, 0, 0, [Variant.array(VT.R4, (0.1,) * 13)])
+    capture = write_capture(tmp_path / "a.pcap", [udp_packet(False, many)])
+    label = f"pVal: VT_R4|VT_ARRAY [13] {'0.1, ' * 12}…"
+    assert label in {line.strip() for line in tshark(script, capture, "-O", "bcap").splitlines()}
+
+
 def _headings(script: Path, capture: Path) -> list[str]:
     lines = tshark(script, capture, "-O", "bcap").splitlines()
     return [line.removeprefix("DENSO b-CAP, ") for line in lines if line.startswith("DENSO b-CAP, ")]
@@ -115,7 +145,8 @@ def test_the_display_filters_of_the_page_find_packets(display_filter: str, scrip
 
 def test_the_page_shows_real_lines_and_fields(script: Path) -> None:
     (lines,) = re.findall(r"(?ms)^```text\n(.*?)^```$", PAGE)
-    shown = {*_infos(script, CAPTURES / "retry-story.pcapng"), *_infos(script, CAPTURES / "malformed.pcapng")}
+    names = ("retry-story.pcapng", "slave-mode-lost.pcapng", "malformed.pcapng")
+    shown = {info for name in names for info in _infos(script, CAPTURES / name)}
     assert set(lines.splitlines()) <= shown
     fields = {name for name in re.findall(r"`(bcap\.[a-z0-9_.]+)`", PAGE) if name != "bcap.ports"}
     assert len(fields) > 20

@@ -1,4 +1,6 @@
-"""The rules of `diagnose`. Each module of this package defines rules and the checker that applies them."""
+"""The rules of `diagnose`. Each module of this package defines rules, and the checker (a class) that applies
+them.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,7 @@ from bcapscope.analysis.rules.slave_mode_rules import SlaveModeChecker
 from bcapscope.analysis.rules.wire_rules import WireChecker
 
 CHECKERS: tuple[type[RuleChecker], ...] = (
-    ProxyChecker,  # first, so that later checkers can use its findings as causes
+    ProxyChecker,  # comes first, so that findings of the checkers below can name its findings as causes
     WireChecker,
     ConnectionChecker,
     ReplyChecker,
@@ -40,7 +42,7 @@ CHECKERS: tuple[type[RuleChecker], ...] = (
     PollingChecker,
     MotionChecker,
 )
-"""All checkers, in the order in which a call is passed to them."""
+"""All checkers. Each call is passed to the checkers in this order."""
 
 RULES: tuple[DiagnosisRule, ...] = tuple(
     dict.fromkeys(rule for checker in CHECKERS for rule in checker.rules)

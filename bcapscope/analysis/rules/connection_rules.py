@@ -33,14 +33,14 @@ CONTROLLER_HUNG_UP = DiagnosisRule(
 
 
 class ConnectionChecker(RuleChecker):
-    """Checks whether the client or the controller closed a connection."""
+    """Checks whether the client or the controller closed a TCP connection."""
 
     rules = (CONTROLLER_HUNG_UP,)
     by_client: dict[Conversation, bool]
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         client = self.clients.find(conversation)
-        if client is not None:  # The registry keeps a client for a while after its connection was closed.
+        if client is not None:  # the registry forgets closed clients only later
             self.by_client[conversation] = True
             for occurrence in _closing_occurrences(client):
                 self.report_occurrence(occurrence)
@@ -93,8 +93,9 @@ def _hung_up(last: Call, closing: ConnectionEnd) -> Occurrence:
 
 
 def _hung_up_by_proxy(last: Call, closing: ConnectionEnd) -> Occurrence:
-    """Return the occurrence for a proxy that closed its connection to the client while the controller's was
-    open."""
+    """Describe that a proxy closed its connection to the client, while its connection to the controller was
+    open.
+    """
     near = last.conversation
     server = str((near.controller_leg or near).server)
     fact = Message(

@@ -1,8 +1,8 @@
 """Report errors from the controller's error list as causes of earlier refusals.
 
-Some refusals name no cause. For example, 84201486 says that set points were abandoned because of an earlier
-error. The controller's error list contains the code of this error. A rule for this code then explains the
-error.
+Some refusals name no cause. For example, the code 84201486 says only that the controller abandoned set points
+because of an earlier error. The controller's error list contains the code of this earlier error, and a rule
+for that code explains the error.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.slave_mode_tracker import SLAVE_MODE_OFF_CODES
 
 _ABANDONED = 0x84201486
-"""Set points were abandoned because of an earlier error."""
+"""The controller abandoned set points because of an earlier error."""
 
 _NAMES_NO_CAUSE = SLAVE_MODE_OFF_CODES | ACTIVE_CODES | {_ABANDONED}
-"""Codes of errors that follow from another error without naming that error."""
+"""Codes that say that another error occurred, without naming that error."""
 
 _LASTING = (
     EMERGENCY_STOP,
@@ -55,9 +55,10 @@ _LASTING = (
     NO_LICENCE,
     MANUAL_RESET_MISSING,
 )
-"""Rules about states that ClearError does not end. If a call is refused because an error is active, only the
-errors of these rules explain the refusal. For any other error in the list, the reason is the missing
-ClearError."""
+"""Rules about states that ClearError does not end. If the controller refuses a call because an error is
+active, only errors of these rules explain the refusal. For any other error in the error list, the reason for
+the refusal is that the client did not call ClearError.
+"""
 
 _MAX_CONTROLLERS = 256
 _MAX_CLIENTS = 32
@@ -65,25 +66,28 @@ _MAX_READS = 64
 _MAX_CLEARS = 16
 _MAX_CODES = 64
 _LARGEST_CALL = 8192
-"""Maximum size in bytes of all frames of a remembered call; a real call has a few hundred bytes."""
+"""Maximum total size in bytes of the frames of a call that is remembered; a real call has a few hundred
+bytes.
+"""
 
 
 class _ErrorRead(NamedTuple):
-    """An error code that a client read, and the call that returned it."""
+    """An error code that a client read, and the call that returned this code."""
 
     code: int
     call: Call
 
 
 class _RefusedCalls:
-    """The refusals of one client since errors were last cleared, and the errors that explain the first
+    """The refused calls of one client since errors were last cleared, and the errors that explain the first
     refusal.
 
     Attributes:
-        began: Earliest time of the error that caused the first refusal, ns since 1970. For a refused set
-            point, this is the time of the previous set point; otherwise, the time of the refused call.
-        codes: Result codes of the refusals.
-        reported: The call that read each error which was reported as a cause, by the error's code.
+        began: Earliest time at which the error that caused the first refusal can have occurred, ns since
+            1970; for a refused set point, this is the time of the previous set point; for any other call, it
+                  is the time of the refused call.
+        codes: Result codes with which the calls were refused.
+        reported: For the code of each error that was reported as a cause, the call that read this error.
     """
 
     def __init__(self, first: Call, code: int, client: ClientState) -> None:
@@ -97,15 +101,18 @@ class _RefusedCalls:
         self.reported: dict[int, Call] = {}
 
     def may_follow_from(self, rule: DiagnosisRule, code: int) -> bool:
-        """Return whether the error with this code may have caused the first refusal. `rule` is the rule for
-        the code."""
+        """Return whether the error with this code may have caused the first refusal. `rule` is the rule that
+        reports this code.
+        """
         is_notice = not describe_hresult(code).level and rule is CONTROLLER_ERROR
         only_listed = self.first.hresult in ACTIVE_CODES and rule not in _LASTING
         return not is_notice and not only_listed and (self.names_no_cause or self.own_code_read)
 
 
 class _ControllerErrors:
-    """What was captured about the errors of one controller."""
+    """The refusals, the reads of the error list and the ClearError calls that were captured for one
+    controller.
+    """
 
     def __init__(self) -> None:
         self.refused: dict[Conversation, _RefusedCalls] = {}
@@ -117,11 +124,12 @@ class _ControllerErrors:
 
 
 class ErrorListChecker(RuleChecker):
-    """Reports errors that a client read with GetCurErrorInfo or @ERROR_CODE, if they explain an earlier
-    refusal.
+    """Reports the errors that a client read with GetCurErrorInfo or @ERROR_CODE, if these errors explain an
+    earlier refusal.
 
     The calls of different clients are not passed to the checker in chronological order. The checker therefore
-    keeps the latest reads, and also compares them with refusals that arrive afterwards.
+    remembers the errors that were read last, and compares them also with refusals that are passed to it
+    later.
     """
 
     rules = ()
@@ -175,10 +183,10 @@ class ErrorListChecker(RuleChecker):
             self._compare(errors, refused, read)
 
     def _compare(self, errors: _ControllerErrors, refused: _RefusedCalls, read: _ErrorRead) -> None:
-        """Report a read error if it explains the first refusal.
+        """Report an error that a client read, if this error explains the first refusal.
 
-        The error list begins with the newest error. An error that the client reads after the refusal's own
-        error is therefore older than the refusal.
+        The error list begins with the newest error. If the client reads the error of the refusal itself
+        first, and then another error, the other error is therefore older than the refusal.
         """
         first, code = refused.first, read.code
         read_at = read.call.request.time
@@ -235,6 +243,6 @@ def _read_error(call: Call, client: ClientState) -> _ErrorRead | None:
 
 
 def _rule_of(code: int) -> DiagnosisRule:
-    """Return the rule that reports a code, regardless of which call was refused with the code."""
+    """Return the rule that reports a result code, whichever call the controller refused with this code."""
     rules: Iterator[DiagnosisRule] = (each.rule for each in REFUSALS if code in each.codes)
     return next((rule for rule in rules if rule is not ARM_TAKEN_BY_OTHER), CONTROLLER_ERROR)

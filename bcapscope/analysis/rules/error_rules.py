@@ -1,4 +1,6 @@
-"""Rules about errors that a client does not clear or clears unread, and errors without a specific rule."""
+"""Rules about errors that a client does not clear, or clears before it has read them. Also the rule for all
+errors that have no rule of their own.
+"""
 
 from __future__ import annotations
 
@@ -87,9 +89,9 @@ class _CallsAfterError:
 
     Attributes:
         error_call: The call that reported the error.
-        count: Number of calls that can change or move something.
-        first: The first of these calls.
-        clear_attempt: The first ClearError call that was not answered with success.
+        count: Number of these calls that can change or move something.
+        first: The first call that `count` counts.
+        clear_attempt: The first ClearError call that got no successful reply.
     """
 
     def __init__(self, failure: Call) -> None:
@@ -228,7 +230,7 @@ def _explain_other(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def advice_on_code(code: int) -> Message | None:
-    """Return what to do about a result code; None for the usual advice of the rule."""
+    """Return what to do about a result code; None if the rule's usual advice applies."""
     advice = describe_hresult(code).advice
     return None if advice is None else Message("advice.result", advice=advice)
 

@@ -1,4 +1,6 @@
-"""Rules about set points beyond the limits of an axis, and first set points far from the robot's position."""
+"""Rules about set points beyond the limits of an axis, and about first set points that are far from the
+robot's position.
+"""
 
 from __future__ import annotations
 
@@ -185,7 +187,7 @@ def _explain_beyond_range(call: Call, client: ClientState) -> RefusalReason | No
     key = "" if axis is None else f"J{axis}"
     if axis is None or pose_type not in (PoseType.J, None) or len(pose) < axis:
         return RefusalReason(group_key=key)
-    value = float(f"{pose[axis - 1]:.6g}")  # single-precision numbers have only this many digits
+    value = float(f"{pose[axis - 1]:.6g}")  # 6 digits, because single precision has no more exact digits
     reason = Message("reason.beyond-range", axis=AXES[PoseType.J][axis - 1].name, value=value)
     return RefusalReason(reason, group_key=key)
 

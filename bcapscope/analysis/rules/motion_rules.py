@@ -32,15 +32,18 @@ SPEED_CHANGED_IN_MOTION = DiagnosisRule(
 )
 
 _REMEMBERED = 32
-"""Maximum number of motions, and also of speed changes, that are remembered: the latest of all controllers.
-The checker may receive a motion before or after the speed change, because the calls of different clients are
-completed independently."""
+"""Maximum number of motions that are remembered, and of speed changes. The latest are kept, for all
+controllers together. The checker may receive a motion before or after the speed change, because calls of
+different clients may be complete in another order than they were made.
+"""
 
 _SPEED_VARIABLES = frozenset(("@extaccel", "@extdecel", "@extspeed"))
 
 
 class _TimedCall(NamedTuple):
-    """A motion or a speed change. All set points of a slave-mode session together are one motion."""
+    """A call that moves the robot or changes its speed. All set points of a slave-mode session together count
+    as one motion.
+    """
 
     conversation: Conversation
     began: int
@@ -93,7 +96,7 @@ class MotionChecker(RuleChecker):
 
 
 def _occurrences(motion: _TimedCall, change: _TimedCall) -> Iterator[Occurrence]:
-    """Yield an occurrence if the speed change took effect on the same controller during the motion."""
+    """Yield a problem if `change` changed the speed of the controller that was executing `motion`."""
     is_same_controller = motion.conversation.server.host == change.conversation.server.host
     if is_same_controller and motion.began < change.ended < motion.ended:
         yield Occurrence(

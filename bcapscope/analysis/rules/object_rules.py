@@ -1,4 +1,4 @@
-"""Rules about handles that are used wrongly or never released."""
+"""Rules about handles that a client uses wrongly or never releases."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ _MAX_NAMES = 4096
 
 
 class _HandleTally:
-    """Current and highest number of open handles of one object, and the call that exceeded the limit."""
+    """Current and highest number of open handles of one object, and the call with which this number exceeded
+    the limit.
+    """
 
     def __init__(self) -> None:
         self.open = self.most = 0
@@ -94,7 +96,9 @@ class ObjectChecker(RuleChecker):
             self.report_occurrence(_leak(tally.leak_call, kind, name, tally.most, is_update))
 
     def _least_relevant(self) -> tuple[Conversation, ObjectClass, str]:
-        """Return the oldest counted object with at most one open handle, otherwise the oldest object."""
+        """Return the key of the oldest object with at most one open handle. If all objects have more, return
+        the key of the oldest object.
+        """
         single = (key for key, tally in self._tallies.items() if tally.open <= 1)
         return next(single, next(iter(self._tallies)))
 
@@ -125,7 +129,9 @@ def _leak(call: Call, kind: ObjectClass, name: str, handles: int, is_update: boo
 
 
 def _may_be_released(call: Call) -> bool:
-    """Return whether the controller answered, or may have answered, a call that releases an object."""
+    """Return whether the controller answered this call, or may have answered it although no reply was
+    captured.
+    """
     return call.reply is not None or call.evicted or call.reply_not_captured
 
 

@@ -88,8 +88,8 @@ class PacingChecker(RuleChecker):
         return health is CallHealth.REFUSED
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Find the pause that explains why the controller reported an empty buffer. Find the pause here,
-        because `session_occurrences` has no details of the set points around the pause.
+        """Find the pause that explains why the controller reported an empty buffer. `session_occurrences`
+        could not find this pause, because it has no details of the set points around the pause.
         """
         pair = _longest_pause(call, client) if call.hresult in _EMPTY_CODES else None
         if pair is None:
@@ -150,8 +150,8 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
         return
     grid_ms = session.timing.grid_ms
     keeps_grid = abs(pace.cycle_ms / grid_ms - 1) <= _TOLERANCE
-    # Skipped cycles matter only if the client sends at the controller's period. The controller still gets
-    # enough set points from a client that sends faster.
+    # Skipped cycles matter only if the client sends at the controller's period.
+    # From a client that sends faster, the controller still gets enough set points.
     skips = grid_ms == PERIOD_MS and keeps_grid and pace.skipped > pace.cycles * _MAX_SKIPPED_SHARE
     is_slow = pace.cycle_ms / PERIOD_MS - 1 > _TOLERANCE or skips
     if pace.long_cycle_ms / grid_ms - 1 < -_TOLERANCE:
@@ -168,7 +168,9 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
 
 
 def _may_overwrite(session: SlaveSession) -> bool:
-    """Return whether a new set point replaces the waiting one; True if the mode is unknown."""
+    """Return whether a new set point replaces the set point that waits in the buffer; True if the mode is
+    unknown.
+    """
     return session.mode.meaning is None or session.buffer.overwrites
 
 
@@ -199,15 +201,17 @@ def _off_pace(
 
 
 def _buffer_slack_ns(client: ClientState) -> int:
-    """Return how long a full buffer lasts without a new set point, in ns. An unknown mode has `DEFAULT_SLOTS`
-    slots."""
+    """Return how long a full buffer lasts without a new set point, in ns. If the mode is unknown, the buffer
+    is assumed to have `DEFAULT_SLOTS` slots.
+    """
     mode = client.slave_mode if client.mode_entered_by else None
     return round(slack_ms(DEFAULT_SLOTS if mode is None else mode.buffer_slots) * MS)
 
 
 def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
     """Return the set points before and after the longest recent pause; None if a full buffer lasts longer
-    than this pause."""
+    than the pause.
+    """
     points = (
         [*client.recent_set_points, call]
         if call.kind.folded_command == "slvmove"

@@ -1,4 +1,6 @@
-"""Rule about clients that read values one by one, and therefore wait for replies much of the time."""
+"""Rule about clients that read each value with a call of its own, and therefore spend much of their time
+waiting for replies.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,7 @@ class _VariableReads:
 
     @property
     def took_ns(self) -> int:
-        """Time in ns from the first read to the last reply."""
+        """Time in ns from the first read of a variable to the reply to the last read."""
         return last_frame_time(self.last) - self.first.request.time
 
     def add(self, call: Call, name: str) -> None:
@@ -53,7 +55,7 @@ class _VariableReads:
 
 
 class PollingChecker(RuleChecker):
-    """Counts the calls that read a single value, and the time that they take."""
+    """Counts the calls that read a single variable, and adds up the time that these calls take."""
 
     rules = (POLLING,)
     by_client: dict[Conversation, _VariableReads]

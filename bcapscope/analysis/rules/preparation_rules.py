@@ -1,4 +1,6 @@
-"""Rules about preparing a motion: running program, standstill, arm, motor, slave mode, permission to move."""
+"""Rules about what a motion needs: a running program, standstill, the arm, the motor, slave mode, permission
+to move.
+"""
 
 from __future__ import annotations
 
@@ -104,7 +106,8 @@ _TOKEN_CODES = with_rc7_forms(
 _LICENCE_CODES = (0x80000901, 0x8000020C, 0x83500009, 0x83500126)
 _RESET_CODES = (0x83500372, 0x81501069, 0x81501070)
 _SWITCHES_OFF = 4
-"""Lowest error level at which the controller stops all axes and switches the motor off, by the public list.
+"""Lowest error level at which the controller stops all axes and switches the motor off, according to the
+public list of controller errors.
 """
 _MOTOR_CODES = with_rc7_forms((0x81501003, 0x2006))
 _ARM_CODES = with_rc7_forms((E_ARM_NOT_TAKEN, 0x21F7))
@@ -158,7 +161,7 @@ class PreparationChecker(RuleChecker):
     def _check_type_read(self, call: Call, client: ClientState) -> None:
         if client.last_motion is not None or not client.session_start_seen or _type_was_read(client):
             return
-        client.type_was_read = True  # report this finding only once for each client
+        client.type_was_read = True  # the finding is reported only once for each client
         self.report_call(
             TYPE_NOT_CHECKED,
             call,
@@ -192,8 +195,9 @@ def _requests_mode(call: Call) -> bool:
 
 
 def _pass_of(motion: Call) -> str:
-    """Return the pass option of a motion as requested, such as `@P` or `@0`; "" if the request has no pass
-    option."""
+    """Return the pass option in the request of a motion, such as `@P` or `@0`; "" if the request has no pass
+    option.
+    """
     for index in (2, 3):
         found = _pass_in(argument(motion, index))
         if found:
@@ -227,7 +231,7 @@ def _explain_robslave(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _explain_task(client: ClientState) -> RefusalReason | None:
-    """Return the reason why RobSlave does not run; None if the capture does not show one."""
+    """Return the reason why RobSlave does not run; None if the capture shows no reason."""
     started = _latest_robslave_start(client)
     attempt = client.latest_calls.get("robslave")
     if attempt is not None and (started is None or started.request.time < attempt.request.time):
@@ -245,7 +249,7 @@ def _explain_task(client: ClientState) -> RefusalReason | None:
 
 
 def _latest_robslave_start(client: ClientState) -> Call | None:
-    """Return the latest Task_Start of RobSlave that the controller accepted, from any client."""
+    """Return the latest Task_Start of RobSlave, from any client, that the controller accepted."""
     starts = [each.robslave_start for each in (client, *client.other_clients())]
     return max(
         (each for each in starts if each is not None), key=lambda each: each.request.time, default=None
@@ -293,7 +297,9 @@ def _explain_arm_taken(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _may_be_given_back(client: ClientState) -> bool:
-    """Return whether the capture lacks the reply to a GiveArm call of the client that holds the arm."""
+    """Return whether the client that holds the arm may have given it back, because the capture lacks the
+    reply to its GiveArm call.
+    """
     return _unanswered(client, "givearm") is not None
 
 
@@ -319,14 +325,17 @@ def _explain_arm_missing(call: Call, client: ClientState) -> RefusalReason | Non
 
 
 def _error_since(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the number of the client's latest failed call that reported an error; () if `call` is later."""
+    """Return the number of the client's latest failed call that reported an error, if that call was made
+    after `call`.
+    """
     error = client.latest_error
     return (error.number,) if error is not None and error.number > call.number else ()
 
 
 def _unsuccessful(reason: str, attempt: Call) -> RefusalReason:
-    """Return the reason for a refusal: the earlier call `attempt` was refused or not answered. `reason` is
-    the message id of the clause."""
+    """Return a reason for a refusal which says that the earlier call `attempt` was refused or not answered.
+    `reason` is the id of the message that names the reason.
+    """
     code = attempt.hresult
     if code is None:
         return _reason_of_call(reason, attempt)

@@ -1,4 +1,4 @@
-"""Rules about what a proxy did to the traffic that it recorded."""
+"""Rules about changes that a proxy made to the traffic that it recorded."""
 
 from __future__ import annotations
 
@@ -66,7 +66,9 @@ class ProxyChecker(RuleChecker):
 
 
 def with_place(call: Call, fact: Message) -> Message:
-    """Return `fact` with the place where frames of the call were lost or held, if this place is known."""
+    """Add to `fact` where frames of the call were lost or held, if two captures or the proxy's recording show
+    this.
+    """
     lost = call.lost_between
     if lost:
         case = "in-proxy" if lost[0].is_relayed else "between"
@@ -78,13 +80,17 @@ def with_place(call: Call, fact: Message) -> Message:
 
 
 def group_by_place(call: Call) -> str:
-    """Return the group key of a finding about a call: calls with different advice form different findings."""
+    """Return a group key for the problem of a call, so that calls with different advice become different
+    findings.
+    """
     advice = advice_by_place(call)
     return "" if advice is None else advice.id
 
 
 def advice_by_place(call: Call) -> Message | None:
-    """Return what the reader can do if two places captured a call; None for the usual advice of the rule."""
+    """Return the advice for a call that was captured at two places; None if the rule's usual advice
+    applies.
+    """
     lost = call.lost_between
     if lost:
         return Message("rule.advice.in-proxy" if lost[0].is_relayed else "rule.advice.between")

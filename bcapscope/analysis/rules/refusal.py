@@ -15,11 +15,12 @@ class RefusalReason(NamedTuple):
     """What the traffic shows about the reason for a refusal.
 
     Attributes:
-        text: Clause that explains the refusal, as `reason` in the sentence `finding.refused.because`; None if
-            no reason is known.
-        fact: Sentence that replaces `finding.refused` and `finding.refused.because`; None to use these.
-        clause: Clause that replaces `clause.refused` when the refusal is a consequence; None to use that
-            clause.
+        text: Message that explains the refusal; it becomes `reason` in the message `finding.refused.because`;
+            None if no reason is known.
+        fact: Message that is used instead of `finding.refused` or `finding.refused.because`; None to use one
+            of these two.
+        clause: Message that is used instead of `clause.refused` if the refusal is a consequence; None to use
+            `clause.refused`.
     """
 
     text: Message | None = None
@@ -32,7 +33,7 @@ class RefusalReason(NamedTuple):
 
 
 NO_REASON = RefusalReason()
-"""The reason is unknown: only the result code was captured."""
+"""The reason for the refusal is unknown: the capture shows only the result code."""
 
 ExplainRefusal: TypeAlias = Callable[[Call, ClientState], "RefusalReason | None"]
 
@@ -42,7 +43,8 @@ class Refusal(NamedTuple):
 
     Attributes:
         codes: Result codes to which this kind of refusal applies; empty for all codes.
-        explain: Returns the reason for a refused call; None if this kind of refusal does not apply.
+        explain: Function that returns the reason why a call was refused; None if the call is not a refusal of
+            this kind.
     """
 
     rule: DiagnosisRule

@@ -1,4 +1,4 @@
-"""Report each refused call under the first rule that applies to it."""
+"""Report each refused call with the first rule that applies to the call."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ REFUSALS: tuple[Refusal, ...] = (
     *request_rules.REFUSALS,
     *error_rules.REFUSALS,
 )
-"""All kinds of refusal, specific kinds before general kinds. The last kind applies to every refused call."""
+"""All kinds of refusal. Specific kinds come before general kinds, and the last kind applies to every refused
+call.
+"""
 
 
 _NEEDED_OBJECTS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.ROBOT)
@@ -42,11 +44,13 @@ _PREPARATIONS = frozenset(
         *("clearerror", "manualreset", "manualresetpreparation", "motionpreparation"),
     )
 )
-"""Calls that must succeed before the robot moves as the client wants (see `ClientState.topic_of`)."""
+"""Calls that must succeed before the robot can move as the client wants. `ClientState.topic_of` returns these
+names.
+"""
 
 
 class RefusalChecker(RuleChecker):
-    """Reports each refused call under exactly one rule."""
+    """Reports each refused call with exactly one rule."""
 
     rules = tuple(dict.fromkeys(each.rule for each in REFUSALS))
 
@@ -75,7 +79,7 @@ class RefusalChecker(RuleChecker):
 
 
 def _impact(rule: DiagnosisRule, call: Call, client: ClientState) -> RobotImpact:
-    """Return the effect of a refusal on the motion of the robot."""
+    """Return how a refusal affects the motion of the robot."""
     code, command = call.hresult or 0, call.kind.folded_command
     moves = call.kind.function_id in MOTION_FUNCTIONS or command in MOTION_COMMANDS
     if rule is slave_mode_rules.REFUSED_IN_SLAVE_MODE:
@@ -91,15 +95,17 @@ def _impact(rule: DiagnosisRule, call: Call, client: ClientState) -> RobotImpact
 
 
 def _error_to_clear(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the call with the error that a ClearError call should have cleared. The cause of the error often
-    makes the controller refuse ClearError, too."""
+    """Return the number of the call whose error a refused ClearError call should have cleared. The cause of
+    this error is often also the reason why the controller refuses ClearError.
+    """
     error = client.uncleared_error
     return (error.number,) if error is not None and call.kind.folded_command == "clearerror" else ()
 
 
 def _marked_guess(fact: Message, code: int) -> Message:
-    """Return the sentence, followed by a remark if the code's meaning rests on a guess at how RC7 packs its
-    codes."""
+    """Return `fact`. If the meaning of the code rests on a guess about the form of RC7's codes, add a remark
+    that says so.
+    """
     digits = rc7_digits_guessed(code)
     return fact if digits is None else Message("finding.rc7-guess", fact=fact, digits=digits)
 

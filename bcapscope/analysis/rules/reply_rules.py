@@ -103,11 +103,13 @@ _MAX_STRAYS = 64
 
 @dataclass(slots=True)
 class _Pending:
-    """Calls and replies of a client that can be judged only by its later traffic.
+    """Calls and replies of a client that the checker can judge only when it knows the client's later traffic.
 
     Attributes:
-        given_up: Latest call that the client gave up, unless the client program stopped.
-        strays: Replies whose requests were not captured, unless the client uses their serials later.
+        given_up: The latest call that got no reply; the client has given this call up, or the client program
+            has stopped.
+        strays: Replies without a captured request; either the capture lacks the requests, or the client never
+            sent them.
     """
 
     given_up: Call | None = None
@@ -170,10 +172,10 @@ class ReplyChecker(RuleChecker):
         if stray.call_number is not None:
             self.report_occurrence(_very_late(seen, stray.call_number))
         elif conversation not in self._requesting:
-            return  # the capture began after the request for this reply
+            return  # the request of this reply was sent before the capture began
         elif not stray.request_missed:
             self.report_occurrence(_to_nothing(seen))
-        else:  # the client's next request may show that the capture lacks no request
+        else:  # wait, because the serial of the client's next request shows whether a request is missing
             strays = self.by_client.setdefault(conversation, _Pending()).strays
             strays.append(stray)
             del strays[:-_MAX_STRAYS]
@@ -232,7 +234,7 @@ class ReplyChecker(RuleChecker):
         if call.abandoned_at or closing is not None or not gives_up_at(call):
             self.report_occurrence(_no_reply(call))
             return
-        # The client program may have stopped. The client's later traffic, or its absence, shows this.
+        # The client's later traffic shows whether the client program has stopped.
         pending = self.by_client.setdefault(call.conversation, _Pending())
         if pending.given_up is not None:
             self.report_occurrence(_no_reply(pending.given_up))
@@ -295,7 +297,9 @@ class _Grouping(TypedDict, total=False):
 
 
 def _grouped_by_place(call: Call) -> _Grouping:
-    """Return arguments that put calls disturbed by a proxy into a separate finding with its own advice."""
+    """Return arguments for `report_call`. They give calls that were captured at two places a finding of their
+    own, with its own advice.
+    """
     advice = advice_by_place(call)
     return {} if advice is None else {"group_key": group_by_place(call), "advice": advice}
 
@@ -381,11 +385,11 @@ def _controller_silent(first: Call, last: Call, calls: int, ended_at: int) -> Oc
 
 
 def _waited_for_room(call: Call, client: ClientState) -> bool:
-    """Return whether a reply was late because the controller waited until its buffer had room.
+    """Return whether the controller answered a set point late because it waited until its buffer had room.
 
-    The controller delays replies only in modes that pace the client. DENSO recommends a time-out of 2 ms for
-    these modes, so the client retries in the meantime. The set point still arrives if only some attempts are
-    lost.
+    The controller delays replies only in modes in which it sets the pace. For these modes, DENSO recommends a
+    timeout of 2 ms, so the client retries while the controller waits. These retries do no harm: if some
+    attempts are lost, the set point still arrives.
     """
     mode, latency = client.slave_mode, call.latency
     if mode is None or not mode.paces_client or latency is None:
@@ -394,7 +398,9 @@ def _waited_for_room(call: Call, client: ClientState) -> bool:
 
 
 class _AttemptIndex:
-    """Finds attempts of a call by serial and time, fast even for thousands of attempts and replies."""
+    """Index of the attempts of a call by serial and time. Searches stay fast even for thousands of attempts
+    and replies.
+    """
 
     def __init__(self, call: Call) -> None:
         self._call = call
@@ -404,14 +410,16 @@ class _AttemptIndex:
             self._by_serial.setdefault(each.item.serial, []).append(each)
 
     def answered_by(self, reply: FrameObservation) -> FrameObservation:
-        """Return the latest attempt that a reply can answer: one with the same serial, sent before the
-        reply."""
+        """Return the attempt that a reply answers: the latest attempt with the same serial that was sent
+        before the reply.
+        """
         sent = [each for each in self._by_serial.get(reply.item.serial, ()) if each.time <= reply.time]
         return sent[-1] if sent else self._call.request
 
     def given_up_at(self, reply: FrameObservation) -> int:
         """Return the time when the client gave up the attempt that `reply` answers, ns since 1970; 0 if the
-        attempt was not given up."""
+        client had not given it up.
+        """
         sent_at, abandoned_at = self.answered_by(reply).time, self._call.abandoned_at
         after = bisect_right(self._times, sent_at)
         if after < len(self._times) and self._times[after] <= reply.time:

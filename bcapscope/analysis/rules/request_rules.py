@@ -1,4 +1,4 @@
-"""Rules about requests with a command or arguments that the controller does not accept."""
+"""Rules about requests whose command or arguments the controller does not accept."""
 
 from __future__ import annotations
 
@@ -162,7 +162,9 @@ def _explain_argument(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _argument_mismatch(call: Call) -> Message | None:
-    """Return a message about the wrong number or first wrong type of the arguments; None if all fit."""
+    """Return a message about a wrong number of arguments, or about the first argument with a wrong type; None
+    if all arguments fit.
+    """
     function, arguments = FUNCTIONS.get(call.kind.function_id), call.request.item.arguments
     if function is None:
         return Message("reason.no-function", function=call.kind.function_id)

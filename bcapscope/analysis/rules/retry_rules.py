@@ -1,4 +1,4 @@
-"""Rules about improper retries, and about serials that controller or client can mistake for one another."""
+"""Rules about improper retries, and about serials that the controller or the client can confuse."""
 
 from __future__ import annotations
 
@@ -53,7 +53,8 @@ MIXED_CONVENTIONS = DiagnosisRule(
 
 _FIRST_FUNCTIONS = (ID["Service_Start"], ID["Controller_Connect"])
 """Functions with which a session begins. If the first captured call has serial 0 and another function, the
-capture began in mid-session."""
+capture began in the middle of a session.
+"""
 
 
 class RetryChecker(RuleChecker):
@@ -115,7 +116,7 @@ class RetryChecker(RuleChecker):
     def _check_retry_delay(self, call: Call) -> None:
         first, second = call.attempts[:2] if len(call.attempts) > 1 else (call.request, call.request)
         if skipped_serials(first.item.serial, second.item.serial):
-            return  # the attempt between the two was not captured
+            return  # an attempt between these two was not captured
         waited = second.time - first.time
         if waited > PERIOD_NS:
             places = {"call": call_place(call), "waited": Duration(waited)}
@@ -150,7 +151,7 @@ class RetryChecker(RuleChecker):
         if frame.raw[9:] != earlier.raw[9:] or _answered_before(before, call):
             return
         if frame.reserved in skipped_serials(earlier.serial, frame.serial):
-            return  # `reserved` names an attempt that was not captured
+            return  # the reserved field names an attempt that was not captured
         fact = Message(
             "finding.wrong-reserved",
             at=Moment(call.request.time),
@@ -215,7 +216,7 @@ def _is_same_request(one: Call, other: Call) -> bool:
 
 
 def _may_hold_position(client: ClientState) -> bool:
-    """Return whether the client may repeat a set point to hold the robot's position."""
+    """Return whether the client may have sent the same set point again only to hold the robot's position."""
     last = client.last_call
     if last.kind.folded_command != "slvmove":
         return False

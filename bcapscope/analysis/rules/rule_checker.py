@@ -1,4 +1,4 @@
-"""The definitions of a rule and of its occurrences, and the base class of all checkers."""
+"""The classes for a rule and for a problem that a rule reports, and the base class of all checkers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SECOND = 1_000_000_000
 MS = 1_000_000
 
 SAME_CALL = 0
-"""Value of `cause_within_ns` for a rule whose cause can only be in the same call."""
+"""Value of `cause_within_ns` for a rule whose problems can only be caused by problems of the same call."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class DiagnosisRule:
     Attributes:
         id: Short name of the rule, as in JSON.
         possible_causes: Ids of the rules whose findings can be the cause of this rule's findings.
-        cause_within_ns: Maximum time in ns between the end of a cause and the start of the occurrence.
+        cause_within_ns: Maximum time in ns from the end of a possible cause to the start of the problem.
     """
 
     id: str
@@ -48,7 +48,9 @@ class DiagnosisRule:
 
 
 class RobotImpact(IntEnum):
-    """How a problem affects the motion of the robot. The gravest effect comes first."""
+    """How a problem affects the motion of the robot. The members are sorted; the gravest effect comes
+    first.
+    """
 
     STOPPED = 0
     """The problem ended slave mode or a motion."""
@@ -63,20 +65,23 @@ class Occurrence:
 
     Attributes:
         began: Time when the problem began, ns since 1970.
-        completed: Time when the problem ended, ns since 1970; delays of consequences count from this time.
+        completed: Time when the problem ended, ns since 1970; the delay of a consequence is measured from
+            this time.
         frames: Numbers of the frames that prove the problem.
         fact: Sentence that says what happened: the message `finding.<rule>` or `finding.<rule>.<case>`.
         clause: Message `clause.<rule>`, which names the problem as a consequence in another finding's
             sentence; None if no sentence names the problem.
-        call: Number of the call that has the problem; 0 if the problem concerns no call.
-        explaining_calls: Numbers of other calls; a problem in one of these calls is the likeliest cause.
+        call: Number of the call that has the problem; 0 if it is not a problem of a call.
+        explaining_calls: Numbers of other calls; a problem in one of them is the likeliest cause of this
+            problem.
         group_key: Occurrences of one rule with different group keys become different findings.
         advice: What the reader can do in this case; None for the usual advice of the rule.
-        count: Number of occurrences that this object represents; 1 if each is reported on its own.
-        is_update: True if this occurrence replaces the earlier one of the same rule and call.
-        selected: True if the occurrence concerns selected calls; False to report it only as a cause.
-        explains: Numbers of calls whose problems certainly follow from this problem. The rules found this
-            cause only after they reported those problems.
+        count: How often the problem occurred; more than 1 if this object represents several occurrences.
+        is_update: True if this object replaces the one that was reported earlier for the same rule and call.
+        selected: True if the problem concerns selected calls; False if it is reported only as the cause of
+            another problem.
+        explains: Numbers of calls whose problems certainly follow from this problem; this attribute is for
+            causes that a rule finds only after the consequences were reported.
         impact: Effect of the problem on the motion of the robot.
     """
 
@@ -103,7 +108,7 @@ class ClientEnd(NamedTuple):
 
     Attributes:
         ended_at: Time when the traffic ended, ns since 1970, or time when the client was dropped from memory.
-        known_present: Whether the client is known to be still connected, even without traffic.
+        known_present: True if it is known that the client is still connected, although it sends nothing.
         silent_session: Latest slave-mode session that ended because the client stopped sending set points.
     """
 
@@ -117,27 +122,27 @@ OccurrenceSink: TypeAlias = Callable[[Occurrence], None]
 
 
 class CallHealth(Enum):
-    """Whether a call had problems. Each checker selects the calls to check by this value."""
+    """Whether a call had problems. Checkers use this value to select the calls that they check."""
 
     SMOOTH = "smooth"
     """One request, one reply, success."""
     REFUSED = "refused"
     """The reply reports a failure."""
     TROUBLED = "troubled"
-    """No failure was reported, but the call has no reply, or more frames than one request and one reply."""
+    """The call has no reply, or it succeeded with more frames than one request and one reply."""
 
 
 class RuleChecker:
     """Checks one rule, or a few rules that need the same data, in one pass and in bounded memory.
 
-    A subclass overrides the methods for the events that it needs. Methods that return occurrences do not
-    change the checker, because bcapscope also calls these methods while live traffic continues.
+    A subclass overrides the methods for the events that it needs. Methods that return problems (`Occurrence`)
+    must not change the checker, because bcapscope also calls them while live traffic continues.
 
     Attributes:
-        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove), perhaps millions. If
-            False, `on_call` gets only the first set point of each run of alike set points (see
-            `AlikeSetPoints`). During a run, the argument `client` of `on_call` is the state before the first
-            set point of the run.
+        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove), of which there may
+            be millions. If False, `on_call` gets only the first set point of each run of alike set points
+            (see `AlikeSetPoints`). If True, the argument `client` of `on_call` has the same state for all set
+            points of a run: the state before the run.
         by_client: Data of the checker for each client, until the client is dropped from memory.
     """
 
@@ -164,10 +169,11 @@ class RuleChecker:
         advice: Message | None = None,
         impact: RobotImpact = RobotImpact.NONE,
     ) -> None:
-        """Report a problem of a call. By default, the problem lasts from the request to the last frame.
+        """Report a problem of a call. Unless you give `began` and `completed`, the problem lasts from the
+        call's request to its last frame.
 
-        The frames of `evidence_call` and of the call prove the problem. `Occurrence` explains the other
-        arguments.
+        The frames of `evidence_call` and of the call prove the problem. The class `Occurrence` describes the
+        other arguments.
         """
         self.report_occurrence(
             Occurrence(
@@ -187,13 +193,13 @@ class RuleChecker:
         )
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        """Return whether `on_call` needs calls of this kind and health. The caller caches the result. For
-        alike set points, `needs_every_set_point` decides instead.
+        """Return whether `on_call` needs calls of this kind and health. `Diagnosis` caches the result. For
+        alike set points, `needs_every_set_point` decides whether `on_call` gets them.
         """
         return health is not CallHealth.SMOOTH
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Check a completed call. `client` is the state of its client before the call."""
+        """Check a completed call. `client` is the state of the call's client before the call."""
 
     def on_suspect_frame(self, observation: Observation | FrameObservation) -> None:
         """Check a large frame, a frame with problems, or bytes that are not a frame."""
@@ -202,7 +208,7 @@ class RuleChecker:
         """Check the first observation of a flow: a frame, or bytes that are not a frame."""
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Check a reply that belongs to no call."""
+        """Check a reply that belongs to no known call."""
 
     def session_occurrences(self, session: SlaveSession) -> Iterable[Occurrence]:
         """Return the problems of a slave-mode session that has ended."""

@@ -45,13 +45,16 @@ _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 _SEED = "DENSO Wave 2009, How to use the Slave mode"
 _LONG_CALL_NS = SECOND
 _SOON_NS = SECOND // 20
-"""Minimum time in ns from an attempt of a long call to its reply. If the reply arrives sooner, earlier
-packets were lost, and the controller did not take long."""
+"""Minimum time in ns from an attempt of a long call to the reply. If the reply arrives sooner than this,
+earlier packets were lost, and the controller itself was fast.
+"""
 
 _SILENT_NS = 10 * SECOND
 _REPLACED_AFTER_NS = 2 * SECOND
 _USUAL_PAUSES = 2
-"""A client is considered gone at the earliest after this multiple of its longest earlier pause."""
+"""A silent client counts as gone only when it has been silent for this multiple of its longest earlier
+pause.
+"""
 
 _SMALLEST_WDT_MS = 80
 
@@ -99,8 +102,9 @@ WDT_TOO_SMALL = DiagnosisRule("wdt-too-small", Severity.ERROR, _SERVER)
 _OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
 
 _NOT_STARTED_CODES = (E_NOT_CONNECTED, E_HANDLE, E_FAIL, E_UNEXPECTED, E_ACCESSDENIED, 0x80000903)
-"""Result codes with which a controller may refuse a call because no session was started. All other codes name
-another reason."""
+"""Result codes with which a controller may refuse a call because the client has not started a session. All
+other codes name another reason.
+"""
 
 
 class SessionChecker(RuleChecker):
@@ -131,7 +135,7 @@ class SessionChecker(RuleChecker):
 
     def end_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
         client, session = end.client, end.silent_session
-        # the evicted call may have ended the session properly
+        # the call that was evicted from memory may have ended the session properly
         if end.known_present or client.last_call.evicted:
             return
         if session is not None and end.ended_at - session.exit.time >= _SILENT_NS:
@@ -145,7 +149,7 @@ class SessionChecker(RuleChecker):
         conversation = client.conversation
         stays_connected = conversation.transport is Transport.TCP and conversation.connection_end is None
         if stays_connected and follower is None:
-            return  # when a client program ends, its computer closes the TCP connection
+            return  # the client program still runs, or its computer would have closed the TCP connection
         quiet = max((last_frame_time(each.last_call) for each in self.clients), default=silent) - silent
         patience = max(_SILENT_NS, _USUAL_PAUSES * client.longest_pause_ns)
         if quiet < (_REPLACED_AFTER_NS if follower is not None else patience):
@@ -210,7 +214,9 @@ class SessionChecker(RuleChecker):
 
 
 def _may_have_left(session: SlaveSession) -> bool:
-    """Return whether the capture lacks the reply to a slvChangeMode after the client's last set point."""
+    """Return whether the client may have left slave mode. This is so if the capture lacks the reply to a
+    slvChangeMode call after its last set point.
+    """
     last = session.last_set_point
     return any(
         call.reply_frame is None and call.command is not None and call.command.casefold() == "slvchangemode"
@@ -282,7 +288,7 @@ def _explain_not_started(call: Call, client: ClientState) -> RefusalReason | Non
     if call.kind.function_id == ID["Service_Start"] or is_rc7_code(code):
         return None
     if describe_hresult(code).level is not None:
-        return None  # an error of the robot or the controller shows that the session was started
+        return None  # the code is an error of the robot or the controller, so a session was open
     start = client.failed_start
     if start is not None:
         case = "refused" if start.hresult else "serial-zero"
@@ -350,7 +356,8 @@ def _busy_with(running: Call, call: Call, id: str) -> RefusalReason:
 
 def _share_call_slot(one: Call, other: Call) -> bool:
     """Return whether two calls of different clients can delay each other. Calls over different TCP
-    connections cannot."""
+    connections cannot delay each other.
+    """
     ends = one.conversation, other.conversation
     return all(each.transport is Transport.UDP for each in ends) and ends[0].server == ends[1].server
 

@@ -1,4 +1,6 @@
-"""Rules about slave mode: wrong entry, end without the client's knowledge, disturbance by another client."""
+"""Rules about slave mode: a client enters it in a wrong way, it ends without the client's knowledge, or
+another client disturbs it.
+"""
 
 from __future__ import annotations
 
@@ -190,7 +192,9 @@ def _explain_outside(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _explain_mode_change(latest: Call) -> RefusalReason:
-    """Return the reason if the client's latest slvChangeMode was refused, or its reply was not captured."""
+    """Return the reason for a refusal, if this reason is that the client's latest slvChangeMode was refused
+    or got no captured reply.
+    """
     case = "unanswered" if latest.reply is None else "refused"
     return RefusalReason(
         Message(f"reason.slave-mode.{case}", call=call_place(latest), at=Moment(latest.request.time)),

@@ -23,7 +23,14 @@ from bcapscope.protocol.codec.frame import LARGEST_UDP_FRAME, SOH, Frame, Malfor
 from bcapscope.protocol.codec.stream_splitter import STREAM_ENDED
 from bcapscope.protocol.tables.hresult import S_EXECUTING
 from bcapscope.traffic.call import Call, FrameObservation, StrayReply
-from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    Conversation,
+    Direction,
+    Flow,
+    Observation,
+    ServerEvidenceKind,
+    Transport,
+)
 
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 
@@ -60,14 +67,14 @@ DUPLICATE_FRAMES = DiagnosisRule(
 )
 
 CHECKED_FROM_BYTES = 480
-"""Minimum size in bytes of a frame whose size is checked."""
+"""Frames of at least this size in bytes are checked for being too large."""
 
 
 _MAX_FLOWS = 4096
 _FEWEST_REPLIES = 4
 _RESYNC_WITHIN_NS = SECOND
 _MAX_PROBLEMS_NAMED = 3
-"""Maximum number of problems of one frame that a sentence names."""
+"""Maximum number of problems of one frame that the text of a finding names."""
 
 
 class WireChecker(RuleChecker):
@@ -97,10 +104,13 @@ class WireChecker(RuleChecker):
         if len(self._directions) >= _MAX_FLOWS:
             self._directions.clear()
         self._directions.setdefault(conversation, set()).add(flow.direction)
-        begun_unseen = conversation.transport is Transport.TCP and conversation.server_known_by != "the proxy"
+        evidence = conversation.server_evidence.kind
+        begun_unseen = (
+            conversation.transport is Transport.TCP and evidence is not ServerEvidenceKind.PARTICIPANT
+        )
         if begun_unseen and isinstance(observation.item, Malformed):
             self._expect_resync(flow, observation.time)  # the capture began in the middle of a TCP frame
-        if conversation.server_known_by.startswith("a guess") and flow.direction is Direction.REQUEST:
+        if evidence is ServerEvidenceKind.GUESS and flow.direction is Direction.REQUEST:
             self._report_frame(SERVER_GUESSED, observation, server=flow.dst_text)
 
     def on_suspect_frame(self, observation: Observation | FrameObservation) -> None:
@@ -134,9 +144,10 @@ class WireChecker(RuleChecker):
             self.report_call(DUPLICATE_FRAMES, call, fact)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Report a capture that holds only replies, and no request, of a conversation.
+        """Report that a capture holds only replies, and no requests, of a conversation.
 
-        A single reply or a few notices are not reported: the capture may have begun in the middle of a call.
+        If the capture holds only a single reply or a few notices, report nothing: the capture may have begun
+        in the middle of a call.
         """
         reply, conversation = stray.observation, stray.observation.flow.conversation
         if reply.item.code == S_EXECUTING or self._directions.get(conversation) != {Direction.RESPONSE}:
@@ -168,8 +179,9 @@ class WireChecker(RuleChecker):
     def _is_incomplete(
         self, observation: Observation | FrameObservation, problems: tuple[Problem, ...]
     ) -> bool:
-        """Return whether bytes of a stream look damaged only because the bytes next to them were not
-        captured."""
+        """Return whether bytes of a TCP stream look damaged only because the neighbouring bytes were not
+        captured.
+        """
         since = observation.time - self._resync_since.pop(observation.flow, -_RESYNC_WITHIN_NS)
         return any(problem.code == "cut" for problem in problems) or (
             isinstance(observation.item, Malformed) and since < _RESYNC_WITHIN_NS
@@ -209,7 +221,7 @@ class WireChecker(RuleChecker):
         advice: Message | None = None,
         **places: PlaceValue,
     ) -> None:
-        """Report a problem of a frame with the message `finding.<rule><case>`."""
+        """Report a problem of a frame. The text of the finding is the message `finding.<rule><case>`."""
         conversation = observation.flow.conversation
         fact = Message(
             f"finding.{rule.id}{case}",

@@ -9,22 +9,27 @@ import numpy as np
 from bcapscope.analysis.statistics.distribution import Bools, Floats
 
 MAX_CYCLES = 32
-"""Largest lag that can be found, in cycles of set points: a quarter of a second at 8 ms."""
+"""Largest lag that can be found, counted in cycle times. At a cycle time of 8 ms, it is a quarter of a
+second.
+"""
 
 _ROWS_AT_ONCE = 256
-"""Maximum number of set points that each call of `add` compares: enough for an estimate, and fast."""
+"""Maximum number of set points that each call of `add` compares. This number is enough for an estimate, and
+keeps `add` fast.
+"""
 
 _CLEAR = 4.0
-"""Minimum ratio of the squared errors of the worst and the best lag. Below this ratio, the axis moves too
-little for an estimate."""
+"""Minimum ratio of the squared error of the worst lag to the squared error of the best lag. Below this ratio,
+the axis moves too little for an estimate.
+"""
 
 
 class AxisLag:
     """Finds the lag at which the returned poses match the commanded poses best.
 
     The lag is an estimate. The lag includes the time in the controller's buffer, the servo lag, and the age
-    of the reported pose. Fractions of a cycle come from a parabola through the errors of the best lag and its
-    neighbours.
+    of the reported pose. To find fractions of a cycle, a parabola is laid through the errors of the best lag
+    and of the two lags next to it.
     """
 
     def __init__(self, axes: int) -> None:
@@ -32,10 +37,11 @@ class AxisLag:
         self._commanded = np.empty((0, axes))
 
     def add(self, commanded: Floats, returned: Floats, answered: Bools) -> None:
-        """Add successive set points, and the returned poses of those that are `answered`."""
+        """Add successive set points, with the returned poses of the set points that `answered` marks."""
         history = np.vstack((self._commanded, commanded))
         first = len(self._commanded)
-        skipped = max(0, MAX_CYCLES - first)  # number of rows with too few set points before them
+        # number of first set points that have too few set points before them
+        skipped = max(0, MAX_CYCLES - first)
         until = min(len(commanded), skipped + _ROWS_AT_ONCE)
         if until > skipped:
             came, missing = returned[skipped:until], ~answered[skipped:until]
@@ -59,7 +65,7 @@ class AxisLag:
         return float(max(vertex, 0.0))
 
     def of_all(self) -> float | None:
-        """Return the median lag of all axes in cycles; None if no axis has a known lag."""
+        """Return the median lag of all axes in cycles; None if the lag of every axis is unknown."""
         found = [self.of_axis(axis) for axis in range(self._squares.shape[1])]
         lags = sorted(lag for lag in found if lag is not None)
         return lags[len(lags) // 2] if lags else None

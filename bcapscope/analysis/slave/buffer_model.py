@@ -3,20 +3,21 @@ arrived.
 
 The model is a prediction, not an observation. It assumes:
 
-- The controller takes one set point per period (8 ms) and takes the first set point at once.
-- A set point reaches the controller when the answered request is captured, or the first request if none was
-answered. The network delay is ignored, because it is nearly the same for all set points.
+- The controller takes one set point per period (8 ms) from the buffer, and the first set point at once.
+- A set point reaches the controller at the time when the answered attempt was captured. If no attempt was
+  answered, the time of the first attempt counts. The network delay is ignored, because it is nearly the same
+  for all set points.
 - The controller does not put a refused set point into the buffer.
-- The clocks of the controller and of the capture agree. In reality the clocks drift slightly, so the results
-  in captured replies correct the model. The buffer holds at most one set point per slot. S_BUF_FULL means
-  that the buffer is full. In modes that pace the client, a set point is in the buffer by the time its reply
-  arrives.
+- The clocks of the controller and of the capture agree. In reality the clocks drift slightly, so the model is
+  corrected by the result codes of captured replies. The buffer holds at most one set point per slot.
+  S_BUF_FULL means that the buffer is full. In modes in which the controller sets the pace, a set point is in
+  the buffer before its reply arrives.
 
 A capture does not show at which moment of its period (its phase) the controller takes a set point. The
-unknown phase alone can explain a single period without a set point. The model reports such an underflow only
-as possible. An overflow is predicted only if the buffer is full even in a controller that takes set points as
-early as possible. The number of slots per mode, the period, and their sources are in
-`bcapscope.protocol.slave_mode.modes`.
+unknown phase alone can explain a single period without a set point. The model therefore calls such an
+underflow only possible. The model predicts an overflow only if the buffer would be full for every phase.
+`bcapscope.protocol.slave_mode.modes` has the number of slots of each mode, the period, and the sources of
+these numbers.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, is_failure
 
 DEFAULT_SLOTS = 3
-"""Assumed number of buffer slots in an unknown mode: most modes of present controllers have this number."""
+"""Number of buffer slots that is assumed if the mode is unknown. Most modes of current controllers have this
+number.
+"""
 
 _NS_PER_MS = 1_000_000
 _PERIOD = PERIOD_MS * _NS_PER_MS
@@ -64,23 +67,24 @@ class PredictedUnderflow(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class BufferFacts:
-    """Facts about the controller's buffer: predictions of the model, and what the controller reported.
+    """What the model predicts about the controller's buffer, and what the controller reported about it.
 
     Attributes:
         slots: Maximum number of set points that the buffer can hold.
-        overwrites: Whether a new set point replaces the waiting one, so that an empty buffer is not an error.
+        overwrites: Whether a new set point replaces the set point that waits in the buffer; in such modes, an
+            empty buffer is not an error.
         replies_pace: Whether the controller delays each reply until the buffer has room.
-        underflows: Number of predicted underflows, excluding those that the controller's unknown phase can
-            explain.
+        underflows: Number of predicted underflows, without the underflows that the controller's unknown phase
+            can explain.
         underflows_in_motion: Number of predicted underflows while the robot was moving; an underflow at
             standstill is harmless.
         underflow_list: The first predicted underflows.
-        possible_underflows: Number of underflows of one period, which the controller's unknown phase can
-            explain.
-        overflows: Number of set points for which the buffer was full, whatever the controller's phase.
+        possible_underflows: Number of underflows that last one period, and that the controller's unknown
+            phase can explain.
+        overflows: Number of set points for which the buffer was full, whatever phase the controller has.
         overflow_frames: Numbers of the request frames of the first predicted overflows.
-        overwritten: Number of set points that were replaced before the controller took them; 0 unless
-            `overwrites`.
+        overwritten: Number of set points that were replaced before the controller took them; 0 if
+            `overwrites` is False.
         smallest_level: Smallest number of set points in the buffer when a set point arrived; None for fewer
             than two set points.
         smallest_slack_ms: Shortest time in ms from the arrival of a set point until the buffer would have
@@ -115,7 +119,8 @@ class BufferFacts:
 
 def slack_ms(slots: int) -> float:
     """Return how long a full buffer lasts without a new set point, in ms. A buffer lasts one period per slot,
-    but at least two periods. A single slot is refilled while the controller executes the previous set point.
+    but at least two periods. Even a buffer with a single slot lasts two periods, because the slot is refilled
+    while the controller executes the previous set point.
     """
     return float(max(slots, 2) * PERIOD_MS)
 
@@ -146,13 +151,13 @@ class SetPointArrivals(NamedTuple):
     """Columns with one row for each set point, in the order in which they were sent.
 
     Attributes:
-        times: Time when each set point arrived, ns since the origin of the model.
-        in_buffer_by: Latest time at which each set point entered the buffer: the reply's time in modes that
-            pace the client, otherwise the arrival time.
+        times: Time when each set point arrived, in ns since the `origin` of the model.
+        in_buffer_by: Latest time at which each set point entered the buffer: in modes in which the controller
+            sets the pace, the time of the reply; in other modes, the arrival time.
         codes: HRESULT of each reply; 0 if no reply was captured.
         frames: Frame number of each first request.
         reply_frames: Frame number of each reply; 0 if no reply was captured.
-        moving: 1 if the robot was moving before the set point, 0 if it was not, -1 if unknown.
+        moving: 1 if the robot was moving before the set point, 0 if it stood still, -1 if this is unknown.
     """
 
     times: NDArray[np.int64]
@@ -167,18 +172,20 @@ class BufferModel:
     """Predicts how many set points the buffer held when each set point arrived. Add set points in order."""
 
     def __init__(self, behaviour: BufferBehaviour, origin: int) -> None:
-        """Create a model. Times of set points count from `origin`, which is in ns since 1970."""
+        """Create a model. `origin` is a time in ns since 1970, from which the times of all set points are
+        counted.
+        """
         self._behaviour = behaviour
         self._origin = origin
         self._capacity_ns = behaviour.slots * _PERIOD
-        # The phase is unknown, so only an excess of more than two periods proves an overflow.
-        # If a new set point replaces the waiting one, an excess of more than one period proves an overflow.
-        # In modes that pace the client, no overflow occurs.
+        # The controller's phase is unknown, so only an excess of more than two periods proves an overflow.
+        # If a new set point replaces the waiting set point, an excess of more than one period proves it.
+        # In modes in which the controller sets the pace, the buffer never overflows.
         self._most_excess_ns = (
             _PERIOD if behaviour.overwrites else _NEVER if behaviour.replies_pace else 2 * _PERIOD
         )
-        self._excess_ns = 0  # total period in ns of the set points that arrived beyond the capacity
-        self._empty_at = 0  # time when the controller will find the buffer empty if nothing more arrives
+        self._excess_ns = 0  # number of set points that arrived beyond the capacity, times the period in ns
+        self._empty_at = 0  # time when the controller will find the buffer empty if no set point arrives
         self._last_frame = 0  # frame number of the last set point that was added
         self._underflows: list[PredictedUnderflow] = []
         self._underflow_count = self._underflows_in_motion = self._possible_underflows = 0
@@ -195,8 +202,8 @@ class BufferModel:
 
         Returns:
             For each set point, the time in ns from its arrival until the buffer would have been empty. A
-                negative time means that the buffer was already empty; the time of the very first set point is
-                0.
+                negative time means that the buffer was already empty; for the very first set point, the value
+                is 0.
         """
         if not self._last_frame:
             self._empty_at = int(rows.times[0])
@@ -207,11 +214,11 @@ class BufferModel:
         return slacks
 
     def _add_at_once(self, rows: SetPointArrivals) -> NDArray[np.int64] | None:
-        """Add set points in one step. If a set point is late, refused or beyond the capacity, change nothing
-        and return None.
+        """Add several set points in one step, which is faster. If one of them is late, refused or beyond the
+        capacity of the buffer, change nothing and return None.
 
         Each set point makes the buffer last one period longer, up to the capacity of the buffer. A running
-        minimum computes how long the buffer lasts.
+        minimum over all set points gives the time until which the buffer lasts.
         """
         periods = np.arange(len(rows.times) + 1) * _PERIOD
         latest = rows.in_buffer_by + self._capacity_ns
@@ -249,7 +256,7 @@ class BufferModel:
         return slacks
 
     def _add_underflow(self, rows: SetPointArrivals, index: int, empty_at: int) -> int:
-        """Record an underflow at time `empty_at`; return the time when the buffer is empty next."""
+        """Record an underflow at time `empty_at`; return the time when the buffer will be empty again."""
         late = int(rows.times[index]) - empty_at
         missing = (late - 1) // _PERIOD + 1
         self._excess_ns = 0
@@ -267,7 +274,9 @@ class BufferModel:
         return empty_at + missing * _PERIOD
 
     def _apply_result_code(self, rows: SetPointArrivals, index: int, empty_at: int) -> int:
-        """Correct the model by a reply's result code; return the time when the buffer will be empty."""
+        """Use the result code of a reply to correct the model; return the time when the buffer will be
+        empty.
+        """
         code, reply = int(rows.codes[index]), int(rows.reply_frames[index])
         if code == S_BUF_FULL:
             _append_bounded(self._full_frames, reply)
@@ -286,7 +295,9 @@ class BufferModel:
         _append_bounded(self._overflows, frame)
 
     def _update_levels(self, slacks: NDArray[np.int64], frames: NDArray[np.int64]) -> None:
-        """Update the buffer levels and the smallest slack, without the very first set point."""
+        """Update the buffer levels and the smallest slack with all of these set points except the very first
+        of the session.
+        """
         first = 0 if self._last_frame else 1
         found = slacks[first:]
         self._last_frame = int(frames[-1])

@@ -1,8 +1,9 @@
-"""Extract trajectories from captured set points, one trajectory per slave-mode session.
+"""Extract the trajectory of each slave-mode session from the captured set points.
 
 One step is one slvMove call, however many retries it has. The time of a step is the time of its call's first
 request. Refused set points are left out, because the controller did not take them. Set points without a
-captured reply are kept: the controller may have taken them, and a gap would look like a jump.
+captured reply are kept, because the controller may have taken them. A gap in the trajectory would look like a
+jump.
 """
 
 from __future__ import annotations
@@ -29,12 +30,13 @@ from bcapscope.traffic.pipeline import PipelineSubscriber
 from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 MAX_NOT_SELECTED = 64 * 2048
-"""Maximum number of unselected set points that are remembered until they are processed: as many as can
-wait."""
+"""Maximum number of unselected set points that are remembered until they are processed. This is the number of
+set points that can wait to be processed.
+"""
 
 
 class LeftOutReason(StrEnum):
-    """Why a set point is not a step of the trajectory."""
+    """The reason why a set point is not a step of the trajectory."""
 
     REFUSED = "refused"
     AFTER_END = "after-end"
@@ -48,13 +50,13 @@ class LeftOutReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CapturedTrajectory:
-    """What is known about a trajectory at its first step.
+    """The facts about a trajectory that are known at its first step.
 
     Attributes:
         session_number: Number of the slave-mode session, the same as in the output of ``slave``.
         robot: Handle of the robot; None if the handle is unreadable.
-        mode: Slave mode, as far as known at the first step.
-        axes: Axes of the trajectory's poses; at least one.
+        mode: Slave mode, as far as it is known at the first step.
+        axes: Axes of the poses in the trajectory; there is at least one.
         start: Time of the first request of the first step, ns since 1970.
         has_stamps: Whether the replies contain the controller's time stamps.
         grid_ms: Period that the set points should keep, ms.
@@ -100,7 +102,7 @@ class TrajectoryExtractor(PipelineSubscriber):
     """Extracts trajectory steps from completed calls.
 
     Attributes:
-        ready: Trajectory steps that were extracted. The reader removes the steps from this list.
+        ready: Steps that were extracted. The code that uses the steps must remove them from this list.
     """
 
     def __init__(
@@ -111,9 +113,10 @@ class TrajectoryExtractor(PipelineSubscriber):
         """Create an extractor.
 
         Args:
-            is_selected: Returns whether a set point is selected; other set points are left out and counted.
-            is_selected_client: Returns whether a client is selected; set points of other clients are left out
-                and not counted.
+            is_selected: Function that returns whether a set point is selected. Other set points are left out,
+                and `left_out` counts them.
+            is_selected_client: Function that returns whether a client is selected. Set points of other
+                clients are left out, and `left_out` does not count them.
         """
         self._is_selected = is_selected
         self._is_selected_client = is_selected_client
@@ -122,7 +125,7 @@ class TrajectoryExtractor(PipelineSubscriber):
         self.ready: list[TrajectoryPiece] = []
         self.set_points = self._step_count = 0
         self._left_out: Counter[LeftOutReason] = Counter()
-        # call numbers of unselected set points that are not processed yet, in order
+        # call numbers of the unselected set points that wait to be processed, in order
         self._not_selected: dict[int, None] = {}
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
@@ -137,12 +140,14 @@ class TrajectoryExtractor(PipelineSubscriber):
         self._drop_sessions(self._detector.add_set_points(calls))
 
     def finish(self) -> None:
-        """Add the remaining steps to `ready`, after the traffic has ended."""
+        """Add the steps that are still waiting to `ready`. Call this method when the traffic has ended."""
         self._detector.process_waiting()
 
     @property
     def left_out(self) -> Mapping[LeftOutReason, int]:
-        """Number of set points that were left out, by reason; final after `finish` was called."""
+        """Number of set points that were left out, for each reason. The numbers are final only after `finish`
+        was called.
+        """
         counted = dict(self._left_out)
         after = self.set_points - self._step_count - sum(counted.values())
         return {**counted, LeftOutReason.AFTER_END: after} if after else counted

@@ -1,8 +1,8 @@
 """Read the numbers in many frames at once.
 
 The frames of a slave-mode session's set points differ only in serial, reserved and the numbers in their
-arguments. A `ColumnReader` learns a template from one fully decoded frame without problems. The reader then
-reads the numbers of all matching frames into columns.
+arguments. A `ColumnReader` learns a template from one fully decoded frame without problems. With this
+template, the reader then reads the numbers of all similar frames into columns.
 """
 
 from __future__ import annotations
@@ -24,25 +24,28 @@ from bcapscope.protocol.codec.frame_template import FrameTemplate, number_counts
 from bcapscope.protocol.codec.variant import Variant
 
 MAX_TEMPLATES = 16
-"""Maximum number of templates per direction of a slave-mode session. Frames that match none are read one by
-one."""
+"""Maximum number of templates per direction of a slave-mode session. Frames that match no template are read
+one by one.
+"""
 
 MAX_NUMBERS = 256
-"""Largest count of numbers in a frame that is read by a template; the frame of a set point has about
-twelve."""
+"""Maximum number of numbers in a frame that is read with a template; the frame of a set point has about
+twelve.
+"""
 
 PickedNumbers: TypeAlias = "tuple[Sequence[float], float | None]"
-"""The numbers of a pose and a time stamp, or the positions of these numbers in the frame."""
+"""The numbers of a pose and a time stamp, or the indexes of these numbers among all numbers of the frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class NumberPicker:
-    """How to find the pose and the time stamp in an argument of a frame.
+    """Finds the pose and the time stamp in an argument of a frame.
 
     Attributes:
-        pick: Returns the pose and the time stamp in an argument: an empty pose or None where the argument has
-            none. To learn a template, the reader passes an argument in which each number is replaced by its
-            index. `pick` must therefore use the structure of the argument, not the values of the numbers.
+        pick: Function that returns the pose and the time stamp in an argument; it returns () for a missing
+            pose, and None for a missing time stamp. To learn a template, the reader passes an argument in
+            which each number is replaced by its index, so the function must not depend on the values of the
+            numbers.
     """
 
     argument: int
@@ -50,7 +53,7 @@ class NumberPicker:
 
 
 class PoseColumns:
-    """Columns of poses and time stamps, one row per frame; NaN where a frame has no pose or time stamp.
+    """Columns of poses and time stamps, one row per frame; a missing pose or time stamp is NaN.
 
     Attributes:
         has_pose: For each row, whether the frame has a complete pose.
@@ -63,8 +66,9 @@ class PoseColumns:
 
 
 class _ColumnTemplate:
-    """The bytes of a typical frame, which of these bytes may differ, and where its pose and time stamp
-    are."""
+    """The bytes of a typical frame, which bytes may differ in similar frames, and where the
+    pose and the time stamp are.
+    """
 
     def __init__(self, raw: bytes, form: FrameTemplate, pose: Sequence[int], stamp: int | None) -> None:
         places = list(_number_positions(form.spans))
@@ -82,13 +86,16 @@ class _ColumnTemplate:
         self._stamp = None if stamp is None else str(stamp)
 
     def matching_rows(self, data: NDArray[np.uint8]) -> Bools | None:
-        """Return which rows of bytes match this template; None if all rows match."""
+        """Return, for each frame in the rows of `data`, whether it matches this template; None if all frames
+        match.
+        """
         off = (data ^ self._template) & self._mask
         return ~np.logical_or.reduce(off != 0, axis=1) if off.any() else None
 
     def read(self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: PoseColumns) -> None:
-        """Copy the pose and time stamp of each frame in `data` to `rows` of `columns`. All frames must match
-        this template."""
+        """Copy the pose and time stamp of each frame in `data` to the rows `rows` of `columns`. Each frame in
+        `data` must match this template.
+        """
         records = np.ascontiguousarray(data).view(self._fields)[:, 0]
         if len(self._pose) >= columns.poses.shape[1]:
             columns.has_pose[rows] = True
@@ -107,8 +114,9 @@ class ColumnReader:
         self._template_count = 0
 
     def read(self, bodies: FrameBytes, count: int, axes: int) -> PoseColumns:
-        """Return time stamps and the first `axes` numbers of each pose in `count` frames, which must have a
-        header."""
+        """Return the time stamp and the first `axes` numbers of the pose in each of the first `count` frames.
+        Every frame must have a complete header.
+        """
         columns = PoseColumns(count, axes)
         rows = np.arange(count)
         if bodies.size:
@@ -165,8 +173,8 @@ class ColumnReader:
         return True
 
     def _locate_numbers(self, raw: bytes, form: FrameTemplate) -> PickedNumbers:
-        """Return the positions of the numbers of pose and time stamp. The picker receives an argument in
-        which each number is replaced by its index, and so returns indexes.
+        """Return the indexes of the numbers of the pose and the time stamp. The picker receives an argument
+        in which each number is replaced by its index, so what it returns are indexes.
         """
         arguments, places = form.prototype, tuple(_number_positions(form.spans))
         if sum(number_counts(arguments)) != len(places) or self._picker.argument >= len(arguments):
@@ -204,7 +212,9 @@ _NUMPY_CODES = {
 
 
 def _number_positions(spans: Sequence[NumberSpan]) -> Iterator[tuple[int, str]]:
-    """Yield the position and format of each number. The data of a UI1 array is treated as one number."""
+    """Yield the offset in the frame and the format of each number. The data of a VT_UI1 array counts as one
+    number.
+    """
     for start, code, repeat in spans:
         if code == "s":
             yield start, f"{repeat}s"

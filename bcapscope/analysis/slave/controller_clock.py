@@ -18,27 +18,30 @@ _LONG_ENOUGH_MS = 1000.0
 _WRAP_AT_LEAST = 1 << 31
 
 _US_AT_LEAST = 30.0
-"""Minimum advance of the time stamps, per ms of the capture, if their unit is µs. This minimum is the
-geometric mean of 1 (unit ms) and 1000 (unit µs). Neither a fast client nor pauses therefore lead to the wrong
+"""If time stamps advance by at least this number per ms of the capture, their unit is µs. The number is the
+geometric mean of 1 (unit ms) and 1000 (unit µs), so neither a fast client nor a pause leads to the wrong
 unit.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class ClockFacts:
-    """Facts about the controller's time stamps (receive format 0x010) and its clock.
+    """Facts about the controller's clock and its time stamps, which replies contain with receive format
+    0x010.
 
     Attributes:
         microseconds: True if the time stamps are in µs, False if they are in ms.
         unit_known_by: How the unit is known: from slvRecvFormat or, if that call was not captured, from the
             pace of the time stamps.
-        drift_ppm: How much faster the controller's clock runs than the capture's, ppm; None if the time
-            stamps cover less than a second.
+        drift_ppm: How much faster the controller's clock runs than the clock of the capture, in ppm; None if
+            the time stamps cover less than a second.
         jitter: Absolute change of the network delay from one reply to the next, ms; None for fewer than two
             time stamps.
         step: Difference of successive time stamps, ms; None for fewer than two time stamps.
-        missing: Number of controller periods without a time stamp, between the first and the last time stamp.
-        backwards: Number of time stamps that are earlier than the previous one, other than by a wrap.
+        missing: Number of periods between the first and the last time stamp for which no time stamp was
+            captured.
+        backwards: Number of time stamps that are earlier than the previous time stamp; a counter that wraps
+            does not count.
     """
 
     stamps: int
@@ -58,19 +61,21 @@ class ControllerClock:
 
     A time stamp is a signed 32-bit number, in ms or µs as the client requests (DENSORobot/denso_robot_ros2
     denso_robot_core). A time stamp in µs turns negative after 36 minutes and wraps every 72 minutes. The
-    network delay of the replies is nearly constant. The slope of a straight line through all pairs of time
-    stamp and capture time is therefore the drift between the clocks.
+    network delay of the replies is nearly constant. A straight line through all pairs of time stamp and
+    capture time therefore shows the drift between the two clocks as its slope.
     """
 
     def __init__(self, microseconds: bool | None) -> None:
-        """Create a clock. `microseconds` says whether the receive format has the unit µs; None if unknown."""
+        """Create the comparison. `microseconds` says whether the receive format has the unit µs; None if this
+        is unknown.
+        """
         self._unit_known = microseconds is not None
         self._microseconds = microseconds
         self._first: tuple[int, int] | None = None  # stamp and time
-        # time since the first stamp in ms: by the controller's clock, by the capture's clock
+        # time in ms since the first time stamp, by the controller's clock and by the capture's clock
         self._last = (0.0, 0.0)
         self._raw_last = 0
-        self._ticks = 0  # difference of the last time stamp from the first in their unit, with wraps added
+        self._ticks = 0  # last minus first time stamp, in the unit of the time stamps, with wraps added
         self._count = self._repeated = self._backwards = self._wraps = self._missing = 0
         # sums of x, y, x² and xy; x is controller time, y is capture time minus x
         self._sums = np.zeros(4)
@@ -101,7 +106,7 @@ class ControllerClock:
 
     @property
     def microseconds(self) -> bool:
-        """Whether the time stamps are in µs, not in ms, as far as known."""
+        """Whether the time stamps are in µs; False if they are in ms, or if the unit is not known yet."""
         return bool(self._microseconds)
 
     def facts(self) -> ClockFacts | None:
@@ -135,7 +140,9 @@ class ControllerClock:
         self._sums += own.sum(), ahead.sum(), (own * own).sum(), (own * ahead).sum()
 
     def _drift(self) -> float | None:
-        """Return how much faster the controller's clock runs, in ppm, from a least-squares line."""
+        """Return how much faster the controller's clock runs than the capture's clock, in ppm, from a
+        least-squares line.
+        """
         own, ahead, own_squared, product = self._sums.tolist()
         spread = self._count * own_squared - own * own
         if self._count < 3 or abs(self._last[0]) < _LONG_ENOUGH_MS or spread <= 0:
@@ -145,7 +152,9 @@ class ControllerClock:
 
 
 def _counts_microseconds(ticks: NDArray[np.int64], seen: Floats) -> bool | None:
-    """Return whether time stamps are in µs, judged by their advance per ms; None if no time has passed."""
+    """Return whether time stamps are in µs, judged by how far they advance per ms; None if no time has
+    passed.
+    """
     passed = float(seen[-1] - seen[0])
     counted = abs(int(ticks[-1]) - int(ticks[0]))
     return counted / passed >= _US_AT_LEAST if passed > 0 and counted else None

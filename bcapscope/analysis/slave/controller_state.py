@@ -1,4 +1,4 @@
-"""State of a controller, deduced from the calls of all its clients."""
+"""State of each controller, deduced from the calls of all its clients."""
 
 from __future__ import annotations
 
@@ -33,11 +33,14 @@ class ControllerState:
 
     Attributes:
         recent_calls: Latest calls other than set points, in the order in which they were completed.
-        pending_sessions: Slave-mode sessions that a client has begun without sending a set point yet.
+        pending_sessions: Slave-mode sessions that a client has begun, but in which no set point has been sent
+            yet.
         unanswered_entry: Latest slvChangeMode call that enters slave mode and has no captured reply; None if
-            there is none.
-        reported_mode: Slave mode outside a known slave-mode session, and the command that showed this mode.
-        position: Latest position that the controller reported; None if the robot may have moved since.
+            there is no such call.
+        reported_mode: Slave mode that the controller reported outside a known slave-mode session, and the
+            command that showed this mode.
+        position: Latest position that the controller reported; None if the robot may have moved since that
+            report.
     """
 
     def __init__(self) -> None:
@@ -52,13 +55,14 @@ class ControllerState:
         self.position: KnownPosition | None = None
 
     def slave_setup(self, mode: tuple[int | None, str], position: KnownPosition | None) -> SlaveSetup:
-        """Return what is known now about formats and generation, for a slave-mode session in `mode` that
-        began at `position`."""
+        """Return the facts for a slave-mode session in `mode` that began at `position`, with the formats and
+        the controller generation that are known now.
+        """
         value, known_by = mode
         return SlaveSetup(value, known_by, self.clue, self._send, self._receive, position)
 
     def remember_call(self, call: Call) -> None:
-        """Keep a call other than a set point, and drop the oldest calls beyond the limits."""
+        """Keep a call that is not a set point. If a limit is exceeded, drop the oldest calls."""
         self.recent_calls.append(call)
         self._bytes_kept += call.memory_bytes
         while self.recent_calls and (len(self.recent_calls) > MAX_CALLS or self._bytes_kept > MAX_BYTES):
@@ -76,7 +80,7 @@ class ControllerState:
         """Keep a slave-mode session until its first set point arrives.
 
         Returns:
-            The slave-mode session that was dropped because the limit was reached; None otherwise.
+            The slave-mode session that was dropped because there were too many; None if none was dropped.
         """
         dropped = (
             self.pending_sessions.pop(next(iter(self.pending_sessions)))
@@ -87,8 +91,8 @@ class ControllerState:
         return dropped
 
     def claim_pending(self, key: SessionKey) -> SlaveSessionBuilder | None:
-        """Return the pending slave-mode session to which a first set point belongs. A session of the same
-        client is preferred, then the oldest session of any client. The result is None if no session is
+        """Return the pending slave-mode session to which a first set point belongs. This is a session of the
+        same client or, if there is none, the oldest session of any client. Return None if no session is
         pending.
         """
         if not self.pending_sessions:
@@ -100,8 +104,9 @@ class ControllerState:
         return builder
 
     def claim_unanswered_entry(self) -> CallFact | None:
-        """Return and forget the unanswered slvChangeMode call, when a set point shows that this call
-        succeeded."""
+        """Return the slvChangeMode call without a captured reply, and forget this call. Call this method when
+        a set point shows that the slvChangeMode call succeeded.
+        """
         entry, self.unanswered_entry = self.unanswered_entry, None
         if entry is None:
             return None

@@ -1,4 +1,4 @@
-"""Judge by round trips whether a connection to a controller is fast enough for slave mode."""
+"""Judge from round-trip times whether a connection to a controller is fast enough for slave mode."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from bcapscope.messages import Message
 from bcapscope.messages.places import Quantity
 
 SYNC_MS, ASYNC_MS = 8.0, 1.0
-"""Periods of set points (DENSO Wave 2009, How to use the Slave mode): 8 ms in Sync, 1 ms in Async modes."""
+"""Periods of set points (DENSO Wave 2009, How to use the Slave mode): 8 ms in Sync modes, 1 ms in Async
+modes.
+"""
 
 MAX_LOST = 0.01
-"""Largest share of lost packets for which retries can compensate: a Sync slvMove has seven retries, 2 ms
-apart."""
+"""Largest share of lost packets for which retries can compensate. In Sync modes, a client can retry slvMove
+seven times, 2 ms apart.
+"""
 
 
 class Fitness(NamedTuple):

@@ -1,6 +1,6 @@
 """Infer the generation of a controller from the traffic.
 
-A slave mode of the same number differs between generations, and no frame names the generation.
+The same number stands for different slave modes in different generations, and no frame names the generation.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ class GenerationClue(NamedTuple):
     """Evidence in the traffic for the generation of a controller.
 
     Attributes:
-        strength: Weight of the clue: of two clues, the stronger one is used; 0 for no clue.
+        strength: Weight of the clue. If two clues differ, the stronger clue is used. 0 means that there is no
+            clue.
     """
 
     strength: int
@@ -39,9 +40,12 @@ _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
 ENOUGH_TO_OBJECT = _FAIR
-"""Least strength at which a clue makes a set point with the other generation's number type unusual."""
+"""If a clue is at least this strong, a set point with the number type of another generation counts as
+unusual.
+"""
 
-# orin_bcap samples. A weak clue: NetwoRC is ORiN's provider for RC7, but an RC7 accepts any provider name.
+# Source: the samples in orin_bcap. NetwoRC is ORiN's provider for RC7.
+# The provider is only a weak clue, because an RC7 accepts any provider name.
 _PROVIDERS = {"CaoProv.DENSO.VRC": _RC8, "CaoProv.DENSO.NetwoRC": _RC7}
 
 _COMMANDS = {
@@ -63,8 +67,9 @@ def stronger_clue(known: GenerationClue, found: GenerationClue) -> GenerationClu
 
 
 def clue_of_set_point(parameter: Variant) -> GenerationClue:
-    """Return the clue in a set point's number type: RC8 and later take doubles, RC7 takes single
-    precision."""
+    """Return the clue in the number type of a set point. RC8 and later generations take double precision, RC7
+    takes single precision.
+    """
     value = parameter.value
     if parameter.vt == ARRAY | VT.VARIANT and isinstance(value, tuple) and value:
         first = value[0]
@@ -79,7 +84,9 @@ def clue_of_set_point(parameter: Variant) -> GenerationClue:
 
 
 def clue_of_call(call: Call) -> GenerationClue:
-    """Return the clue in a successful call other than a set point; `NO_CLUE` for most calls."""
+    """Return the clue in a successful call that is not a set point. Most calls contain no clue: the result is
+    then `NO_CLUE`.
+    """
     if call.reply is None or is_failure(call.reply.item.code):
         return NO_CLUE
     function_id, command = call.kind

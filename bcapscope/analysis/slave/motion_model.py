@@ -1,4 +1,5 @@
-"""Motion that set points command: steps, velocities and accelerations per axis, and the returned poses.
+"""The motion that set points command: steps, velocities and accelerations of each axis. Also the returned
+poses.
 
 A controller takes one set point per period, no matter when within the period the set point arrived. Velocity
 and acceleration are therefore computed from one step per period, not from the times at which the client sent
@@ -27,19 +28,19 @@ from bcapscope.protocol.slave_mode.poses import Axis
 JUMP_TIMES = 5.0
 """Minimum ratio of an isolated jump to the larger of the steps before and after it.
 
-No robot can change its speed this much within 8 ms. A step at the start or end of a normal motion has a small
-step on only one side.
+No robot can change its speed this much within 8 ms. At the start or end of a normal motion, a step has a
+small step only before it or only after it.
 """
 
 SMALLEST_JUMP = 0.2
-"""Smallest step that can be a jump, in degrees or mm: at 8 ms this is 25 degrees or mm per second. A smaller
-step is rounding or noise."""
+"""Smallest step that can be a jump, in degrees or mm. At a cycle time of 8 ms, it means 25 degrees or mm per
+second. A smaller step is rounding or noise.
+"""
 
 LARGEST_STEP = 180.0
-"""Largest step in degrees or mm that can be normal motion. A larger step is always a jump.
-
-At 8 ms this is 22,500 degrees per second, or 22 m/s. No source gives a limit for every axis. This step is far
-above the limit of any axis.
+"""Largest step in degrees or mm that can be normal motion. A larger step is always a jump. At a cycle time of
+8 ms, it means 22,500 degrees per second, or 22 m/s. No source gives a limit for every axis, but this step is
+far above the limit of any axis.
 """
 
 _FIGURE = "Fig"
@@ -47,7 +48,7 @@ _TURN = 360.0
 
 
 class Peak(NamedTuple):
-    """The largest value of a figure, and the number of the request frame where it occurs."""
+    """The largest value of a figure, and the number of the request frame in which this value occurs."""
 
     value: float
     frame: int
@@ -67,8 +68,8 @@ class AxisMotion:
         step: Absolute distance between successive set points; None for fewer than two set points.
         velocity: Absolute velocity in units per second; None for fewer than two set points.
         acceleration: Absolute acceleration in units per second squared; None for fewer than three set points.
-        difference: Absolute difference between the commanded and the returned position of a call; None if no
-            reply has a pose of the same type.
+        difference: Absolute difference between the position in a request and the position in its reply; None
+            if no reply has a pose of the same type.
         lag_cycles: Estimated lag of the returned pose behind the commanded pose, in set points; None if the
             axis moves too little for an estimate.
     """
@@ -92,11 +93,10 @@ class JumpKind(Enum):
     """How a jump differs from normal motion."""
 
     ISOLATED = "isolated"
-    """The step is far larger than the steps on both sides."""
+    """The step is far larger than the step before it and the step after it."""
     OUTLIER = "outlier"
-    """A single set point is off the path of its neighbours.
-
-    The step to this set point and the step back are far larger than the steps before and after.
+    """A single set point is away from the path of the set points around it. The step to this set point and
+    the step back are far larger than the steps before and after them.
     """
     IMPLAUSIBLE = "implausible"
     """The step is larger than `LARGEST_STEP`."""
@@ -133,12 +133,13 @@ class MotionFacts:
         not_finite_frames: Numbers of the first request frames with a NaN or an infinity.
         pose_type_guessed: Whether the pose type was inferred from the number of values in a pose.
         returned: Number of replies with a pose of the same type as the commanded pose.
-        repeated: Number of set points equal to the previous one.
+        repeated: Number of set points that are equal to the previous set point.
         stutters: Number of repeated set points in the middle of a motion, at which the robot has to stop for
             one period.
         stutter_frames: Numbers of the request frames of the first stutters.
         jumps: Number of jumps of all kinds (see `JumpKind`).
-        figure_changes: Number of times that the value Fig of the pose changes; 0 for joint positions.
+        figure_changes: How often the value Fig (the posture) changes from one set point to the next; 0 for
+            joint positions.
         first_distance: First set point minus the robot's position at that time, per axis; () if the position
             is unknown.
     """
@@ -185,7 +186,7 @@ class StartDistance(NamedTuple):
 
     Attributes:
         distance: Distance of each axis in degrees or mm; () if unknown.
-        known_by: How the robot's position is known; None if the position is unknown.
+        known_by: Message that says how the robot's position is known; None if the position is unknown.
         frames: Numbers of the frames that prove the distance; () if the distance is unknown.
     """
 
@@ -195,7 +196,7 @@ class StartDistance(NamedTuple):
 
 
 class _LargestByAxis:
-    """The largest value of a figure for each axis, and the number of the frame where it occurs."""
+    """The largest value of a figure for each axis, and the number of the frame in which it occurs."""
 
     def __init__(self, axes: int) -> None:
         self.values = np.full(axes, -1.0)
@@ -216,7 +217,9 @@ class _LargestByAxis:
 
 
 class MotionModel:
-    """Computes facts about motion from the poses of a slave-mode session, which must be added in order."""
+    """Computes facts about motion from the poses of a slave-mode session. The caller must add the poses in
+    order.
+    """
 
     def __init__(self, axes: Sequence[Axis], pose_type: PoseType | None, guessed: bool) -> None:
         self._axes = axes
@@ -238,7 +241,7 @@ class MotionModel:
         self._largest_step, self._largest_change = _LargestByAxis(count), _LargestByAxis(count)
         self._largest_difference = _LargestByAxis(count)
         self._lag = AxisLag(count)
-        # The last four set points that were added, because jumps are found by the steps around them.
+        # The last four set points that were added; the search for jumps needs the steps around a jump.
         self._tail = np.empty((0, count))
         self._tail_frames = self._tail_times = np.empty(0, np.int64)
 
@@ -295,7 +298,9 @@ class MotionModel:
         self._tail, self._tail_frames, self._tail_times = points[-4:], frames[-4:], times[-4:]
 
     def _find_stutters(self, moves: Bools, frames: NDArray[np.int64], new: int) -> None:
-        """Find repeated set points in mid-motion. Steps before index `new` were examined earlier."""
+        """Find repeated set points in the middle of a motion. Earlier calls have examined the steps before
+        index `new`.
+        """
         first = max(new - 2, 0)
         still = ~moves[1:-1] & moves[:-2] & moves[2:]
         found = frames[2:-1][first:][still[first:]].tolist()
@@ -305,7 +310,7 @@ class MotionModel:
     def _find_jumps(
         self, steps: Floats, frames: NDArray[np.int64], times: NDArray[np.int64], new: int
     ) -> None:
-        """Find jumps of each kind. Steps before index `new` were examined earlier."""
+        """Find jumps of each kind. Earlier calls have examined the steps before index `new`."""
         sizes = np.abs(steps[:, self._measured])
         absurd = sizes > LARGEST_STEP
         counted = np.logical_or.reduce(absurd, axis=1)  # no row counts twice
@@ -313,7 +318,7 @@ class MotionModel:
         alone[1:-1] = _stands_out(sizes[1:-1], np.maximum(sizes[:-2], sizes[2:]))
         alone[counted] = False
         counted |= np.logical_or.reduce(alone, axis=1)
-        counted[:-1] |= counted[1:]  # a step is not an outlier if the step back already counts as a jump
+        counted[:-1] |= counted[1:]  # the step before a counted jump is not also an outlier
         beside = np.maximum(sizes[:-3], sizes[3:])
         turns = np.signbit(steps[1:-2, self._measured]) != np.signbit(steps[2:-1, self._measured])
         stray[1:-2] = _stands_out(sizes[1:-2], beside) & _stands_out(sizes[2:-1], beside) & turns
@@ -332,8 +337,9 @@ class MotionModel:
                 found.append(Jump(int(frames[row + 1]), int(times[row + 1]), name, step, kind))
 
     def _shortest(self, steps: Floats) -> Floats:
-        """Return the steps; for an angle that wraps, the shorter way: from 179 to -179 degrees, the step is 2
-        degrees."""
+        """Return the steps, corrected for angles that wrap: from 179 to -179 degrees, the step is 2
+        degrees.
+        """
         if self._turns.any():
             turning = steps[:, self._turns]
             steps[:, self._turns] = turning - _TURN * np.rint(turning / _TURN)

@@ -1,8 +1,8 @@
 """The pace of set points while the robot moves, and whether the replies set this pace.
 
 A client may pause or slow down while the robot stands still, and may wait longer after lost packets. A cycle
-therefore counts only if it lies between two steps of the motion, and if the set point before was answered at
-the first attempt.
+therefore counts only if it lies between two steps of the motion, and if the previous set point was answered
+at its first attempt.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from bcapscope.analysis.statistics.distribution import Bools, Floats, Histogram
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 
 LONGEST_CYCLE_MS = 8.0 * PERIOD_MS
-"""Longest cycle in ms that belongs to a pace. A longer cycle is a pause."""
+"""Longest cycle in ms that counts for the pace. A longer cycle is a pause."""
 
 PROMPT_MS = 1.0
-"""Longest time in ms from a reply to the next set point of a client that waits only for the reply."""
+"""Longest time in ms from a reply to the next set point, if the client waits for nothing but the reply."""
 
 _SKIPPED = 1.5
 _PROMPT_SHARE = 0.8
@@ -29,9 +29,9 @@ class MotionPace(NamedTuple):
     """The pace of set points while the robot moves.
 
     Attributes:
-        cycles: Number of cycles in motion, without pauses.
-        cycle_ms: Typical time between set points: the median if most cycles skip a period, otherwise the mean
-            of the cycles that skip no period.
+        cycles: Number of cycles while the robot moves; pauses do not count.
+        cycle_ms: Typical time between set points; if most cycles skip a period, it is the median of all
+            cycles; if not, it is the mean of the cycles that skip no period.
         long_cycle_ms: Time between set points that nine of ten cycles do not exceed.
         skipped: Number of cycles that are at least one and a half periods long.
         waits_for_reply: Whether the client sent most set points as soon as the previous reply arrived, so
@@ -46,7 +46,7 @@ class MotionPace(NamedTuple):
 
 
 class MotionPaceModel:
-    """Measures the pace of set points, which must be added in order."""
+    """Measures the pace of set points. The caller must add the set points in order."""
 
     def __init__(self) -> None:
         self._cycles, self._on_time = Histogram(), Histogram()
@@ -54,13 +54,14 @@ class MotionPaceModel:
         self._last_reply = np.nan
 
     def add(self, rows: SetPointTable, cycles: Floats, in_motion: Bools, grid_ms: float) -> None:
-        """Add set points, with the cycle time before each in ms (NaN if unknown).
+        """Add set points. `cycles` has the cycle time before each set point in ms, or NaN if the time is
+        unknown.
 
         Args:
-            in_motion: Whether the robot moves in the cycle before each set point.
-            grid_ms: Cycle time that the client should keep, ms.
+            in_motion: For each set point, whether the robot moves in the cycle before it.
+            grid_ms: Cycle time that the client should keep, in ms.
         """
-        # A set point after lost packets says nothing about the client's pace.
+        # After lost packets, the time to the next set point does not show the client's pace.
         undisturbed = rows.answered & (rows.retries == 0)
         replies = np.where(undisturbed, rows.replies, np.nan)
         waited_for = np.concatenate(((self._last_reply,), replies[:-1]))
@@ -73,7 +74,7 @@ class MotionPaceModel:
         self._on_time.add(paced[paced < _SKIPPED * grid_ms])
 
     def facts(self) -> MotionPace | None:
-        """Return the pace; None if there is no cycle in motion."""
+        """Return the pace; None if the robot moved in no cycle."""
         every, on_time = self._cycles.distribution(), self._on_time.distribution()
         if every is None:
             return None

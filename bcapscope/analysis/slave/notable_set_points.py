@@ -1,4 +1,4 @@
-"""Facts about notable set points: those that a finding or a table names one by one."""
+"""Facts about notable set points, which are the set points that a finding or a table names one by one."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from bcapscope.analysis.slave.set_point_table import SetPointTable
 from bcapscope.analysis.statistics.distribution import Floats
 
 MAX_LISTED = 64
-"""Maximum number of entries in each list of notable set points. A list keeps the first ones, unless its
-description says otherwise."""
+"""Maximum number of entries in each list of notable set points. A list keeps the first entries, unless its
+description says something else.
+"""
 
 
 class SetPointFact(NamedTuple):
@@ -19,8 +20,8 @@ class SetPointFact(NamedTuple):
     Attributes:
         time: Time of the set point's first request, ns since 1970.
         latency_ms: Time from the first request to the accepted reply, ms; None if no reply was captured.
-        cycle_ms: Time from the first request of the previous set point to this one, ms; None for the first
-            set point.
+        cycle_ms: Time from the first request of the previous set point to the first request of this set
+            point, in ms; None for the first set point.
     """
 
     call: int
@@ -33,8 +34,9 @@ class SetPointFact(NamedTuple):
 
 
 def set_point_fact(rows: SetPointTable, row: int, cycles: Floats) -> SetPointFact:
-    """Return the facts of the set point in `row`. `cycles` are in ms; the cycle of the very first set point
-    is NaN."""
+    """Return the facts of the set point in `row`. `cycles` has the cycle times in ms; the cycle time of the
+    very first set point is NaN.
+    """
     answered, cycle = bool(rows.answered[row]), float(cycles[row])
     return SetPointFact(
         call=rows.calls[row],

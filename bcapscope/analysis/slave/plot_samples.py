@@ -1,4 +1,4 @@
-"""Samples of a slave-mode session for plots, at most `MAX_SAMPLES` however long the session is."""
+"""Samples of a slave-mode session for plots. Even a long session has at most `MAX_SAMPLES` samples."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from bcapscope.analysis.statistics.distribution import Floats
 
 MAX_SAMPLES = 2048
-"""Maximum number of samples of a slave-mode session: more than a plot on a large screen has pixels in
-width."""
+"""Maximum number of samples of a slave-mode session. Even on a large screen, a plot is fewer pixels wide."""
 
-# Columns of a sample before its poses: time and frame of the first set point, number of set points, extremes.
+# Columns before the poses of a sample: time and frame of its first set point, number of set points, extremes.
 _TIME, _FRAME, _POINTS, _CYCLE_LEAST, _CYCLE_MOST, _LATENCY_MOST, _SLACK_LEAST = range(7)
 _HEAD = 7
 
@@ -23,8 +22,8 @@ class PlotSample(NamedTuple):
 
     Attributes:
         frame: Number of the request frame of the sample's first set point.
-        cycle_least: Shortest cycle in the sample, ms; NaN if the sample has no cycle.
-        cycle_most: Longest cycle in the sample, ms; NaN if the sample has no cycle.
+        cycle_least: Shortest cycle time in the sample, in ms; NaN if no cycle time is known.
+        cycle_most: Longest cycle time in the sample, in ms; NaN if no cycle time is known.
         latency_most: Longest latency in the sample, ms; NaN if no reply was captured.
         slack_least: Smallest slack in the sample, ms (see `BufferFacts.smallest_slack_ms`); NaN for the very
             first set point.
@@ -44,13 +43,14 @@ class PlotSample(NamedTuple):
 
 
 class PlotSampler:
-    """Summarises successive set points as samples. When there are too many samples, the sampler joins them in
-    pairs.
+    """Summarises successive set points as samples. When there are too many samples, the sampler joins each
+    two successive samples into one.
     """
 
     def __init__(self, axes: int, origin: int) -> None:
-        """Create a sampler for `axes` axes. Times of set points count from `origin`, which is in ns since
-        1970."""
+        """Create a sampler for poses with `axes` axes. `origin` is a time in ns since 1970, from which the
+        times of all set points are counted.
+        """
         self._axes = axes
         self._origin = origin
         self._runs = np.empty((0, _HEAD + 2 * axes))
@@ -67,14 +67,14 @@ class PlotSampler:
         """Add set points.
 
         Args:
-            times: Times of the set points, ns since the origin.
-            figures: Cycles, latencies and slacks of the set points in ms; NaN where a value is missing.
+            times: Times of the set points in ns since `origin`.
+            figures: Cycle times, latencies and slacks of the set points in ms; NaN where a value is missing.
         """
         cycles, latencies, slacks = figures
         ones = np.ones(len(times))
         head = np.column_stack((times, frames, ones, cycles, cycles, latencies, slacks))
         rows: Floats = np.hstack((head, *poses))
-        into = -self._total % self._length  # number of rows that belong to the last sample
+        into = -self._total % self._length  # number of the new rows that belong to the sample before
         starts = np.arange(into, len(rows), self._length)
         if into:
             starts = np.concatenate(([0], starts))
@@ -106,7 +106,7 @@ class PlotSampler:
 
 
 def _sum_up_runs(rows: Floats, starts: NDArray[np.int64]) -> Floats:
-    """Summarise rows as samples. Each sample begins at an index in `starts`."""
+    """Summarise rows as samples. `starts` has the index of the first row of each sample."""
     runs = rows[starts]
     runs[:, _POINTS] = np.add.reduceat(rows[:, _POINTS], starts)
     for column in (_CYCLE_LEAST, _SLACK_LEAST):

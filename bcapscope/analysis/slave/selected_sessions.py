@@ -23,13 +23,13 @@ class SelectedSlaveSessions(PipelineSubscriber):
         on_slave_session: Callable[[SlaveSession], object],
         window: int | None = None,
     ) -> None:
-        """Create a detector.
+        """Create a detector of selected slave-mode sessions.
 
         Args:
-            is_selected: Returns whether a set point is selected; None to select all slave-mode sessions, even
-                those without set points.
-            on_slave_session: Receives each slave-mode session when it is complete. `remaining_sessions`
-                returns the sessions that are not complete.
+            is_selected: Function that returns whether a set point is selected; None to select all slave-mode
+                sessions, even sessions without set points.
+            on_slave_session: Function that receives each slave-mode session when it is complete. The method
+                `remaining_sessions` returns the sessions that are not complete.
         """
         self._is_selected = is_selected
         self._on_slave_session = on_slave_session
@@ -46,8 +46,9 @@ class SelectedSlaveSessions(PipelineSubscriber):
             self._report(self._detector.add_set_points(calls))
 
     def remaining_sessions(self, ended_at: int = 0) -> list[SlaveSession]:
-        """Return the slave-mode sessions that `on_slave_session` has not received, as if the traffic ended
-        now."""
+        """Return the slave-mode sessions that were not yet passed to `on_slave_session`, as they would be if
+        the traffic ended now.
+        """
         return self._chosen(self._detector.remaining_sessions(ended_at))
 
     def _report(self, sessions: Sequence[SlaveSession]) -> None:

@@ -16,36 +16,39 @@ from bcapscope.analysis.slave.slave_session import CallFact, FrameTime, SessionE
 from bcapscope.traffic.observation import Conversation
 
 BATCH_SIZE = 4096
-"""Maximum number of set points that are processed together. Larger batches need more than 2 MB and are not
-faster."""
+"""Maximum number of set points that are processed together. Larger batches need more than 2 MB of memory and
+are not faster.
+"""
 
 _FAILURES = 0x80000000
 _I4_ARGUMENT, _I4_SIZE = b"\x0a\x00\x00\x00\x03\x00", 14
 
 SessionKey: TypeAlias = "tuple[Conversation, bytes]"
-"""A client's conversation, and the bytes of the robot's handle as the client sends it."""
+"""The conversation of a client, and the robot's handle as the bytes that the client sends."""
 
 SetPointHandler: TypeAlias = "Callable[[SetPointChunk], None]"
-"""Receives the set points of all slave-mode sessions, up to `BATCH_SIZE` at a time."""
+"""Function that receives the set points of all slave-mode sessions, up to `BATCH_SIZE` set points at a
+time.
+"""
 
 
 class SlaveSessionBuilder:
-    """Builds the facts of a slave-mode session, which may still continue.
+    """Builds the facts of a slave-mode session, even while the session continues.
 
     Attributes:
-        key: Conversation of the client that sends the set points, and its robot's handle. Before the first
-            set point, this is the client that entered slave mode.
-        mode: Value of the slave mode, and how the value is known.
+        key: Conversation of the client that sends the set points, and the handle that this client uses for
+            the robot; until a set point arrives, they are those of the client that entered slave mode.
+        mode: Number of the slave mode, and how this number is known.
         entry_call: The slvChangeMode call that began the session; None if the call was not captured.
         position: Position of the robot before the first set point; None if unknown.
         entered_at: Time of the reply to `entry_call`, ns since 1970.
         models: Models that have processed the session's set points; None before the first set point is
             processed.
-        error_exit: End of the session by an error; None if no error occurred, or a later set point was
-            accepted.
+        error_exit: End of the session, if an error ended it; None if no error occurred, or if a later set
+            point was accepted.
         after_end: Number of set points that were refused or unanswered because the session had ended.
         last_accepted: Time of the first request of the latest processed set point that was accepted, ns since
-            1970; None if none was accepted.
+            1970; None if no set point was accepted.
     """
 
     def __init__(
@@ -81,7 +84,7 @@ class SlaveSessionBuilder:
 
     @property
     def handle(self) -> bytes:
-        """The robot's handle: first argument of the set points, as raw bytes."""
+        """The robot's handle as raw bytes. It is the first argument of every set point."""
         return self.key[1]
 
     @property
@@ -91,15 +94,15 @@ class SlaveSessionBuilder:
 
     @property
     def last_activity(self) -> int:
-        """Time of the latest set point's reply, or request if unanswered, ns since 1970; 0 if unknown. This
-        time is never before `entered_at`. A client that does not wait for the reply to slvChangeMode sends
-        set points before `entered_at`.
+        """Time of the reply to the latest set point, in ns since 1970; without a reply, time of its request.
+        0 if unknown. The result is never earlier than `entered_at`, although a client that does not wait for
+        the reply to slvChangeMode sends set points before `entered_at`.
         """
         last = max(self.batch[-1].time, self.batch[-1].reply_time) if self.batch else self._last_activity
         return max(last, self.entered_at or 0)
 
     def began_at(self, ended_at: int) -> int:
-        """Return the start time of the session, ns since 1970; `ended_at` if the start is unknown."""
+        """Return the start time of the session, ns since 1970; if the start is unknown, return `ended_at`."""
         if self.entered_at is not None:
             return self.entered_at
         if self._first_set_point is not None:
@@ -107,18 +110,20 @@ class SlaveSessionBuilder:
         return self.batch[0].time if self.batch else ended_at
 
     def process_batch(self, slave_setup: SlaveSetup) -> None:
-        """Process the waiting set points. `slave_setup` is used only for the session's first batch."""
+        """Process the set points that wait in the batch. `slave_setup` is used only for the first batch of
+        the session.
+        """
         if self.batch:
             self._process(self.batch, slave_setup)
             self.batch.clear()
 
     def processed(self, slave_setup: SlaveSetup) -> SlaveSessionBuilder:
-        """Return a copy of this builder in which the waiting set points are processed."""
+        """Return a copy of this builder that has processed the set points in the batch."""
         if not self.batch:
             return self
         processed = copy.copy(self)
         processed._on_set_points = None
-        # The models use at most a few MB, however long the session is, and copying the models takes 2 ms.
+        # Copying is cheap: even for a long session, the models use at most a few MB, and the copy takes 2 ms.
         processed.models = copy.deepcopy(self.models)
         processed._process(self.batch, slave_setup)
         processed.batch = SetPointBatch()
@@ -145,8 +150,9 @@ class SlaveSessionBuilder:
     def session(
         self, exit_: SessionExit, slave_setup: SlaveSetup, other_calls: tuple[CallFact, ...]
     ) -> SlaveSession:
-        """Return the slave-mode session with this end. Set points that wait to be processed are not
-        included."""
+        """Return the slave-mode session with the end `exit_`. It does not include set points that wait to be
+        processed.
+        """
         models = self.models or SessionModels(
             self.conversation.transport, slave_setup, SetPointBatch(), self._window
         )
@@ -180,12 +186,13 @@ class SlaveSessionBuilder:
 
 
 class SetPointChunk(NamedTuple):
-    """Successive set points of one slave-mode session, including refused ones.
+    """Successive set points of one slave-mode session, including refused set points.
 
     Attributes:
         models: Models of the slave-mode session, which have already processed these set points.
         commanded: Poses in the requests, one row per set point.
-        returned: Poses of the same type, and time stamps, in the replies, one row per set point.
+        returned: Poses and time stamps in the replies, one row per set point; the poses have the same type as
+            in the requests.
     """
 
     builder: SlaveSessionBuilder

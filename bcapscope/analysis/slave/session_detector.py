@@ -34,33 +34,40 @@ from bcapscope.traffic.slave_mode_tracker import (
 )
 
 HOLD_BACK_NS = 6_000_000_000
-"""Time in ns from the end of a slave-mode session until the session is returned. A call of another client may
-have ended the session, and the detector may receive that call this much later.
+"""Time in ns for which the detector holds back a slave-mode session after its end. A call of another client
+may have ended the session, and the detector may get that call this much later.
 """
 
 SILENCE_NS = 1_000_000_000
-"""Maximum time in ns from a client's last set point to the end of the capture. After a longer time, the
-client counts as having stopped."""
+"""Maximum time in ns from a client's last set point to the end of the capture. If this time is longer, the
+client counts as having stopped.
+"""
 
 SUSPECT_WITHIN_NS = 2_000_000_000
-"""Maximum time in ns from a failed call of any client to the reply which shows that slave mode is off. After
-a longer time, the failed call is not taken as the cause."""
+"""Maximum time in ns from a failed call of any client to the reply which shows that slave mode is off. If
+this time is longer, the failed call does not count as the cause.
+"""
 
 STILL_TAKING_NS = 200_000_000
 """Maximum time in ns for which a controller may still accept set points after an error that ends slave mode.
-No source gives a value. These 25 cycles of 8 ms allow for a controller that first stops on its path.
+No source gives this time. The value is 25 cycles of 8 ms, in case a controller first comes to a stop on its
+path.
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
-"""Time in ns before and after a slave-mode session in which other calls are listed with the session."""
+"""A slave-mode session lists calls other than set points: those during the session, and up to
+this time in ns before or after it.
+"""
 
 MAX_SESSIONS = 64
-"""Maximum number of open slave-mode sessions. Beyond the limit, the session that was silent longest is
-ended."""
+"""Maximum number of open slave-mode sessions. Beyond this number, the detector ends the session that has been
+silent longest.
+"""
 
 MAX_HELD_BACK = 256
-"""Maximum number of ended slave-mode sessions that are held back. Beyond the limit, the oldest session is
-returned at once."""
+"""Maximum number of ended slave-mode sessions that are held back. Beyond this number, the detector returns
+the oldest of these sessions at once.
+"""
 
 MAX_CONTROLLERS = 64
 
@@ -77,18 +84,19 @@ class _EndedSession(NamedTuple):
 
 
 class SlaveSessionDetector:
-    """Finds slave-mode sessions in calls, which must be added in the order in which a tracker completes the
-    calls.
+    """Finds slave-mode sessions in calls. The caller must add the calls in the order in which a tracker
+    completes them.
 
-    Memory depends on the number of open slave-mode sessions, not on their duration.
+    The memory that the detector uses depends on the number of open slave-mode sessions, not on their
+    duration.
     """
 
     def __init__(self, window: int | None = None, on_set_points: SetPointHandler | None = None) -> None:
-        """Create a detector.
+        """Create a detector of slave-mode sessions.
 
         Args:
             window: Length in ns of the time slices for which figures are computed; None for no slices.
-            on_set_points: Receives batches of set points after the models have processed them.
+            on_set_points: Function that receives each batch of set points after the models have processed it.
         """
         self._window = window
         self._on_set_points = on_set_points
@@ -101,7 +109,7 @@ class SlaveSessionDetector:
         self._remaining: tuple[int, tuple[SlaveSession, ...]] | None = None
 
     def add_call(self, call: Call) -> Sequence[SlaveSession]:
-        """Add a completed call; return the slave-mode sessions that are complete."""
+        """Add a completed call; return the slave-mode sessions that are now complete."""
         self._remaining = None
         effect = slave_mode_effect(call)
         if is_set_point(call.kind):
@@ -112,7 +120,8 @@ class SlaveSessionDetector:
 
     def add_set_points(self, calls: Sequence[Call]) -> Sequence[SlaveSession]:
         """Add alike set points from `PipelineSubscriber.on_set_points`; return the slave-mode sessions that
-        are complete."""
+        are now complete.
+        """
         self._remaining = None
         first = calls[0]
         builder = self._active.get((first.conversation, first.request.item.raw[_HANDLE]))
@@ -130,7 +139,9 @@ class SlaveSessionDetector:
         return finished
 
     def _on_time(self, call: Call) -> Sequence[SlaveSession]:
-        """Return the ended slave-mode sessions whose hold-back time is over at the time of `call`."""
+        """Return the ended slave-mode sessions that need not be held back any longer at the time of
+        `call`.
+        """
         self._latest_time = max(self._latest_time, call.last_activity)
         return self._release_ended(self._latest_time - HOLD_BACK_NS) if self._held_back else ()
 
@@ -148,16 +159,16 @@ class SlaveSessionDetector:
         return tuple(map(self._release, found))
 
     def remaining_sessions(self, ended_at: int = 0) -> tuple[SlaveSession, ...]:
-        """Return the slave-mode sessions that were not returned yet, as if the traffic ended now.
+        """Return the slave-mode sessions that were not returned yet, as they would be if the traffic ended
+        now.
 
-        Changes nothing.
+        This method changes nothing.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, its time is used
-                instead.
+            ended_at: Time when the traffic ended, ns since 1970; if the last frame is later, the time of the
+                last frame is used instead.
         """
-        # The result is cached, because a live diagnosis needs the result twice. Building the sessions of
-        # 100,000 set points takes 13 ms.
+        # Cached, because a live diagnosis needs the result twice; 100,000 set points take 13 ms.
         unfinished = self._unfinished
         end = max((self._latest_time, ended_at, *(builder.last_activity for builder in unfinished)))
         if self._remaining is None or self._remaining[0] != end:
@@ -167,8 +178,7 @@ class SlaveSessionDetector:
         return self._remaining[1]
 
     def process_waiting(self) -> None:
-        """Process the set points that wait in batches, so that `on_set_points` has received all set
-        points."""
+        """Process all set points that still wait in batches, and thereby pass them to `on_set_points`."""
         for builder in (*self._unfinished, *(ended.builder for ended in self._held_back)):
             self._process_batch(builder)
 
@@ -205,7 +215,9 @@ class SlaveSessionDetector:
             self._process_batch(builder)
 
     def _is_outside_session(self, key: SessionKey, call: Call, failed: bool) -> bool:
-        """Return whether a set point neither belongs to a slave-mode session nor begins one."""
+        """Return whether a set point is outside all slave-mode sessions: it belongs to none, and begins
+        none.
+        """
         if self._controller(call).pending_sessions or not (failed or call.reply is None):
             return False
         ended = self._recently_ended.get(key)
@@ -310,7 +322,9 @@ class SlaveSessionDetector:
             builder.mode = controller.reported_mode
 
     def _on_disconnect(self, call: Call, handle: bytes | None) -> None:
-        """End the slave-mode sessions of a client, or of one robot if `handle` is given."""
+        """End all slave-mode sessions of the client that made `call`; with `handle`, only those of the robot
+        with this handle.
+        """
         pending = self._controller(call).pending_sessions
         for builder in (*self._active.values(), *pending.values()):
             if builder.conversation is call.conversation and handle in (None, builder.handle):
@@ -319,7 +333,9 @@ class SlaveSessionDetector:
     # ends
 
     def _end_session(self, builder: SlaveSessionBuilder, exit_: SessionExit) -> None:
-        """End a slave-mode session. If an error had already ended the session, the error is the reason."""
+        """End a slave-mode session. If an error had already ended the session, this error stays the reason of
+        the end.
+        """
         controller = self._controller_of(builder)
         if self._active.pop(builder.key, None) is not None:
             controller.position = None
@@ -332,7 +348,7 @@ class SlaveSessionDetector:
         self._held_back.append(_EndedSession(builder, builder.error_exit or exit_, slave_setup))
 
     def _ended_with_traffic(self, builder: SlaveSessionBuilder, ended_at: int) -> _EndedSession:
-        """Return an open session as if the traffic ended at `ended_at`. The session stays open."""
+        """Return an open session as if the traffic had ended at `ended_at`. The session itself stays open."""
         last = builder.last_activity
         reason = ExitReason.SILENT if ended_at - last > SILENCE_NS else ExitReason.CAPTURE_ENDED
         exit_ = builder.error_exit or SessionExit(reason, last, (), None, None)
@@ -340,7 +356,7 @@ class SlaveSessionDetector:
         return _EndedSession(builder.processed(slave_setup), exit_, slave_setup)
 
     def _release_ended(self, before: int) -> list[SlaveSession]:
-        """Return the slave-mode sessions that ended before or at the time `before`."""
+        """Return the held-back slave-mode sessions that ended at the time `before` or earlier."""
         sessions = []
         ended = self._held_back
         while ended and (ended[0].exit.time <= before or len(ended) > MAX_HELD_BACK):
@@ -357,7 +373,7 @@ class SlaveSessionDetector:
         controller = self._controller_of(builder)
         exit_ = _find_exit_cause(ended, controller)
         others = controller.calls_between(builder.began_at(exit_.time) - BEFORE_NS, exit_.time + AFTER_NS)
-        # `_begin_session` can add set points to a session after its end, so process waiting set points here.
+        # process waiting set points here: `_begin_session` can add set points to a session after its end
         return builder.processed(ended.slave_setup).session(
             exit_, ended.slave_setup, tuple(map(call_fact, others[-MAX_LISTED:]))
         )
@@ -390,8 +406,9 @@ def _call_frames(call: Call) -> tuple[int, ...]:
 
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
-    """Return the end of a slave-mode session. If its set points do not show the cause, search other calls for
-    the cause."""
+    """Return the end of a slave-mode session. If the set points do not show the cause of the end, search
+    other calls for this cause.
+    """
     builder, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
         return exit_
@@ -415,7 +432,7 @@ def _silent_exit(builder: SlaveSessionBuilder) -> SessionExit:
 
 
 def _exit_by_call(reason: ExitReason, call: Call, frames: tuple[int, ...] = ()) -> SessionExit:
-    """Return the end that a call proves. The proving frames are those of the call, followed by `frames`."""
+    """Return an end that `call` caused, proved by the frames of the call and `frames`."""
     return SessionExit(reason, _call_end(call), (*_call_frames(call), *frames), call.hresult, call_fact(call))
 
 

@@ -1,4 +1,6 @@
-"""All models of one slave-mode session: timing, buffer, clock, motion and numbers of set points."""
+"""All models of one slave-mode session: its timing, the buffer, the controller's clock, the motion, and the
+counts of set points.
+"""
 
 from __future__ import annotations
 
@@ -37,8 +39,9 @@ from bcapscope.traffic.observation import Transport
 from bcapscope.traffic.slave_mode_tracker import execute_parameter
 
 MAX_CODES = 256
-"""Maximum number of different HRESULTs of refused set points that are counted separately. Further HRESULTs
-are counted as 0."""
+"""Maximum number of different HRESULTs of refused set points that are counted separately. All further
+HRESULTs are counted together, as HRESULT 0.
+"""
 
 _PARAMETER = 2
 _RESULT = 0
@@ -46,10 +49,13 @@ _UNKNOWN = -1
 _STEP = 1
 _SERIALS = 1 << 16
 _MOST_UNCAPTURED = 1000
-"""Largest number of serials that a client can have used without a captured attempt. A larger difference means
-that the client does not count serials one by one."""
+"""Largest number of successive serials that count as attempts that were not captured. A larger difference
+means that the client does not count serials one by one.
+"""
 _TINY_STEP = 0.02
-"""Largest step of an axis that does not count as motion, as a share of the axis's largest step so far."""
+"""Steps of an axis up to this size do not count as motion. The size is a share of the largest step of the
+axis so far.
+"""
 
 
 class KnownPosition(NamedTuple):
@@ -62,10 +68,10 @@ class KnownPosition(NamedTuple):
 
 
 class SlaveSetup(NamedTuple):
-    """What is known about slave mode, formats and position before the first set point.
+    """Facts that are known before the first set point: slave mode, formats and the robot's position.
 
     Attributes:
-        known_by: How `mode_value` is known.
+        known_by: Name of the command that shows `mode_value`.
     """
 
     mode_value: int | None
@@ -77,7 +83,7 @@ class SlaveSetup(NamedTuple):
 
 
 def known_mode(slave_setup: SlaveSetup, pose_type: PoseType | None) -> KnownMode:
-    """Return the slave mode, with its meaning on this controller as far as known."""
+    """Return the slave mode and, if known, its meaning on this controller."""
     value, generation = slave_setup.mode_value, slave_setup.generation_clue.generation
     meaning = None if value is None else slave_mode_by_number(value, generation or Generation.RC8)
     return KnownMode(
@@ -142,7 +148,8 @@ class SessionModels:
         self._result_columns = ColumnReader(NumberPicker(_RESULT, picker.result))
         self._last_poses = np.full((2, len(self.axes)), np.nan)  # the last two commanded poses
         self._largest_steps = np.zeros(len(self.axes))
-        self._last_sent = -1, 0  # first serial and number of retries of the last set point
+        # of the last set point: serial of the first attempt, and number of retries
+        self._last_sent = (-1, 0)
         self._sent = self._accepted = self._unanswered = self._open = 0
         self._not_followed = self._not_captured = self._buffer_full = 0
         self._retries: Counter[int] = Counter()
@@ -194,7 +201,9 @@ class SessionModels:
         return self._slicer.slices()
 
     def _uncaptured(self, rows: SetPointTable, batch: SetPointBatch) -> NDArray[np.int64]:
-        """Return how many attempts before each set point were not captured, judged by the serials."""
+        """Return, for each set point, how many attempts just before it were not captured, judged by the
+        skipped serials.
+        """
         serials = batch.requests.serials(len(batch))
         last_serial, last_retries = self._last_sent
         before = np.concatenate(((last_serial,), serials[:-1]))
@@ -206,10 +215,11 @@ class SessionModels:
         return np.where((before >= 0) & (skipped > 0) & (skipped <= _MOST_UNCAPTURED), skipped, 0)
 
     def _steps(self, commanded: PoseColumns) -> NDArray[np.int64]:
-        """Return whether the robot moves to each set point: 1, 0 or -1 for unknown.
+        """Return for each set point whether the robot moves to it: 1 if it moves, 0 if it does not, -1 if
+        this is unknown.
 
         The first value belongs to the last set point before `commanded`. A step that is tiny compared with
-        the largest step so far does not count as motion: a smooth motion ends with tiny steps.
+        the largest step so far does not count as motion, because a smooth motion ends with tiny steps.
         """
         points = np.vstack((self._last_poses, commanded.poses))
         known = ~np.isnan(points).any(axis=1)
@@ -281,8 +291,9 @@ class SessionModels:
     def _start_distance(
         self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns
     ) -> StartDistance:
-        """Return the distance of the first set point from the pose in its reply, or else from the position
-        known before."""
+        """Return the distance of the first set point from the pose in its reply. If the reply has no pose,
+        return the distance from the position that the controller reported before.
+        """
         commanded_pose, position = commanded.poses[0], self.slave_setup.position
         if not self._axes or not np.isfinite(commanded_pose).all():
             return StartDistance()
@@ -315,7 +326,9 @@ def _pose_type(slave_setup: SlaveSetup) -> PoseType | None:
 
 
 def _poses_in(batch: SetPointBatch, slave_setup: SlaveSetup) -> Iterator[Pose]:
-    """Yield the poses of the first 16 set points that are readable and have a known pose type."""
+    """Yield the poses of the first 16 set points; leave out poses that are unreadable or have an unknown
+    type.
+    """
     send, receive = _formats(slave_setup)
     pose_type = _pose_type(slave_setup)
     for place in range(min(len(batch), 16)):

@@ -13,8 +13,9 @@ from bcapscope.analysis.statistics.distribution_summary import DistributionSumma
 from bcapscope.protocol.tables.hresult import is_failure
 
 MAX_SLICES = 10_000
-"""Maximum number of slices of one slave-mode session. At one slice per second, these slices cover nearly
-three hours. Further slices are only counted."""
+"""Maximum number of slices of one slave-mode session. With slices of one second, these slices cover nearly
+three hours. Any further slices are only counted.
+"""
 
 
 class SessionSlice(NamedTuple):
@@ -22,10 +23,10 @@ class SessionSlice(NamedTuple):
 
     Attributes:
         begin: Start of the slice, ns since 1970.
-        unanswered: Number of unanswered set points, excluding evicted set points and those still open at the
-            end of the capture.
-        cycle: Cycle times in the slice, ms; None if the slice has no cycle.
-        latency: Latencies of the answered set points in the slice, ms; None if none was answered.
+        unanswered: Number of set points without a reply. Set points that were evicted from memory, or that
+            were still open at the end of the capture, do not count.
+        cycle: Cycle times in the slice, in ms; None if no cycle time is known.
+        latency: Latencies of the answered set points in the slice, ms; None if no set point was answered.
         smallest_slack_ms: Smallest slack in the slice, ms (see `BufferFacts`); None if no slack is known.
     """
 
@@ -48,7 +49,7 @@ class _OpenSlice:
 
 
 class SessionSlicer:
-    """Divides a slave-mode session into slices of equal length, starting at its origin."""
+    """Divides a slave-mode session into slices of equal length. The first slice starts at the `origin`."""
 
     def __init__(self, window: int, origin: int) -> None:
         """Create a slicer. `window` is the length of each slice, `origin` the start of the first slice, in
@@ -60,8 +61,8 @@ class SessionSlicer:
         self._open: _OpenSlice | None = None
 
     def add(self, rows: SetPointTable, cycles: Floats, slacks: Floats) -> None:
-        """Add set points. `cycles` and `slacks` are in ms, NaN where a value is missing. A set point with a
-        time before the open slice is counted in the open slice.
+        """Add set points. `cycles` and `slacks` are in ms; a missing value is NaN. A set point from before
+        the latest slice counts in the latest slice.
         """
         numbers = np.maximum.accumulate(rows.times // self._window)
         if self._open is not None:
@@ -73,8 +74,9 @@ class SessionSlicer:
             self._fill(self._open, rows, np.flatnonzero(numbers == number), cycles, slacks)
 
     def slices(self) -> tuple[tuple[SessionSlice, ...], int]:
-        """Return all slices with set points, including the open slice, and the number of slices that were
-        left off."""
+        """Return all slices that have set points, and the number of slices that were left off because there
+        were too many. The latest slice, which may still get set points, is included.
+        """
         if self._open is None:
             return tuple(self._finished), self._left_off
         if len(self._finished) >= MAX_SLICES:

@@ -14,12 +14,13 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call import Call
 
 LARGE_FRAME = 2048
-"""Size in bytes above which a frame is stored separately; the frame of a set point has a tenth of this
-size."""
+"""Size in bytes above which a frame is stored separately; the frame of a set point has about a tenth of this
+size.
+"""
 
 LATEST_TIME = (1 << 62) - 1
-"""Latest time that is stored, ns since 1970; in the year 2116. The difference of two such times fits into 64
-bits. Later times, which occur only in a damaged capture, are set to this value.
+"""Latest time that can be stored, in ns since 1970; it is in the year 2116. The difference of two such times
+fits into 64 bits. A later time, which occurs only in a damaged capture, is replaced by this value.
 """
 
 _SERIAL = slice(5, 7)
@@ -29,9 +30,9 @@ class FrameBytes:
     """The frames of a batch in one direction, stored one after another.
 
     Attributes:
-        size: Size in bytes of each frame in `data`; 0 while `data` has no frame.
-        data: Bytes of all frames of the common size. Zeros replace each frame of another size.
-        odd_sized: Frames of another size than `size`, by index; b"" for a missing frame.
+        size: The common size in bytes of the frames in `data`; 0 while `data` has no frame.
+        data: Bytes of all frames that have the common size; for each frame of another size, `data` has zeros.
+        odd_sized: Frames of another size, with their index as the key; b"" for a missing frame.
     """
 
     def __init__(self, raws: Iterable[bytes] = ()) -> None:
@@ -42,7 +43,9 @@ class FrameBytes:
             self.add(place, raw)
 
     def add(self, index: int, raw: bytes) -> None:
-        """Add a frame at `index`; the first frame that is not large sets the common size."""
+        """Add a frame with the index `index`. The size of the first frame that is not large becomes the
+        common size.
+        """
         if not self.size and 0 < len(raw) <= LARGE_FRAME:
             self.size = len(raw)
             self.data += bytes(self.size * index)
@@ -67,7 +70,7 @@ class FrameBytes:
         return found
 
     def clear(self) -> None:
-        """Remove all frames, but keep the common size."""
+        """Remove all frames. The common size stays the same for the next frames."""
         self.data = bytearray()
         self.odd_sized = {}
 
@@ -96,16 +99,16 @@ class SetPointBatch:
 
     Attributes:
         row_data: The `SetPointRow` of each set point, as 64-bit integers.
-        irregular: Index and call of each set point that was retried, was not answered with S_OK, or has a
-            frame whose size differs from the others.
-        other_attempts: Maps the index of a set point to a number: how many attempts of the client's other
-            calls were captured just before it.
+        irregular: Index and call of each irregular set point. A set point is irregular if it was retried, was
+            not answered with S_OK, or has a frame of another size than the others.
+        other_attempts: For the index of a set point, the number of attempts of the client's other calls that
+            were captured just before it.
     """
 
     def __init__(self) -> None:
         self.row_data = bytearray()
         self.other_attempts: dict[int, int] = {}
-        self._attempts_since = 0  # attempts of other calls since the last set point
+        self._attempts_since = 0  # number of attempts of other calls since the last set point
         self.requests, self.results = FrameBytes(), FrameBytes()
         self.irregular: list[tuple[int, Call]] = []
 
@@ -117,7 +120,7 @@ class SetPointBatch:
         return SetPointRow(*_ROW.unpack_from(self.row_data, start))
 
     def add_other_call(self, call: Call) -> None:
-        """Count the attempts of a call of the same client that is not a set point."""
+        """Count the attempts of a call that the same client made, and that is not a set point."""
         self._attempts_since += len(call.attempts)
 
     def _note_other_attempts(self) -> None:
@@ -133,7 +136,7 @@ class SetPointBatch:
             self._add_irregular(call)
 
     def add_run(self, calls: Sequence[Call]) -> None:
-        """Add alike set points: each was sent once, was answered with S_OK and has small frames."""
+        """Add alike set points. Each of them was sent once, was answered with S_OK and has small frames."""
         self._note_other_attempts()
         requests, results, row_data = self.requests, self.results, self.row_data
         for call in calls:
@@ -144,8 +147,8 @@ class SetPointBatch:
             item: Frame
             result: Frame
             # Unpacking is faster than reading the attributes one by one.
-            frame, time, _, _, item, _ = call.request  # type: ignore[misc]  # a tuple behind its protocol
-            reply_frame, replied, _, _, result, _ = call.reply  # type: ignore[misc]  # also a tuple
+            frame, time, _, _, item, _ = call.request  # type: ignore[misc]  # the value is a tuple
+            reply_frame, replied, _, _, result, _ = call.reply  # type: ignore[misc]  # the value is a tuple
             raw, answer = item.raw, result.raw
             if len(raw) != requests.size or len(answer) != results.size:
                 self._add_irregular(call)
@@ -175,7 +178,7 @@ class SetPointBatch:
         return rows.T.copy()
 
     def clear(self) -> None:
-        """Remove all set points. Arrays that `columns` returned stay valid."""
+        """Remove all set points. Arrays that `columns` has returned stay valid."""
         self.row_data = bytearray()
         self.other_attempts.clear()
         self.requests.clear()

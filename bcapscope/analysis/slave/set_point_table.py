@@ -1,4 +1,4 @@
-"""Set points as columns (NumPy arrays), so that a million set points can be processed together."""
+"""Set points as columns (NumPy arrays), so that many set points can be processed at once."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ from bcapscope.traffic.call import Call
 class SetPointTable:
     """Columns with one row for each set point, in the order in which they were sent.
 
-    Times are in ns since `origin`; frames are observation numbers.
+    Times are in ns since `origin`. Frames are given by their observation numbers.
 
     Attributes:
-        origin: Time from which all times in the table count, ns since 1970-01-01 UTC.
-        arrivals: Time of each answered attempt; time of the first request if no reply was captured.
-        replies: Time of each accepted reply; equal to `times` if no reply was captured.
-        open: Whether each set point may have been answered although no reply was captured: the capture ended
-            first, or the call was evicted.
+        origin: Time from which all times in the table are counted, in ns since 1970-01-01 UTC.
+        arrivals: For each set point, the time of the attempt that was answered; if no reply was captured, the
+            time of the first request.
+        replies: For each set point, the time of the accepted reply; if no reply was captured, the same time
+            as in `times`.
+        open: For each set point without a captured reply, whether it may have been answered: the capture
+            ended before the reply, or the call was evicted from memory.
         codes: HRESULT of each reply; 0 if no reply was captured.
         reply_frames: Frame number of each accepted reply; 0 if no reply was captured.
-        irregular: Index and call of the set points that need more data than the columns hold (see
-            `SetPointBatch`).
+        irregular: Index and call of each irregular set point (see `SetPointBatch`).
     """
 
     origin: int
@@ -46,14 +47,18 @@ class SetPointTable:
 
     @property
     def latencies(self) -> Floats:
-        """Time from each first request to its reply, ms; infinity if no reply was captured."""
+        """For each set point, the time from the first request to the reply, in ms; infinity if no reply was
+        captured.
+        """
         taken: Floats = (self.replies - self.times) / 1e6
         taken[~self.answered] = np.inf
         return taken
 
 
 def table_of(batch: SetPointBatch, origin: int) -> SetPointTable:
-    """Return the columns of a batch, with times relative to `origin`. The batch must have a set point."""
+    """Return the columns of a batch, with times relative to `origin`. The batch must contain at least one set
+    point.
+    """
     calls, frames, times, reply_frames, replied = batch.columns()
     count = len(calls)
     rows = SetPointTable(

@@ -1,7 +1,7 @@
-"""Facts about one slave-mode session: plain fields for people, programs and rules.
+"""Facts about one slave-mode session, as plain fields that output, programs and rules can use.
 
-Times are in ns since 1970-01-01 UTC, durations in ms, and frames are observation numbers. A list that could
-grow long in a bad capture has only its first few entries. A separate field has the total number.
+Times are in ns since 1970-01-01 UTC, durations in ms, and frames are observation numbers. If a list could
+grow long in a bad capture, it has only the first few entries, and a separate field has their total number.
 """
 
 from __future__ import annotations
@@ -32,7 +32,14 @@ class FrameTime(NamedTuple):
 
 
 class CallFact(NamedTuple):
-    """A call that is relevant to a slave-mode session. `time` is the time of its first request."""
+    """A call that is relevant to a slave-mode session.
+
+    Attributes:
+        call: Number of the call.
+        time: Capture time of the first request, ns since 1970.
+        reply_time: Capture time of the accepted reply, ns since 1970; None if there is no such reply.
+        hresult: Result code of the accepted reply, unsigned; None if there is no such reply.
+    """
 
     call: int
     client: Endpoint
@@ -51,11 +58,11 @@ class KnownMode(NamedTuple):
     Attributes:
         value: Number of the mode, as in the argument of slvChangeMode; None if unknown.
         known_by: Command that shows the value: "slvChangeMode" or "slvGetMode"; "" if the value is unknown.
-        meaning: The mode with this value on the controller's generation, or on an RC8 if the generation is
-            unknown; None if the value is undefined or unknown.
-        guessed: Whether `meaning` is that of an RC8 because the generation is unknown.
-        pose_type: Pose type of the set points, known from the mode or else from the number of values in a
-            pose.
+        meaning: The slave mode that `value` means on controllers of this generation; on an RC8, if the
+            generation is unknown; None if `value` is undefined or unknown.
+        guessed: Whether `meaning` is the meaning on an RC8, because the generation is unknown.
+        pose_type: Pose type of the set points; it follows from the mode or, if the mode is unknown, from the
+            number of values in a pose.
     """
 
     value: int | None
@@ -86,20 +93,27 @@ class ExitReason(StrEnum):
     LEFT = "left"
     """The client that sends the set points called slvChangeMode 0."""
     CHANGED = "changed"
-    """The client called slvChangeMode and entered another mode, or the same mode again."""
+    """The client called slvChangeMode, and thereby entered another slave mode, or the same slave mode
+    again.
+    """
     ERROR = "error"
-    """A set point was refused with an error that ends slave mode."""
+    """The controller refused a set point with an error that ends slave mode."""
     OTHER_CALL = "other call"
-    """A set point was refused because slave mode was off: an error in another call, of any client, had ended
-    slave mode."""
+    """The controller refused a set point because slave mode was off. An error in another call, of this or
+    another client, had ended slave mode.
+    """
     OTHER_CLIENT = "other client"
     """Another client of the controller called slvChangeMode."""
     FOUND_OFF = "found off"
-    """A set point was refused because slave mode was off. No captured frame shows what ended slave mode."""
+    """The controller refused a set point because slave mode was off. No captured frame shows what had ended
+    slave mode.
+    """
     DISCONNECTED = "disconnected"
     """The client called Robot_Release, Controller_Disconnect, Service_Stop or Service_Start."""
     SILENT = "silent"
-    """The client stopped sending set points before the capture ended: the client or the connection failed."""
+    """The client stopped sending set points before the capture ended, because the client or the connection
+    failed.
+    """
     CAPTURE_ENDED = "capture ended"
 
 
@@ -107,11 +121,11 @@ class SessionExit(NamedTuple):
     """The end of a slave-mode session.
 
     Attributes:
-        time: Time when the session ended: time of the reply that shows the end, if there is one.
-        frames: Numbers of the request and reply frames that prove the end; () if none was captured.
-        hresult: Result code in the reply to the call `by`; None if there is no such call or reply.
-        by: Call that ended the session or, for `FOUND_OFF`, was refused because slave mode was off; None if
-            no call shows the end.
+        time: Time when the session ended; if a reply shows the end, it is the time of this reply.
+        frames: Numbers of the request and reply frames that prove the end; () if no such frame was captured.
+        hresult: Result code in the reply to the call `by`; None if `by` is None or has no reply.
+        by: Call that ended the session; None if no call shows the end; for `FOUND_OFF`, it is the call that
+            was refused because slave mode was off.
     """
 
     reason: ExitReason
@@ -123,21 +137,22 @@ class SessionExit(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SetPointCounts:
-    """Numbers of set points in a slave-mode session. A set point with retries counts once.
+    """Counts of the set points in a slave-mode session. A set point with retries counts once.
 
     Attributes:
-        refused: Number of set points that were answered with a failure, by HRESULT.
+        refused: For each HRESULT of a failure, the number of set points that the controller answered with it.
         unanswered: Number of set points that the client gave up and for which no reply was captured.
         open: Number of set points that waited for a reply when the capture ended.
-        not_followed: Number of set points that were evicted from memory before a reply arrived.
+        not_followed: Number of set points that bcapscope evicted from memory before a reply arrived.
         not_captured: Number of set points whose reply the capture lacks (see `Outcome.NOT_CAPTURED`).
         buffer_full: Number of set points that were answered with S_BUF_FULL; `accepted` includes these set
             points.
         after_end: Number of set points that were refused or unanswered because the session had ended; no
             other field includes these set points.
         by_retries: Number of set points for each number of retries, including 0.
-        retries_forbidden: Number of retries over UDP in a mode where a new set point replaces the waiting
-            one. In such a mode, retries waste bandwidth (DENSO Wave 2009, How to use the Slave mode).
+        retries_forbidden: Number of retries over UDP in a mode where each new set point replaces the set
+            point in the buffer. In such a mode, retries waste bandwidth (DENSO Wave 2009, How to use the
+            Slave mode).
         late_replies: Number of replies that arrived after the client had sent another attempt.
         lost_replies: Number of replies that were captured, and that the client evidently did not receive.
     """
@@ -164,20 +179,27 @@ class SlaveSession:
 
     Attributes:
         number: Number of the slave-mode session in the order of start times, counted from 1.
+        robot: Handle of the robot; None if no captured frame shows it.
+        mode: Slave mode, and how it is known.
+        exit: When and how the session ended.
+        counts: Numbers of set points, by what happened to them.
+        timing: Cycle times, jitter and latencies of the set points.
+        buffer: Estimated level of the controller's buffer.
+        refused_set_points: First set points that the controller refused.
+        slices_left_off: Number of slices that are missing from `slices`, because there were too many.
+        samples: Set points for charts; each can stand for several neighbouring set points.
         entry_call: The slvChangeMode call that began the session; None if the session began before the
             capture.
-        entered_at: Time when the session began: time of the reply to `entry_call`, or else of the first set
-            point.
-        send_format: Send format that the controller accepted; None if no slvSendFormat was captured, which is
-            not the same as format 0.
+        entered_at: Time when the session began: the time of the reply to `entry_call`, or of the first set
+            point if there is no such reply.
+        send_format: Send format that the controller accepted; None if no slvSendFormat was captured.
         receive_format: Receive format that the controller accepted; None if no slvRecvFormat was captured.
         pace: Pace of the set points while the robot moves; None if the capture shows no motion.
         clock: Facts about the controller's time stamps; None if no reply has a time stamp.
         motion: Facts about the commanded motion; None if there are no set points.
         forbidden_retry_frames: Numbers of the first retry frames that the mode forbids.
-        other_calls: Latest calls other than set points that any client made to this controller, in
-            chronological order. Included are calls during the session, and shortly before or after the
-            session.
+        other_calls: Latest calls that any client made to this controller during the session and shortly
+            before or after, in chronological order. Set points are not included.
         slices: Figures of the session for each slice of time; () if no slices were requested.
     """
 
@@ -207,6 +229,7 @@ class SlaveSession:
 
     @property
     def began_before_capture(self) -> bool:
+        """Whether the capture lacks the call that began the session."""
         return self.entry_call is None
 
     @property

@@ -18,12 +18,14 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, ModeKind, SlaveMode
 from bcapscope.traffic.observation import Transport
 
 FAST_GRID_MS = 1
-"""Recommended period in ms in modes where a new set point replaces the waiting one (DENSO Wave 2009, How to
-use the Slave mode)."""
+"""Recommended period in ms in modes where a new set point replaces the set point in the buffer (DENSO Wave
+2009, How to use the Slave mode).
+"""
 
 FAST_BELOW_MS = 3.0
-"""Cycle time in ms between 1 ms and 8 ms, at their geometric mean. A shorter median means a period of 1
-ms."""
+"""Limit in ms, about the geometric mean of 1 ms and 8 ms. A session whose median cycle time is shorter has a
+period of 1 ms.
+"""
 
 MAX_SLOWEST = 16
 _ON_GRID = 0.1
@@ -33,7 +35,7 @@ _DRIVER = "DENSORobot/denso_robot_ros2 denso_robot_core"
 
 
 class Deadline(NamedTuple):
-    """A recommended time-out, and how many set points were answered too late or not at all.
+    """A recommended time-out, and how many set points were not answered within the time-out.
 
     Attributes:
         timeout_ms: Time-out of one attempt, ms.
@@ -62,15 +64,16 @@ class TimingFacts:
         grid_ms: Cycle time that the client should keep: 8 ms or 1 ms.
         grid_known_by: Reason for `grid_ms`; None if there are no set points.
         jitter: Absolute difference of each cycle time from `grid_ms`, ms; None for fewer than two set points.
-        on_grid: Number of cycles that differ from `grid_ms` by at most a tenth.
+        on_grid: Number of cycles that differ from `grid_ms` by at most 10 %.
         skipped: Number of cycles that are at least one and a half times as long as `grid_ms`.
-        backwards: Number of set points with an earlier time than the previous one; `cycle` does not include
-            them.
+        backwards: Number of set points with an earlier time than the previous set point; `cycle` does not
+            include them.
         rate_hz: Set points per second over the whole slave-mode session; None for fewer than two set points.
         latency: Time from the first request to the accepted reply, ms; None if no reply was captured.
         rtt: Time from the answered attempt to the accepted reply, ms; None if no reply was captured.
-        slowest: Set points without a reply, then those with the longest latency, longest first.
-        slack_ms: Time that a full buffer lasts without a new set point, ms (see `buffer_model.slack_ms`).
+        slowest: The slowest set points: first those without a reply, then those with the longest latency.
+        slack_ms: Time until a full buffer is empty if no new set point arrives, ms (see
+            `buffer_model.slack_ms`).
         gaps: Number of cycles longer than `slack_ms`.
     """
 
@@ -146,7 +149,7 @@ def choose_grid(overwrites: bool | None, cycles: Floats) -> CycleGrid:
     """Choose the cycle time that a client should keep: 8 ms or 1 ms.
 
     Args:
-        overwrites: Whether a new set point replaces the waiting one; None if the mode is unknown.
+        overwrites: Whether a new set point replaces the set point in the buffer; None if the mode is unknown.
         cycles: First cycle times of a slave-mode session, ms.
     """
     pace = float(np.median(cycles)) if len(cycles) else float(PERIOD_MS)
@@ -176,7 +179,9 @@ class TimingModel:
         self._gaps: list[SetPointFact] = []
 
     def add(self, rows: SetPointTable) -> Floats:
-        """Add set points; return the cycle time before each in ms, NaN for the very first set point."""
+        """Add set points; return for each the time since the previous set point in ms, NaN for the very first
+        one.
+        """
         cycles = np.diff(rows.times, prepend=self._last) / 1e6
         if self._first is None:
             self._first = int(rows.times[0])

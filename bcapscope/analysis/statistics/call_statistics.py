@@ -17,17 +17,18 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.call_verdict import Outcome
 from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
-from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, Transport
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_KINDS = 4096
-"""Maximum number of pairs of client and call kind with figures of their own. Calls of further kinds are
-counted as `OTHER_KINDS` of their client.
+"""Maximum number of pairs of client and call kind that are counted separately. Once this limit is reached,
+calls of a new kind are counted as `OTHER_KINDS` of their client.
 """
 
 MAX_CODES = 16
-"""Maximum number of result codes that are counted separately for each kind of call: the first ones that
-occur."""
+"""Maximum number of result codes that are counted separately for each kind of call. The first codes that
+occur are counted.
+"""
 
 GRACE_NS = 200_000_000_000
 """Time in ns from the end of a slice until all its calls are complete. A tracker keeps a call without further
@@ -37,8 +38,8 @@ frames open for 180 s (`pairing_windows.EXECUTION_NS`).
 OTHER_KINDS = CallKind(0, None)
 """Represents all kinds of call beyond `MAX_KINDS`. No function has the id 0."""
 
-OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, "")
-"""Represents all clients that appear when twice `MAX_KINDS` pairs already have figures of their own."""
+OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
+"""Represents all clients that appear after twice `MAX_KINDS` pairs of client and call kind were counted."""
 
 _FLUSH_AT = 512
 _MILLISECOND = 1_000_000
@@ -62,7 +63,8 @@ class CallFigures:
         line_time_share: Sum of the latencies divided by the length of the period; None if the length is 0;
             more than 1 if several conversations wait at the same time.
         latency: Time from the first request to the accepted reply, ms; None if no call was answered.
-        refusal_codes: Each HRESULT of a failure and the number of its calls, the most frequent first.
+        refusal_codes: Each HRESULT of a failure, with the number of calls that it answered. The most frequent
+            HRESULT comes first.
     """
 
     calls: int
@@ -120,8 +122,9 @@ class Statistics:
 
 
 class _CallTally:
-    """Counts calls of one kind. Nearly all calls are plain successes, which are collected and counted many at
-    once, for speed."""
+    """Counts calls of one kind. For speed, plain successes (nearly all calls) are collected and counted many
+    at once.
+    """
 
     def __init__(self) -> None:
         self.calls = self.retries = self.retried = self.late = self.executing = self.request_bytes = 0
@@ -163,7 +166,7 @@ class _CallTally:
             self.codes[code] += 1
 
     def flush(self) -> None:
-        """Count the collected plain successes, and move all latencies to the histogram."""
+        """Count the plain successes collected so far, and move all latencies to the histogram."""
         self.calls += len(self.smooth_latencies)
         self.outcomes[Outcome.ANSWERED] += len(self.smooth_latencies)
         latencies = self.smooth_latencies + self.other_latencies
@@ -294,10 +297,12 @@ def _time_taken(row: StatisticsRow) -> tuple[float, int]:
 
 
 class SlicedStatistics:
-    """Figures of calls per slice of time. A call belongs to the slice in which the call started.
+    """Computes figures of calls for each slice of time. A call belongs to the slice in which the call
+    started.
 
-    If time goes back by more than `GRACE_NS`, because captures are not read in chronological order, all
-    slices so far are completed. A slice can then be returned twice, each time with other calls.
+    Captures may be read out of chronological order. If a call starts more than `GRACE_NS` before the latest
+    start, all slices so far are completed. The same slice can then be returned a second time, with different
+    calls.
     """
 
     def __init__(self, nanoseconds: int) -> None:

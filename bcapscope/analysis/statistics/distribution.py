@@ -14,21 +14,24 @@ Floats: TypeAlias = "NDArray[np.float64]"
 Bools: TypeAlias = "NDArray[np.bool_]"
 
 EXACT_UP_TO = 8192
-"""Maximum number of values that are kept exactly. Beyond this number, all values are counted in bins."""
+"""Maximum number of values that a histogram keeps exactly. If there are more values, all are counted in
+bins.
+"""
 
 _PER_OCTAVE = 128
 """Number of bins per power of two. Every value in a bin differs from the middle of the bin by less than
 0.4%."""
 
 _LOWEST, _HIGHEST = -24, 40
-"""Exponents (base 2) of the smallest and the largest bin: the range reaches from 0.1 µm, in mm, to tens of
-years, in ms."""
+"""Exponents (base 2) of the smallest and the largest bin. Values in mm can be as small as 0.1 µm, and values
+in ms as large as tens of years.
+"""
 
 _BINS = (_HIGHEST - _LOWEST) * _PER_OCTAVE
 
 
 class Histogram:
-    """Collects values from 0 up. Negative values, NaN and infinity are left out."""
+    """Collects values of 0 or more. Negative values, NaN and infinity are ignored."""
 
     def __init__(self) -> None:
         self._pending: list[Floats] = []  # values not yet counted in bins
@@ -68,7 +71,9 @@ class Histogram:
         return _summary(len(values), float(values.sum()), ends, points, drawn)
 
     def _binned_distribution(self, bins: bool) -> DistributionSummary:
-        """Return the distribution as if the pending values were counted in bins. Changes nothing."""
+        """Return the distribution that results if the pending values are counted in bins, without changing
+        the histogram.
+        """
         whole = Histogram()
         whole.merge(self)
         whole._count_into_bins(whole._pending_values())
@@ -91,7 +96,6 @@ class Histogram:
             self._pending, self._pending_count = [values], len(values)
 
     def _count_into_bins(self, values: Floats) -> None:
-        """Count values in bins instead of keeping them."""
         self._pending, self._pending_count = [], 0
         if len(values):
             self._total += float(values.sum())
@@ -141,7 +145,8 @@ def _rank(share: int, count: int) -> int:
 
 
 def _bin_counts(values: Floats) -> tuple[int, NDArray[np.int64]]:
-    """Count values in bins; return the number of the first bin, and the counts from this bin on.
+    """Count values in bins; return the number of the first bin that is not empty, and the counts from that
+    bin on.
 
     The upper bits of an IEEE 754 double (the exponent and the first bits of the mantissa) give the bin
     number.

@@ -21,13 +21,14 @@ class Bin:
 class DistributionSummary:
     """Summary of a distribution.
 
-    A percentile is the smallest value that at least the given share of all values do not exceed.
+    The p-th percentile is the smallest value that is at least as large as p % of all values.
 
     Attributes:
         mean: Mean value, exact.
         least: Smallest value, exact.
         most: Largest value, exact.
-        p50: Median, like all percentiles exact for up to 8192 values and within 0.4% for more values.
+        p50: Median. Like all percentiles, it is exact for up to 8192 values; for more values it is within
+            0.4%.
         bins: The bins that are not empty, in ascending order; () unless requested.
     """
 

@@ -1,4 +1,6 @@
-"""Figures of frames that two places captured: their delay from one place to the other, and their losses."""
+"""Figures of frames captured at two places: the delay between the places, and the frames lost between
+them.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,7 @@ class PlaceFigures:
     """Figures of one conversation that two places captured.
 
     Attributes:
-        is_relayed: Whether a proxy is between the places.
+        is_relayed: Whether a proxy forwards the conversation between the two places.
         delay_error: Uncertainty of the delays, ms.
     """
 
@@ -67,7 +69,7 @@ class _OneWayTally:
         return OneWayFigures(self.frames, self.lost, self._histogram.distribution())
 
     def _flush(self) -> None:
-        # A delay below 0 is within the uncertainty, and a histogram has no bins for it.
+        # Replace a delay below 0 by 0: it is within the uncertainty, and a histogram has no bins for it.
         self._histogram.add(np.maximum(np.array(self._delays, dtype=np.float64) / _MILLISECOND, 0))
         self._delays = []
 

@@ -34,7 +34,9 @@ def log_armed_calls(program: str, connection: LoggedConnection) -> Iterator[Arme
 def _warn_log_unwritable(path: Path, error: OSError) -> None:
     reason = os_reason(error)
     print_stderr(
-        printable(f"bcapscope: cannot write the action log {path}: {reason}. Calls are sent without it.")
+        printable(
+            f"bcapscope: cannot write the action log {path}: {reason}. Calls are sent without a log entry."
+        )
     )
 
 
@@ -52,8 +54,22 @@ def confirm_robot_may_move(host: str, words: MessageFormatter) -> bool:
     """Ask the user to type the address of the controller as a confirmation, and return whether it matches.
 
     Raises:
-        click.Abort: Ctrl-C was pressed, or standard input ended.
+        click.Abort: Standard input ended.
     """
-    question = words("arm.confirm", host=printable(host))
-    typed: str = click.prompt(question, default="", show_default=False, err=True)
-    return typed.strip() == host
+    return prompt_line(words("arm.confirm", host=printable(host))) == host
+
+
+def prompt_line(question: str) -> str:
+    """Write a question to stderr, and return the line that the user types, without blanks at its ends.
+
+    Python's `input`, which click uses, loses a Ctrl-C that comes while it flushes the question.
+
+    Raises:
+        click.Abort: Standard input ended.
+    """
+    sys.stderr.write(f"{question}: ")
+    sys.stderr.flush()
+    line = sys.stdin.readline()
+    if not line:
+        raise click.Abort
+    return line.strip()

@@ -25,9 +25,9 @@ attended_option = click.option(
 
 
 def open_publisher(job: str) -> WatcherSubscriber:
-    """Return the subscriber that publishes the traffic to the screen. `job` is a `ReadJob` in JSON.
+    """Return the subscriber that publishes the traffic to the screen. `job` is a `ReadJob` as JSON.
 
-    This function imports locally, because only the process of the watcher needs these modules.
+    The imports are inside this function, because only the process of the watcher needs these modules.
     """
     import msgspec
 
@@ -49,7 +49,9 @@ publish_option = click.option(
 
 
 def announce_ready(listening: Sequence[str], control: str = "") -> None:
-    """Print to stdout a JSON line with the addresses that the command listens on and its control address."""
+    """Print to stdout a line of JSON: the addresses that the command listens on, and the address of its
+    control socket.
+    """
     print_stderr("")  # an empty line marks the end of the greeting for the parent process
     report = {"listening": list(listening), "control": control}
     sys.stdout.buffer.write(orjson.dumps(report) + b"\n")

@@ -16,9 +16,9 @@ _PROGRESS_EVERY = 0x1000
 
 
 def call_test(call_filter: Filter | None, reader: CaptureReader) -> Callable[[Call], bool] | None:
-    """Return a function that tests whether a call matches the filter, or None without a filter.
+    """Return a function that tests whether a call matches the filter; None if there is no filter.
 
-    `reader` reads the calls. If no call matches, the summary of `reader` reports this.
+    If no call matches the filter, the summary that `reader` prints reports this.
     """
     if call_filter is None:
         return None
@@ -27,13 +27,13 @@ def call_test(call_filter: Filter | None, reader: CaptureReader) -> Callable[[Ca
 
 
 def read_filtered_calls(reader: CaptureReader, call_filter: Filter | None) -> Iterator[Call]:
-    """Yield each call that matches a filter, as soon as the call ends."""
+    """Yield each call that matches a filter, as soon as the call is complete."""
     collector = CallCollector(call_test(call_filter, reader))
     return read_items(reader, reader.pipeline(collector), collector.calls)
 
 
 def read_to_end(reader: CaptureReader, pipeline: Pipeline) -> None:
-    """Read the captures to their end through the pipeline, and show the progress."""
+    """Read the captures to their end, pass the traffic to the pipeline, and show the progress."""
     add = pipeline.add
     for count, observation in enumerate(reader.observations()):
         add(observation)

@@ -35,10 +35,11 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Count, joined_clauses
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
+from bcapscope.render.server_evidence_text import server_evidence_message
 from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.joining.joined_observation import CapturePlace
-from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.observation import Observation, ServerEvidenceKind
 
 if TYPE_CHECKING:
     from bcapscope.traffic.handle_tracker import HandleTracker
@@ -52,14 +53,14 @@ _IDLE_INTERVAL = 250_000_000  # ns
 
 
 class CaptureReader:
-    """Reads the input of a command. Several captures are read as one, like the files of a ring.
+    """Reads the input of a command. Several captures, such as the files of a ring, are read as one.
 
     Attributes:
-        on_idle: Function that is called several times per second while a live capture delivers no frames,
-            with the time up to which all packets were read, ns since 1970.
+        on_idle: Function that is called several times per second while a live capture delivers no frames. The
+            function receives the time up to which all packets were read, ns since 1970.
         is_live: Whether the input may never end: an interface or a pipe.
-        frame_origins: Finds the capture and the packet of a frame. It knows the frames if there are several
-            captures, or after `remember_origins`.
+        frame_origins: Finds the capture and the packet of a frame, if there are several captures or
+            `remember_origins` was called.
     """
 
     def __init__(
@@ -72,11 +73,13 @@ class CaptureReader:
         *,
         side: CapturePlace | None = None,
         taken_at: CapturePoint | None = None,
+        comment_words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
         """Choose the input: captures, a live interface, or pasted hex text. The path ``-`` is standard input.
 
-        `side` selects one side of the conversations that were captured at two places; None for both.
-        `taken_at` is the capture point; None to infer the capture point from the traffic.
+        `side` selects which capture to read of a conversation that was captured at both sides; None for both.
+        `taken_at` is the place where the captures were taken; None to infer the place from the traffic.
+        `comment_words` chooses the language of the comments on pasted frames.
 
         Raises:
             click.UsageError: there is no input, or more than one kind, or standard input is closed.
@@ -92,7 +95,7 @@ class CaptureReader:
         self._interface = interface
         self._text = text
         self._words = words
-        self._pasted = None if text is None else PastedText(self._text_lines(text))
+        self._pasted = None if text is None else PastedText(self._text_lines(text), comment_words)
         self._progress = ReadProgressBar()
         self._no_match: _NoMatch | None = None
         self._lost_packets = 0
@@ -109,7 +112,7 @@ class CaptureReader:
         self.frame_origins = self._input.frame_origins
 
     def observations(self) -> Iterator[Observation]:
-        """Yield all frames of the input, or those of one side.
+        """Yield all frames of the input, or only those captured at the chosen side.
 
         Read errors do not raise an exception; `print_summary` prints them.
         """
@@ -120,12 +123,16 @@ class CaptureReader:
         self._progress.remove()
 
     def pipeline(self, *subscribers: PipelineSubscriber, handles: HandleTracker | None = None) -> Pipeline:
-        """Return a pipeline for the input, which joins the conversations that several places captured."""
+        """Return a pipeline for the input. The pipeline joins conversations that were captured at several
+        places.
+        """
         return self._input.pipeline(*subscribers, handles=handles, comments=self.comments)
 
     @property
     def on_first_time(self) -> Callable[[int], object]:
-        """Function that is called with the time of the first observation, before it is yielded."""
+        """Function that is called with the time of the first observation, before that observation is
+        yielded.
+        """
         return self._input.on_first_time
 
     @on_first_time.setter
@@ -134,7 +141,7 @@ class CaptureReader:
 
     @property
     def first_time(self) -> int:
-        """Time of the first observation, ns since 1970; 0 before it."""
+        """Time of the first observation, ns since 1970; 0 until the first observation was read."""
         return self._input.first_time
 
     @property
@@ -148,9 +155,10 @@ class CaptureReader:
     def counting_test(
         self, wanted: Filter, test: Callable[[R], bool], number_of: Callable[[R], int]
     ) -> Callable[[R], bool]:
-        """Return the test of a filter; if no record matches, `print_summary` reports this.
+        """Return a function that tests a record with the filter and counts the records. If no record matches
+        the filter, `print_summary` reports this.
 
-        `number_of` returns the number of a record, counted from 1.
+        `number_of` is a function that returns the number of a record, counted from 1.
         """
         self._no_match = no_match = _NoMatch(wanted)
 
@@ -168,11 +176,12 @@ class CaptureReader:
         return self._input.paths
 
     def remember_origins(self) -> None:
-        """Let `frame_origins` learn the packet of each frame. Call it before reading."""
+        """Make `frame_origins` remember the packet of each frame. Call this method before reading."""
         self._input.remember_origins()
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return where a packet is found, by its number among all packets of the input.
+        """Return the capture that holds a packet, and the packet's number there. `packet` counts all packets
+        of the input.
 
         The result is None for live traffic and for pasted text.
         """
@@ -181,7 +190,8 @@ class CaptureReader:
     def citing_words(self) -> MessageFormatter:
         """Return the formatter of the command.
 
-        If several captures are read, this formatter adds the capture and the packet of each frame.
+        If several captures are read, the formatter adds to each frame number the capture and packet of the
+        frame.
         """
         return self._words if len(self.paths) < 2 else self._words.for_captures(self._find_frame)
 
@@ -194,7 +204,7 @@ class CaptureReader:
         return self._input.comments if self._pasted is None else self._pasted.comments
 
     def show_progress(self) -> None:
-        """Show the progress of reading a file that takes long."""
+        """Show the progress if reading a file takes long."""
         self._progress.show(self._input.position, self._input.size)
 
     def print_lines(self, lines: Iterable[str] | Iterable[bytes]) -> None:
@@ -209,8 +219,8 @@ class CaptureReader:
     def print_summary(self) -> None:
         """Print a summary to stderr.
 
-        The summary reports whether no record matched the filter, the read errors, the controllers that were
-        recognised by content, and the packet counts.
+        The summary says if no record matched the filter. The summary lists read errors, controllers that were
+        recognised by the content of their traffic, and packet counts.
         """
         if self._no_match is not None and (sentence := self._no_match.sentence(self._words)):
             print_stderr(sentence)
@@ -222,10 +232,12 @@ class CaptureReader:
         for trouble in self._problems:
             print_stderr(trouble)
         self._print_plans()
-        recognised = [c for c in self._input.conversations if not c.server_known_by.startswith("port ")]
+        recognised = [
+            c for c in self._input.conversations if c.server_evidence.kind is not ServerEvidenceKind.PORT
+        ]
         for conversation in recognised[:_MAX_SERVERS_LISTED]:
             server, transport = str(conversation.server), str(conversation.transport)
-            reason = conversation.server_known_by
+            reason = server_evidence_message(conversation)
             print_stderr(words("reading.recognised", server=server, transport=transport, reason=reason))
         if len(recognised) > _MAX_SERVERS_LISTED:
             print_stderr(words("reading.recognised.more", n=len(recognised) - _MAX_SERVERS_LISTED))
@@ -279,7 +291,8 @@ class CaptureReader:
                 idle_at = 0
                 try:
                     while (packet := interrupts.read_or_stop(partial(next, packets, None))) is not None:
-                        if packet[0] >= idle_at:  # traffic other than b-CAP may have no pause
+                        # other traffic may leave no pause in which `capture.on_idle` is called
+                        if packet[0] >= idle_at:
                             self.on_idle(packet[0])
                             idle_at = packet[0] + _IDLE_INTERVAL
                         yield packet
@@ -312,7 +325,7 @@ class CaptureReader:
 
 @dataclass(slots=True)
 class _NoMatch:
-    """Whether no record matched the filter.
+    """Counts tested records, to find out whether none matched the filter.
 
     Attributes:
         tested: Number of records that were tested.
@@ -336,7 +349,7 @@ class _NoMatch:
 class _Interrupted(Exception):
     """Ctrl-C ended reading, possibly inside a packet.
 
-    The capture does not count as incomplete for this reason.
+    The capture is not reported as incomplete because of Ctrl-C.
     """
 
 
@@ -367,5 +380,5 @@ class _StandardInput:
         return self._stream.fileno()
 
     def close(self) -> None:
-        """Stop handling Ctrl-C. Standard input is not closed, because it belongs to the interpreter."""
+        """Stop handling Ctrl-C. Standard input stays open, because it belongs to the interpreter."""
         self._interrupts.close()

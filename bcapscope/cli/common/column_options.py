@@ -1,4 +1,6 @@
-"""Options of commands that print chosen fields as columns, and the fields that depend on the captures."""
+"""Options of commands that print chosen fields as columns, and the values of fields that depend on the
+captures.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ R = TypeVar("R")
 
 
 def columns_option(kind: RecordKind) -> Decorator:
-    """Return the option ``--columns`` for records of `kind`. Its value is a tuple of columns, or None."""
+    """Return the option ``--columns`` for records of `kind`. The option's value is a tuple of columns, or
+    None.
+    """
 
     def parse(
         context: click.Context, parameter: click.Parameter, value: str | None
@@ -51,7 +55,7 @@ wide_option = click.option(
 def frame_columns(
     reader: CaptureReader, columns: tuple[RecordColumn, ...], palette: Palette, wide: bool
 ) -> ColumnRenderer:
-    """Return a renderer of `AnnotatedFrame` objects that `reader` reads."""
+    """Return a renderer that prints chosen columns of the `AnnotatedFrame` objects that `reader` reads."""
     getters = _with_reader(FRAME_GETTERS, reader, lambda frame: frame.observation)
     return ColumnRenderer(columns, getters, palette, line_width(wide))
 
@@ -59,7 +63,7 @@ def frame_columns(
 def call_columns(
     reader: CaptureReader, columns: tuple[RecordColumn, ...], palette: Palette, wide: bool
 ) -> ColumnRenderer:
-    """Return a renderer of calls that `reader` reads."""
+    """Return a renderer that prints chosen columns of the calls that `reader` reads."""
     getters = _with_reader(CALL_GETTERS, reader, lambda call: call.request)
     return ColumnRenderer(columns, getters, palette, line_width(wide))
 
@@ -69,10 +73,10 @@ def _with_reader(
     reader: CaptureReader,
     first_frame: Callable[[R], FrameObservation | Observation],
 ) -> dict[str, Callable[[R], object]]:
-    """Return the getters, together with the getters of `t`, `file` and `file_packet`.
+    """Return `getters` together with the functions that return the fields `t`, `file` and `file_packet`.
 
-    These three fields depend on the captures that `reader` reads. `first_frame` returns the first frame of a
-    record.
+    The values of `t`, `file` and `file_packet` depend on the captures that `reader` reads. `first_frame` is a
+    function that returns the first frame of a record.
     """
 
     def origin(attribute: str) -> Callable[[R], object]:

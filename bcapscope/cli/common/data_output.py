@@ -14,7 +14,7 @@ from bcapscope.live.standard_streams import discard_stdout
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.render.columns import fold_line
 
-_BATCH_CHARACTERS = 256 * 1024  # a batch of lines is written when it has this many characters
+_BATCH_CHARACTERS = 256 * 1024  # maximum number of characters before a batch of lines is written
 
 
 class StdoutWriteError(click.ClickException):
@@ -81,7 +81,7 @@ def echo(text: str | bytes, end: bool = True) -> None:
 
 
 def require_terminal() -> None:
-    """Check that a terminal for the screen exists. A screen in a browser needs no terminal.
+    """Check that there is a terminal for the screen. A screen that is shown in a browser needs no terminal.
 
     Raises:
         UsageError: there is no terminal.
@@ -89,20 +89,26 @@ def require_terminal() -> None:
     if "TEXTUAL_DRIVER" in os.environ:
         return
     if not all(stream is not None and stream.isatty() for stream in (sys.__stdin__, sys.__stderr__)):
-        raise click.UsageError("the screen needs a terminal. Use decode, calls or diagnose without one")
+        raise click.UsageError(
+            "the screen needs a terminal. Without a terminal, use decode, calls or diagnose"
+        )
 
 
 def line_width(wide: bool) -> int | None:
-    """Return the number of columns of the terminal; None without a terminal, or if lines must not be cut."""
+    """Return the number of columns of the terminal; None if stdout is not a terminal, or if `wide` forbids
+    cutting lines.
+    """
     if wide or not sys.stdout.isatty():
         return None
-    import shutil  # loads compression libraries, which takes 10 ms
+    import shutil  # imported here because it loads compression libraries, which takes 10 ms
 
     return shutil.get_terminal_size().columns
 
 
 def folded_lines(lines: Iterable[str], wide: bool) -> Iterable[str]:
-    """Return lines that are folded at the width of the terminal, if there is one and not `wide`."""
+    """Return the lines, folded at the width of the terminal. Without a terminal, or if `wide` is True, lines
+    stay unchanged.
+    """
     width = line_width(wide)
     return lines if width is None else (fold_line(line, width) for line in lines)
 

@@ -25,11 +25,11 @@ class ExitCode(IntEnum):
     UNREADABLE = 4
     """The input could not be read: missing file, not a capture, or no permission to capture or listen."""
     NO_DATA = 5
-    """The captures were read, but contain nothing to write or play."""
+    """The captures were read, but contain nothing that the command can write or play."""
     UNWRITABLE = 6
     """A file was not written, or is incomplete: it exists already, the disk is full, or access is denied."""
     NOT_INSTALLED = 7
-    """A library that only this command or option needs is not installed."""
+    """An optional library that the command or an option needs is not installed."""
     REFUSED = 8
     """The controller refused a call."""
     UNANSWERED = 9
@@ -43,14 +43,14 @@ class ExitCode(IntEnum):
 
 
 def exit_with(text: str, code: int) -> NoReturn:
-    """Print the reason to stderr, and exit with the code."""
+    """Print `text` to stderr, and exit with `code`."""
     print_stderr(text)
     sys.exit(code)
 
 
 @contextmanager
 def exit_on(kind: type[Exception], code: int) -> Iterator[None]:
-    """Print an error of this kind to stderr, and exit with the code."""
+    """If the block raises an exception of class `kind`, print it to stderr, and exit with `code`."""
     try:
         yield
     except kind as error:

@@ -42,7 +42,7 @@ class FigureArguments:
         record: Callable[[T], bytes],
         lines: Callable[[T, Palette, MessageFormatter], Iterable[str]],
     ) -> NoReturn:
-        """Print each object as JSON, or as text followed by an empty line, then exit."""
+        """Print each object in `found` as JSON, or as text followed by an empty line. Then exit."""
         words = self.reader.citing_words()
         if self.as_json:
             self.reader.print_lines(map(record, found))
@@ -72,7 +72,9 @@ def _make_arguments(
 
 
 def figure_command(json_help: str, has_csv: bool = False) -> options.Decorator:
-    """Return a decorator that adds these arguments to a command and passes them as one `FigureArguments`."""
+    """Return a decorator that adds the options of figure commands to a command. The command gets the values
+    of these options as one `FigureArguments`.
+    """
     as_json = click.option("--json", "as_json", is_flag=True, help=json_help)
     selection = (options.filter_option(RecordKind.CALL), options.color, options.language)
     as_csv = click.option("--csv", "as_csv", is_flag=True, help="Print a CSV table with a header.")

@@ -26,10 +26,14 @@ Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 LARGEST_SEED = 2**63 - 1
 LARGEST_COUNT = 1_000_000_000
-"""Maximum number of calls or rounds. At one call every 8 ms, this number of calls takes three months."""
+"""Maximum number of calls or rounds. This number of calls takes three months if there is one call every 8
+ms.
+"""
 
 _LARGEST_NUMBER = 1_000_000.0
-"""Default maximum of numeric options: a quarter of an hour in ms, or eleven days in s."""
+"""Default maximum of numeric options. This maximum is a quarter of an hour for an option in ms, and eleven
+days for an option in s.
+"""
 
 
 class NumberRange(click.FloatRange):
@@ -71,8 +75,8 @@ def bundled(
 ) -> Decorator:
     """Return a decorator that adds options to a command, and passes their values to it as one object.
 
-    `make` creates this object from the values. `names` are the names of the options, by default the
-    parameters of `make`.
+    `make` creates this object from the values. `names` are the names of the options; by default, the names of
+    the parameters of `make`.
     """
     own_names = tuple(names) or tuple(inspect.signature(make).parameters)
 
@@ -112,7 +116,7 @@ ports = click.option(
     "ports",
     type=IntegerRange(1, 65535),
     multiple=True,
-    help="Expect controllers on this port (default: 5007); may be repeated. On other ports, b-CAP is "
+    help="Expect controllers on this port (default: 5007); may be repeated. On all other ports, b-CAP is "
     "recognised by its content.",
 )
 
@@ -170,7 +174,7 @@ language = click.option(
     "words",
     type=click.Choice([each.value for each in Language]),
     callback=_words,
-    is_eager=True,  # before the callbacks of other options, which may print sentences
+    is_eager=True,  # processed before other options, whose callbacks may print text in this language
     help="Language of the text, en or ja. By default, LC_ALL, LC_MESSAGES or LANG decides. "
     "JSON and CSV stay English.",
 )
@@ -180,7 +184,7 @@ language = click.option(
 def parsed_by(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
     """Return a click callback that parses the value of an option, or each value of a repeatable option.
 
-    `read` raises ValueError for an invalid value.
+    `read` is the function that parses a value; it raises ValueError if the value is invalid.
     """
 
     def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
@@ -243,7 +247,9 @@ def limit_option(help_: str) -> Decorator:
 
 
 def display_filter_option(what: str) -> Decorator:
-    """Return the option ``--display-filter``; `what` names the things with a filter each."""
+    """Return the option ``--display-filter``. `what` names in the help text what gets a filter, such as
+    "call".
+    """
     return click.option(
         "--display-filter",
         is_flag=True,

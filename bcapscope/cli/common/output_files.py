@@ -31,9 +31,10 @@ def check_output_path(path: Path, overwrite: bool | None = None) -> None:
 
 
 class AtomicFile:
-    """A file with a temporary name in the same folder, which `commit` renames when the file is complete.
+    """A file that is written under a temporary name in the same folder. When the file is complete, `commit`
+    renames it.
 
-    A file that is not committed is removed, even if a signal ends the command after
+    If `commit` is not called, the file is removed, even if a signal ends the command after
     `interrupt_on_end_signals`. The file is open only during a write, so any number of such files can exist.
     """
 

@@ -1,4 +1,4 @@
-"""Parse calls that the user types: the name of a function and its arguments."""
+"""Parse calls that the user types. A call is the name of a function and its arguments."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bcapscope.protocol.text_format import shortened
 LONGEST_LINE = 65536
 """Maximum number of characters in a line of a script."""
 
-_LONGEST_SHOWN = 60  # characters of an argument in a message
+_LONGEST_SHOWN = 60  # maximum number of characters of an argument that a message quotes
 
 _OWNERS_OF_VARIABLES = (ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK)
 _NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MESSAGE)
@@ -31,7 +31,8 @@ _NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MES
 class PlannedCall:
     """A call to make.
 
-    If `opens_object`, the first argument is the handle of the object, then `values` follow.
+    If `opens_object` is True, the first argument is the handle of an object, and `values` are the arguments
+    after it.
     """
 
     function: Function
@@ -113,10 +114,10 @@ class PlannedCallParser:
 
 
 def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]) -> None:
-    """Check that the object that each call needs is named by an option or opened by an earlier call.
+    """Check that for each call, the object that it needs is named by an option or opened by an earlier call.
 
     Raises:
-        click.UsageError: a call needs an object that is not known.
+        click.UsageError: a call needs an object that is neither named nor opened.
     """
     always = {*_NAMELESS_OWNERS, *named}
     known = set(always)
@@ -134,7 +135,7 @@ def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]
 
 
 def _begins_with_handle(params: Sequence[Param], texts: Sequence[str]) -> bool:
-    """Return whether the user typed the handle as well, which `call` would add."""
+    """Return whether the user also typed the handle. The user need not, because `call` adds it."""
     if len(texts) < len(params):
         return False
     try:
@@ -160,7 +161,9 @@ def _parameter_names(function: Function) -> str:
 
 
 def _variable_types(variable_name: str, owners: Iterable[ObjectClass]) -> tuple[str, ...]:
-    """Return the types that a variable of one of the `owners` can have, or () if the variable is unknown."""
+    """Return the types that a variable can have if it belongs to one of the `owners`; () if the variable is
+    unknown.
+    """
     known = (find_variable(owner, variable_name) for owner in owners)
     return next((kind.types for kind in known if kind), ())
 

@@ -9,7 +9,12 @@ from types import FrameType
 
 import click
 
-from bcapscope.cli.common.arming_prompt import can_prompt, confirm_robot_may_move, log_armed_calls
+from bcapscope.cli.common.arming_prompt import (
+    can_prompt,
+    confirm_robot_may_move,
+    log_armed_calls,
+    prompt_line,
+)
 from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.client.action_log import LoggedConnection
@@ -77,7 +82,7 @@ class PlayOutput:
         self._is_closed = False
 
     def close(self) -> None:
-        """Stop all output after the terminal was closed."""
+        """Print nothing more, because the terminal was closed."""
         self._is_closed = True
 
     def show_source(self, trajectory: Trajectory) -> None:
@@ -158,7 +163,7 @@ class PlayRunner:
         if not self._is_fit:
             return ExitCode.UNFIT
         if ended.outcome is PlayOutcome.STOPPED and ended.index and not self._plan.rounds:
-            return ExitCode.OK  # --loop 0 ends only when the user stops it
+            return ExitCode.OK  # with --loop 0, the motion ends only when the user stops it
         return _EXIT_CODES[ended.outcome]
 
     def _wait_for_messages(self) -> list[PlayerMessage]:
@@ -196,7 +201,7 @@ class PlayRunner:
         self._is_fit = found.is_playable
 
     def _answer_prompt(self, call_kind: PlayerQuestion) -> str:
-        """Answer a question of the player, if necessary by asking the user."""
+        """Return the answer to a question of the player. Ask the user only if necessary."""
         if call_kind.topic is QuestionTopic.BEGIN:
             if self._is_fit:
                 hint = "play.keys" if self._can_prompt else "play.keys.signals"
@@ -209,9 +214,11 @@ class PlayRunner:
         self._is_prompting = True
         try:
             return self._prompt_user(call_kind)
-        except (KeyboardInterrupt, click.Abort, EOFError):
-            self._output.print_line("")  # end the line on which the user typed
-            self._player.stop()
+        except (KeyboardInterrupt, click.Abort):
+            self._is_prompting = False
+            self._output.print_line("")  # end the line on which the user was typing
+            if not self._stop_requested:
+                self._player.stop()
             return call_kind.choices[0]
         finally:
             self._is_prompting = False
@@ -220,12 +227,10 @@ class PlayRunner:
         if call_kind.topic is QuestionTopic.ARM:
             may_move = confirm_robot_may_move(self._plan.target.host, self._output.words)
             return "yes" if may_move else "no"
-        choice: str = click.prompt(
-            self._output.words("play.answer"),
-            type=click.Choice(call_kind.choices),
-            default=call_kind.choices[0],
-            err=True,
-        )
+        choices = call_kind.choices
+        question = f"{self._output.words('play.answer')} ({', '.join(choices)}) [{choices[0]}]"
+        while (choice := prompt_line(question) or choices[0]) not in choices:
+            pass
         return choice
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
@@ -233,18 +238,17 @@ class PlayRunner:
         if number == _TERMINAL_CLOSED:
             self._output.close()
         again, self._stop_requested = self._stop_requested, True
-        if self._is_prompting:
-            self._is_prompting = False  # the next signal does not interrupt a prompt
-            raise KeyboardInterrupt
         if again:
             self._player.halt()
         else:
             self._player.stop()
+        if self._is_prompting:
+            raise KeyboardInterrupt  # ends the prompt
 
 
 def _handled_signals() -> list[signal.Signals]:
-    # Ctrl-Z would suspend this process while the robot moves on, and keys would have no effect. Ctrl-\ would
-    # end it without a summary.
+    # An unhandled Ctrl-Z would suspend this process while the robot moves on, and keys would have no effect.
+    # An unhandled Ctrl-\ would end this process without a summary.
     numbers = [signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGTSTP]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores SIGHUP
         numbers.append(signal.SIGHUP)

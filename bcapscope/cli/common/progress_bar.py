@@ -16,7 +16,9 @@ _SHOWN_AFTER = 1.0
 
 
 class ReadProgressBar:
-    """Shows after one second how much of a file was read, if stderr is a terminal and stdout is not."""
+    """Shows how much of a file was read, after one second of reading. The bar is shown only if stderr is a
+    terminal and stdout is not.
+    """
 
     def __init__(self) -> None:
         self._began_at = time.monotonic()
@@ -30,7 +32,7 @@ class ReadProgressBar:
         if self._bar is None:
             self._bar = _make_bar()
             self._bar.start()
-            # If the bar is not removed after Ctrl-C or a closed pipe, the cursor stays hidden.
+            # Remove the bar even after Ctrl-C or a closed pipe, so that the terminal shows its cursor again.
             click.get_current_context().call_on_close(self.remove)
             self._bar.add_task("reading")
         self._bar.update(self._bar.task_ids[0], completed=position, total=size)

@@ -19,7 +19,9 @@ from bcapscope.cli.common.data_output import echo
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 
-if TYPE_CHECKING:  # local imports, because `tui` also has these options and must open a capture fast
+if (
+    TYPE_CHECKING
+):  # Imports are local because `tui` has these options too, and `tui` must open a capture fast.
     from bcapscope.faults.fault_kinds import AnyFault
     from bcapscope.faults.quantities import DurationQuantity, FrameCondition
     from bcapscope.proxy.control_socket import ControlServer
@@ -31,13 +33,13 @@ if TYPE_CHECKING:  # local imports, because `tui` also has these options and mus
 
 @dataclass(frozen=True, slots=True)
 class RuleOptions:
-    """The values of the rule options. A value of None means the default of the proxy.
+    """The values of the rule options. Where a value is None, the proxy uses its default.
 
     Attributes:
-        faults: Faults from the command line, then faults from the files.
-        control: Address of the control socket; None for no control socket.
-        command_line: The rule options as typed, without --control, to start another process with the same
-            rules.
+        faults: Faults from the command line, followed by the faults from files (`--rules`).
+        control: Address of the control socket; None if there is no control socket.
+        command_line: The rule options as typed, without --control. A process that is started with
+            these options has the same rules.
     """
 
     seed: int
@@ -54,7 +56,7 @@ class RuleOptions:
     command_line: tuple[str, ...] = ()
 
     def start_scripts(self, exit_stack: ExitStack) -> ScriptProcess | None:
-        """Start the process that loads and runs the scripts. Without scripts, return None.
+        """Start the process that loads and runs the scripts; return None if there are no scripts.
 
         Raises:
             ScriptError: the process cannot be started.
@@ -68,9 +70,9 @@ class RuleOptions:
         )
 
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
-        """Create the rules, or return None if no option needs rules.
+        """Create the rules; return None if no option needs any.
 
-        The times of the faults start at this call.
+        Times in the notation of faults count from this call.
         """
         guard = self._make_guard()
         if not (self.faults or guard or self.intercept or self.scripts or self.control):
@@ -96,10 +98,10 @@ class RuleOptions:
     def attach_rules(
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
     ) -> ControlServer | None:
-        """Let the rules report through the relay, and open the control socket. Without --control, return
-        None.
+        """Connect the rules to the relay, so that the relay passes on their reports, and open the control
+        socket. Return None if there is no --control.
 
-        The control socket also reports the figures in `state`, which it reads again for each request.
+        The control socket also reports the current figures in `state`.
 
         Raises:
             ControlError: the control socket cannot be created.
@@ -175,7 +177,9 @@ def _make_rule_options(
 
 
 def _parsing_callback(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a click callback that parses the values of an option with `read`, and stores the typed words."""
+    """Return a click callback that parses the values of an option with `read`. The callback also stores the
+    values as typed.
+    """
     parse = options.parsed_by(read)
 
     def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
@@ -287,7 +291,7 @@ _OPTIONS = (
         metavar="NAME",
         multiple=True,
         callback=_parsing_callback(_target),
-        help="Like --read-only, but let this function or command pass; may be repeated.",
+        help="Refuse requests as --read-only does, but allow this function or command; may be repeated.",
     ),
     click.option(
         "--intercept",
@@ -322,7 +326,7 @@ _OPTIONS = (
         metavar="TIME",
         callback=_parsing_callback(_script_limit),
         help="Give the scripts this much time for one message, 1ms to 10s (default: 100ms). If a script "
-        "takes longer, all scripts are switched off. Stops then pass, motion is refused with "
+        "takes longer, all scripts are switched off. Then stops pass, motion is refused with "
         "E_ACCESSDENIED, and everything else passes unchanged.",
     ),
     click.option(
@@ -337,7 +341,7 @@ _OPTIONS = (
         "--control",
         metavar="PATH|127.0.0.1:PORT",
         help="Listen for `bcapscope proxy ctl` on this socket. Anyone who can open this socket "
-        "can do what you can do with the robot.",
+        "can do everything with the robot that you can do.",
     ),
     click.option(
         "--help-faults",

@@ -1,4 +1,4 @@
-"""Options of the simulator that choose a scenario, list all scenarios, or list the simulated behaviours."""
+"""Options of the simulator: choose a scenario, list all scenarios, list the simulated behaviours."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _SESSION_TEXTS = {
     ClientProgram.MOTION: "moves the robot",
     ClientProgram.SLAVE: "enters slave mode 0x{:03X}",
     ClientProgram.PASSING: "enters slave mode 0x{:03X} after a motion with @P",
-    ClientProgram.GRIPPER: "is in slave mode 0x{:03X} while a second one writes an output",
+    ClientProgram.GRIPPER: "is in slave mode 0x{:03X} while a second client writes an output",
 }
 
 
 def choose_scenario(context: click.Context, param: click.Parameter, named: str | None) -> Scenario | None:
-    """Return the scenario with this name, either an included scenario or a YAML file."""
+    """Return the scenario that `named` names: an included scenario or a YAML file."""
     if named is None:
         return None
     try:
@@ -67,10 +67,10 @@ def list_behaviours(context: click.Context, param: click.Parameter, wanted: bool
 
 
 def scenario_introduction(scenario: Scenario) -> str:
-    """Return the text about the scenario that the simulator prints when it starts."""
+    """Return the text that the simulator prints about a scenario when it starts."""
     client = scenario.client
     lines = [f"scenario: {scenario.title}", *textwrap.wrap(scenario.story, _WIDTH)]
     session = _SESSION_TEXTS[client.session].format(client.mode)
-    occurs = f"To see it, connect a client that {session} over {client.over.upper()}."
+    occurs = f"To see what happens, connect a client that {session} over {client.over.upper()}."
     cause = f" `diagnose` then reports the root cause {scenario.shows}." if scenario.shows else ""
     return "\n  ".join(map(printable, [*lines, f"{occurs}{cause}"]))

@@ -33,7 +33,7 @@ class ServeOptions:
 def serve_screen(options: ServeOptions) -> None:
     """Serve the screen of the running command to browsers until Ctrl-C, then exit.
 
-    Each browser page gets a process that runs the same command. In the process of a browser page,
+    Each browser page gets its own process, which runs the same command. In the process of a browser page,
     `serve_screen` returns at once.
     """
     if "TEXTUAL_DRIVER" in os.environ:
@@ -61,10 +61,11 @@ def serve_screen(options: ServeOptions) -> None:
     def greet() -> None:
         print_stderr(f"Open {server.gate.entry_url}")
         print_stderr(
-            "Anyone with this address can do what you can do here. Keep it secret. Press Ctrl-C to end."
+            "Anyone who knows this address can do everything that you can do here. Keep it secret. "
+            "Press Ctrl-C to end."
         )
 
-    with suppress(KeyboardInterrupt):  # Ctrl-C, if the event loop cannot handle signals
+    with suppress(KeyboardInterrupt):  # raised by Ctrl-C if the event loop cannot handle signals
         asyncio.run(server.run(greet))
     sys.exit(ExitCode.OK)
 

@@ -81,7 +81,7 @@ _OPTIONS = (
     click.option(
         "--name",
         default="",
-        help="Connect under this controller name; if empty, the controller chooses one.",
+        help="Connect under this controller name; if the name is empty, the controller chooses one.",
     ),
     click.option(
         "--provider",
@@ -117,11 +117,10 @@ target_options = _target_options(
 
 optional_target_options = _target_options(
     click.argument("host", required=False, default=""),
-    "Connect to this port of the controller; as server, listen on this port.",
+    "Connect to this port of the controller; with --as server, listen on this port.",
 )
-"""Decorator like `target_options` for commands that can run without a controller.
-
-Without HOST, `target.host` is empty.
+"""Decorator like `target_options`, for commands that can run without a controller. If HOST is missing,
+`target.host` is empty.
 """
 
 
@@ -151,14 +150,17 @@ def _host_and_port(text: str, port: int) -> tuple[str, int]:
 
 def _can_be_resolved(host: str) -> bool:
     try:
-        return bool(host.encode("idna"))  # the resolver of the system encodes the name in the same way
+        # the operating system's resolver encodes host names with the same codec
+        return bool(host.encode("idna"))
     except UnicodeError:
         return False
 
 
 @contextmanager
 def exit_on_failure(target: ControllerTarget, words: MessageFormatter) -> Iterator[None]:
-    """Print an error of the connection or of a call, and exit with the matching `ExitCode`."""
+    """If the block fails because of the connection or a call, print the error and exit with the matching
+    `ExitCode`.
+    """
     name = words.text(target.message)
     try:
         yield

@@ -24,7 +24,7 @@ from bcapscope.render.preflight_text import trajectory_line
 class TrajectoryOptions:
     """The trajectory to play and its speed.
 
-    Intervals are in ms. With `rounds` 0, the trajectory repeats until stopped.
+    Intervals are in ms. If `rounds` is 0, the trajectory is repeated until the user stops it.
     """
 
     file: Path
@@ -41,7 +41,7 @@ class TrajectoryOptions:
     limits: tuple[str, ...]
 
     def read_trajectory(self) -> Trajectory:
-        """Read the trajectory, and resample it if the options ask for that.
+        """Read the trajectory, and resample it if an option requires this.
 
         Raises:
             click.ClickException: the options are invalid.
@@ -103,7 +103,7 @@ _OPTIONS = (
         metavar="MS",
         type=options.NumberRange(0.5, 1000),
         default=float(PERIOD_MS),
-        help="Interval between slvMove calls in ms.",
+        help="Send a set point (slvMove) every this many ms.",
     ),
     click.option(
         "--resample",
@@ -116,7 +116,7 @@ _OPTIONS = (
         metavar="SHARE",
         type=options.NumberRange(0.01, 10),
         default=1.0,
-        help="Play at this multiple of the file's speed. Other values than 1 resample.",
+        help="Play at this multiple of the file's speed. A value other than 1 resamples the trajectory.",
     ),
     click.option(
         "--loop",
@@ -126,8 +126,10 @@ _OPTIONS = (
         default=1,
         help="Play the trajectory N times; 0: until you stop it.",
     ),
-    options.limit_option("Check against this limit of the arm"),
+    options.limit_option("Check the set points against this limit of the arm"),
 )
 
 trajectory_options = options.bundled("motion", TrajectoryOptions, _OPTIONS)
-"""Decorator that adds the argument FILE and the options, passed as one `TrajectoryOptions`, `motion`."""
+"""Decorator that adds the argument FILE and the trajectory options. The command gets them as one argument
+`motion`, a `TrajectoryOptions`.
+"""

@@ -31,7 +31,9 @@ if TYPE_CHECKING:
 
 
 def choose_language(context: click.Context, words: MessageFormatter) -> None:
-    """Set the language of the screen and its processes, from --lang if given, else from the settings."""
+    """Set the language of the screen and of its processes: that of --lang, or of the settings if --lang is
+    missing.
+    """
     from bcapscope.tui.reader_language import set_language
     from bcapscope.tui.settings import default_settings_path, read_settings
 
@@ -42,7 +44,7 @@ def choose_language(context: click.Context, words: MessageFormatter) -> None:
 
 
 def run_app(*screens: ScreenEntry) -> None:
-    """Show these screens until the user closes them."""
+    """Run the app with these screens until the user quits."""
     from bcapscope.tui.app import BcapApp
 
     require_terminal()
@@ -52,7 +54,9 @@ def run_app(*screens: ScreenEntry) -> None:
 def show_proxy(
     address: str, listen: Sequence[str], to: Sequence[str], record: Path | None, rules: RuleOptions
 ) -> None:
-    """Show the running proxy whose control socket has this address; for "", start a new proxy."""
+    """Show the running proxy whose control socket has this address. If the address is "", start a new
+    proxy.
+    """
     if not address:
         _show_own_proxy(listen, to, record, rules)
     elif listen or to or record or rules.command_line or rules.control:
@@ -152,7 +156,7 @@ def _show_screens(feed: TrafficFeed | None, screen: ProxyScreen) -> None:
 
 
 def _read_figures(address: str) -> ProxyStats:
-    """Return the figures of the proxy at this control address. If no proxy answers, exit."""
+    """Return the figures of the proxy whose control socket has this address. If no proxy answers, exit."""
     from bcapscope.errors import BcapError
     from bcapscope.proxy.control_client import ControlClient
     from bcapscope.proxy.control_messages import GetStats, ProxyStats
@@ -167,7 +171,9 @@ def _read_figures(address: str) -> ProxyStats:
 
 @contextmanager
 def _running_command(*words: str) -> Iterator[ChildProcess]:
-    """Run a bcapscope command as a child process during the block, then print the rest of its output."""
+    """Run a bcapscope command as a child process during the block. After the block, print the rest of the
+    command's output.
+    """
     from bcapscope.live.child_process import ChildProcess, ChildStartError
     from bcapscope.tui.reader_language import current_language, full_error_text
 
@@ -187,12 +193,12 @@ def _running_command(*words: str) -> Iterator[ChildProcess]:
 def _control_address(folder: Path) -> str:
     """Return an address for the control socket.
 
-    A Unix socket is preferred, because only this user can open it.
+    The address is that of a Unix socket if possible, because only this user can open such a socket.
     """
     import socket
 
     path = str(folder / "control")
-    longest = 100  # bytes; the path of a socket is limited to 103 bytes on macOS and 107 on Linux
+    longest = 100  # in bytes; macOS limits the path of a socket to 103 bytes, Linux to 107
     if not hasattr(socket, "AF_UNIX"):
         return "127.0.0.1:0"
     if len(os.fsencode(path)) <= longest:

@@ -1,1 +1,3 @@
-"""The session with a controller that the user tests: connect, call, arm, halt, recover. It shows nothing."""
+"""The Tester's session with a controller: connect, call, arm, halt, recover. This package has no user
+interface.
+"""

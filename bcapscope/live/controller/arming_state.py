@@ -1,4 +1,4 @@
-"""Arming state: whether calls that may energise or move a robot may be sent, and for how long."""
+"""Arming state: whether bcapscope may send calls that may energise or move a robot, and for how long."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ When arming expires, bcapscope assumes that nobody watches the robot any more.
 
 
 class ArmingState:
-    """Whether the user has armed; the user or a timeout disarms.
+    """Stores whether the user has armed. Arming ends when the user disarms or after a timeout.
 
-    `is_required` is False for the built-in simulator.
+    `is_required` is False if the controller is the built-in simulator.
     """
 
     def __init__(self) -> None:

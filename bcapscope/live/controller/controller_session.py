@@ -1,8 +1,8 @@
 """The Tester's session: one connection at a time, in a separate thread that sends updates to the screen.
 
-The session and the screen have separate event loops. Drawing the screen therefore delays no call, and the
-measured round trips are those of the network. The coroutines of this module run in the session's loop; the
-screen starts them with `run_in_loop`.
+The session and the screen have separate event loops. Drawing the screen therefore delays no call, and
+measured round trips do not include it. The coroutines of this module run in the event loop of the session.
+The screen starts them with `run_in_loop`.
 """
 
 from __future__ import annotations
@@ -67,15 +67,15 @@ class NotConnectedError(BcapError):
 
 
 class NotArmedError(BcapError):
-    """The call may energise or move the robot, and the user has not armed. It was not sent."""
+    """The call may energise or move the robot, and the user has not armed. The call was not sent."""
 
 
 class ControllerSession:
     """The connection to a controller, and every call that the Tester makes on it.
 
     Attributes:
-        status: State that the screen shows. Any thread may read the status, because each change replaces the
-            whole object.
+        status: State that the screen shows. Any thread may read it, because each change replaces the whole
+            object.
         polling_paused: True while automatic reads are suspended, because they might end another client's
             slave mode.
     """
@@ -86,7 +86,7 @@ class ControllerSession:
         log_folder: Path,
         tap: Callable[[Observation], None] = lambda seen: None,
     ) -> None:
-        """Start without a connection.
+        """Create a session without a connection.
 
         Args:
             report: Function that receives every update, in a thread of this session.
@@ -112,7 +112,7 @@ class ControllerSession:
     async def run_in_loop(self, step: Coroutine[Any, Any, R]) -> R:
         """Run a coroutine in this session's loop; return its result.
 
-        Cancelling the wait cancels the coroutine.
+        If the caller is cancelled while it waits, the coroutine is cancelled too.
         """
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(step, self._loop))
 
@@ -125,7 +125,7 @@ class ControllerSession:
     def close(self) -> None:
         """Release all objects within `CLOSE_TIMEOUT` seconds and end the session's thread.
 
-        Call this from another thread.
+        Call this from a thread other than the session's own.
         """
         done = asyncio.run_coroutine_threadsafe(self._shut_down(), self._loop)
         with suppress(TimeoutError, BcapError, OSError):
@@ -137,7 +137,7 @@ class ControllerSession:
         self.action_log.close()
 
     async def _shut_down(self) -> None:
-        """Disconnect, and wait until releases of objects that have already begun are complete."""
+        """Disconnect. If objects are already being released, wait until this is complete."""
         await self.disconnect()
         others = asyncio.all_tasks() - {asyncio.current_task()}
         if others:
@@ -150,7 +150,7 @@ class ControllerSession:
     # The connection.
 
     async def open_link(self, target: ControllerTarget) -> None:
-        """Open the transport to a controller without sending anything.
+        """Open the UDP or TCP link to a controller; send nothing yet.
 
         Raises:
             OSError: The controller cannot be reached.
@@ -165,7 +165,9 @@ class ControllerSession:
         self.update_status(target=target)
 
     def open_halt_connection(self, robot: str) -> None:
-        """Open the HALT connection for a robot, and close the previous HALT connection if there is one."""
+        """Open a connection that is used only to halt a robot. Close the previous connection of this kind, if
+        there is one.
+        """
         target = self.status.target
         if target is None:
             return
@@ -239,7 +241,7 @@ class ControllerSession:
         Raises:
             NotArmedError: The user has not armed, and the bytes may move the robot or are not an intact
                 frame.
-            NotConnectedError, ConnectionError: For the same reasons as in `call`.
+            NotConnectedError, ConnectionError: As `call` raises them.
         """
         session = self.opener.session
         caller = session.caller
@@ -253,21 +255,23 @@ class ControllerSession:
 
     @property
     def controller(self) -> ObjectHandle:
-        """The open controller object; raises `NotConnectedError` if none is open."""
+        """The controller object that is open; raises `NotConnectedError` if none is open."""
         found = self.opener.session.handles.latest(ObjectClass.CONTROLLER)
         if found is None:
             raise NotConnectedError(Message("tester.not_connected"))
         return found
 
     def selected_robot(self) -> Robot:
-        """Return the robot that receives robot commands; raises `NotConnectedError` if none is open."""
+        """Return the robot to which the session sends robot commands; raises `NotConnectedError` if no robot
+        is open.
+        """
         if self.status.robot is None:
             raise NotConnectedError(Message("controller.robot.missing"))
         return Robot(self.opener.session, self.status.robot.handle)
 
     @property
     def last_record(self) -> HistoryRecord:
-        """The record of the latest call that has ended. Read it only after a call."""
+        """The record of the latest call that has ended. Read `last_record` only after a call."""
         assert self._recorder.last_record is not None
         return self._recorder.last_record
 
@@ -282,7 +286,7 @@ class ControllerSession:
     ) -> ObjectHandle | None:
         """Open an object.
 
-        Return None if the call was refused or not answered; `last_record` then has the reason.
+        Return None if the call was refused or not answered; `last_record` then shows the reason.
         """
         record = await self.invoke(f"{parent.kind}_Get{kind}", parent.handle, name, option)
         if record.outcome is not RecordOutcome.ANSWERED or record.reply is None:
@@ -302,7 +306,7 @@ class ControllerSession:
         Return the record of the latest call.
 
         Raises:
-            NotArmedError, LocalProtocolError, ConnectionError: For the same reasons as in `call`.
+            NotArmedError, LocalProtocolError, ConnectionError: As `call` raises them.
         """
         with suppress(ControllerError, CallTimeout):
             await self.run_calls(steps, initiator)
@@ -311,8 +315,8 @@ class ControllerSession:
     async def run_calls(self, steps: Coroutine[Any, Any, R], initiator: Initiator) -> R:
         """Run a coroutine that makes calls, and return its result.
 
-        The history shows a cancelled call. If the link fails, the session closes the connection and reports
-        the loss to the screen.
+        If the coroutine is cancelled, the history still shows the call that was running. If the link fails,
+        the session closes the connection and reports the loss to the screen.
         """
         INITIATOR.set(initiator)
         try:
@@ -330,12 +334,14 @@ class ControllerSession:
     # HALT.
 
     def halt(self) -> bool:
-        """Stop the robot without waiting; return whether a connection is open. Any thread may call this."""
+        """Start to halt the robot, and return at once whether a connection is open. Any thread may call this
+        method.
+        """
         self.arming.disarm()
         halt_connection = self._halt_connection
         if halt_connection is not None:
             halt_connection.press()
-        with suppress(RuntimeError):  # suppressed because the loop of this session may have ended
+        with suppress(RuntimeError):  # the event loop of this session may have ended
             self._loop.call_soon_threadsafe(self._start_halt_call)
         return halt_connection is not None or self.client_session is not None
 
@@ -344,7 +350,9 @@ class ControllerSession:
             self._loop.create_task(self._halt_on_session(self.status.robot))
 
     async def _halt_on_session(self, robot: ObjectHandle) -> None:
-        """Send HALT on the main connection, too, after its running call has ended. Then leave slave mode."""
+        """Send HALT also on the main connection, after the call that runs there has ended. Then leave slave
+        mode.
+        """
         with suppress(BcapError, OSError):
             record = await self.invoke("Robot_Halt", robot.handle, "")
             if self._halt_connection is None:
@@ -393,11 +401,11 @@ class ControllerSession:
         self.report(SessionProblem(path, error_reason(error)))
 
     def _on_record(self, record: HistoryRecord) -> None:
-        """Update the status from a call that has ended, and report its record."""
+        """Update the status from the record of a call that has ended, and report the record to the screen."""
         session = self.client_session
         if session is not None and self.status.is_connected:
             if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
-                # `Session` records a reply only when the caller's task resumes, and never records raw calls.
+                # `Session` records a reply only when the caller's task resumes, and never records raw bytes.
                 session.record_call(record.function_id, record.arguments, record.reply)
             before = self.status
             self.status = before.after_call(record, session.handles.open_handles())
@@ -409,7 +417,9 @@ class ControllerSession:
 
 
 def _raw_needs_arming(session: Session, item: Frame | Malformed) -> bool:
-    """Return whether sending raw bytes needs arming; bytes that are not an intact frame always need it."""
+    """Return whether sending raw bytes needs arming. Bytes that are not an intact frame always need
+    arming.
+    """
     return (
         not isinstance(item, Frame) or bool(item.problems) or session.needs_arming(item.code, item.variants)
     )

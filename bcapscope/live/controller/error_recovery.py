@@ -1,8 +1,8 @@
 """Recovery after an error: read the errors, clear them, and return to slave mode.
 
-The steps are those of DENSO Wave 2009, How to use the Slave mode (Clearing errors). They clear the errors,
-start RobSlave again, move to the first position, and enter slave mode. Before these steps, the errors are
-read, because clearing deletes them.
+The steps are those of DENSO Wave 2009, How to use the Slave mode (Clearing errors). bcapscope clears the
+errors, starts RobSlave again, moves to the first position, and enters slave mode. Before these steps, it
+reads the errors, because clearing deletes them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class RecoveryStep(StrEnum):
     CLEAR = "clear"
     ROBSLAVE = "robslave"
     MOTOR = "motor"
-    """The step `MOTOR` switches the motor on, because errors of level 4 and above switch it off."""
+    """Errors of level 4 and above switch the motor off, so the step `MOTOR` switches it on again."""
     FIRST_POSITION = "first"
     MODE = "mode"
 
@@ -34,8 +34,8 @@ class LastSlaveSession:
     """The latest slave-mode session, which the user usually wants to resume after an error.
 
     Attributes:
-        mode: Number of the slave mode; 2 (joints, Sync) before the first session.
-        first_set_point: First set point of the session; () before the first set point.
+        mode: Number of the slave mode; 2 (joints, Sync) if there was no session yet.
+        first_set_point: First set point of the session; () if there was no set point yet.
     """
 
     def __init__(self) -> None:
@@ -43,9 +43,9 @@ class LastSlaveSession:
         self.first_set_point: tuple[float, ...] = ()
 
     def on_record(self, record: HistoryRecord) -> None:
-        """Update mode and first set point from a call of any initiator.
+        """Update mode and first set point from a call, whoever made it.
 
-        Refused calls are skipped, because they did not change the robot's state.
+        Calls that the controller refused are ignored, because they did not change the robot's state.
         """
         if record.outcome is not RecordOutcome.ANSWERED or len(record.arguments) < 3:
             return
@@ -67,10 +67,11 @@ class LastSlaveSession:
 async def read_current_errors(session: ControllerSession) -> tuple[tuple[int, str], ...]:
     """Read the controller's current errors, newest first, each as its code and the controller's text.
 
-    Before reading, leave slave mode: any other call may end it (public issues of DENSORobot/denso_robot_ros).
+    First leave slave mode, because any other call may end slave mode (public issues of
+    DENSORobot/denso_robot_ros).
 
     Raises:
-        BcapError, OSError: For the same reasons as in `ControllerSession.call`.
+        BcapError, OSError: As `ControllerSession.call` raises them.
     """
     if session.status.slave_mode and session.status.robot is not None:
         await run_recovery_step(session, RecoveryStep.MODE, "", 0)
@@ -86,7 +87,7 @@ async def run_recovery_step(
         first_position: Target position of `RecoveryStep.FIRST_POSITION`, in the notation of Robot_Move.
 
     Raises:
-        BcapError, OSError: For the same reasons as in `ControllerSession.call`.
+        BcapError, OSError: As `ControllerSession.call` raises them.
     """
     if recovery_step is RecoveryStep.CLEAR:
         return await session.record_calls(clear_errors(_controller(session)))

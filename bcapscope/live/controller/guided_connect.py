@@ -1,4 +1,4 @@
-"""The guided connect: runs the steps of connecting in order, and reports the result of each step."""
+"""Connects to a controller step by step, and reports the result of each step."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from bcapscope.render.field_meaning import value_text
 
 
 class ConnectStepError(BcapError):
-    """A step of connecting failed; the session has already reported the reason."""
+    """A step of connecting failed. The session has already reported the reason."""
 
     def __init__(self, reason: Reason) -> None:
         super().__init__(Message("controller.step-failed"))
@@ -41,8 +41,8 @@ async def connect(
     """Run the steps of connecting until one step fails.
 
     Args:
-        providers: Provider names for Controller_Connect, tried in order.
-        robot: Name of the robot to open; empty to open none.
+        providers: Provider names for Controller_Connect, which are tried in this order.
+        robot: Name of the robot to open; if it is empty, no robot is opened.
 
     Returns:
         Whether all steps succeeded. If `Controller_Connect` or an earlier step failed, the link is closed.
@@ -69,7 +69,9 @@ async def connect(
 
 
 async def add_robot(session: ControllerSession, robot: str, option: str) -> HistoryRecord:
-    """Open and select a robot, read its type, and prepare HALT. Return the record of the opening call."""
+    """Open and select a robot, read its type, and prepare HALT. Return the record of the call that opened the
+    robot.
+    """
     record, text = await _open_robot(session, robot, option)
     if text is not None:
         session.report(ConnectStepUpdate(ConnectStep.ROBOT, True, text))
@@ -78,7 +80,7 @@ async def add_robot(session: ControllerSession, robot: str, option: str) -> Hist
 
 
 async def start_robslave(session: ControllerSession) -> HistoryRecord:
-    """Start the task RobSlave for one cycle, after opening the task if needed.
+    """Start the task RobSlave for one cycle. If the task is not open, open it first.
 
     Return the record of the last call.
     """
@@ -136,7 +138,9 @@ async def _open_first_robot(session: ControllerSession, name: str, option: str) 
 async def _open_robot(
     session: ControllerSession, name: str, option: str
 ) -> tuple[HistoryRecord, Reason | None]:
-    """Open and select a robot. Return the record of the opening call, and name and type (None on failure)."""
+    """Open and select a robot. Return the record of the call that opened the robot, and the robot's name and
+    type (None on failure).
+    """
     robot = await session.open_object(session.controller, ObjectClass.ROBOT, name, option)
     record = session.last_record
     if robot is None:
@@ -157,7 +161,7 @@ async def _identify_controller(session: ControllerSession) -> Reason:
 
 
 async def _read_robot_type(session: ControllerSession, robot: ObjectHandle) -> str:
-    """Read the robot's type, which the user should check before the first motion (DENSO Wave 2009)."""
+    """Read the robot's type. The user should check the type before the first motion (DENSO Wave 2009)."""
     remote_robot = Robot(session.opener.session, robot.handle)
     name = await _read_fact(session, remote_robot, "@TYPE_NAME")
     number = await _read_fact(session, remote_robot, "@TYPE")

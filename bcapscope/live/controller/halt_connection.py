@@ -1,9 +1,10 @@
-"""The HALT connection has its own thread, event loop and session, and is open before HALT is needed.
+"""The HALT connection: a second connection to the controller that only halts a robot. The HALT connection has
+its own thread, event loop and session, and is open before HALT is needed.
 
 A b-CAP call blocks its connection until the call ends. While a call blocks a connection, DENSO's C server
 refuses other calls on that connection as busy (orin_bcap C/src/bCAPServer/bcap_server.c). HALT therefore uses
 a separate connection on which the robot is already open. HALT does not depend on the event loops of the
-screen or of other calls: a key press only sets an event in this thread's loop.
+screen or of other calls: pressing the key only sets an event in the event loop of this connection.
 """
 
 from __future__ import annotations
@@ -28,12 +29,16 @@ HEARTBEAT = 2.0
 """Seconds between two heartbeat calls."""
 
 RETRY_WITHIN = 3.0
-"""Time in seconds after a press of HALT in which the thread repeatedly reopens a lost connection."""
+"""Time in s after the user pressed HALT during which the thread tries again and again to reopen a lost
+connection.
+"""
 
 _REOPEN_DELAY = 0.05
 
 _STALE_CONNECTION_CODES = (E_HANDLE, E_NOT_CONNECTED)
-"""Result codes of a controller that no longer knows the connection, as over UDP after the pendant's Reset."""
+"""Result codes that a controller returns if it no longer knows the connection, for example over UDP after
+Reset on the pendant.
+"""
 
 CLOSE_TIMEOUT = 3.0
 """Maximum time in seconds that `close` waits until the connection has released its objects."""
@@ -47,11 +52,11 @@ class HaltState(StrEnum):
     OPENING = "opening"
     READY = "ready"
     LOST = "lost"
-    """The controller does not answer on the HALT connection, or refused to open it."""
+    """The controller does not answer on the HALT connection, or refused to open the connection."""
     HALTING = "halting"
     HALTED = "halted"
     FAILED = "failed"
-    """HALT failed: the controller refused it, or did not answer."""
+    """HALT failed: the controller refused the call, or did not answer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +65,7 @@ class HaltUpdate:
 
     Attributes:
         reason: Why the connection or HALT failed; () if neither failed.
-        round_trip: Round trip in ns of the call that proved the state; 0 if no call did.
+        round_trip: Round trip in ns of the call that showed the new state; 0 if no call showed it.
     """
 
     state: HaltState
@@ -69,7 +74,7 @@ class HaltUpdate:
 
 
 class HaltConnection:
-    """One HALT connection to one controller; the constructor opens it, and `close` closes it."""
+    """A HALT connection to a controller. The constructor opens the connection, and `close` closes it."""
 
     def __init__(
         self,
@@ -79,11 +84,11 @@ class HaltConnection:
         robot: str = DEFAULT_ROBOT,
         heartbeat: float = HEARTBEAT,
     ) -> None:
-        """Start opening the connection, and return at once.
+        """Start to open the connection, and return at once.
 
         Args:
-            target: The controller. Its name for Controller_Connect gets the suffix "-halt", since names must
-                be unique.
+            target: The controller. The name in Controller_Connect gets the suffix "-halt", because such names
+                must be unique.
             report: Function that receives every change of state, in this connection's thread.
             observer: Function that receives every packet, in this connection's thread.
         """
@@ -96,7 +101,7 @@ class HaltConnection:
         self._loop = asyncio.new_event_loop()
         self._pressed = asyncio.Event()
         self._retry_until = 0.0
-        self._was_refused = False  # whether the controller refused HALT since it was pressed
+        self._was_refused = False  # whether the controller has refused HALT since the user pressed it
         self._closing = False
         self._thread = threading.Thread(target=self._run, name="halt", daemon=True)
         self._thread.start()
@@ -112,13 +117,15 @@ class HaltConnection:
         self._call_in_loop(press)
 
     def pause_heartbeat(self, paused: bool) -> None:
-        """While `paused` is true, send only HALT, because other calls may end another client's slave mode."""
+        """While `paused` is True, send nothing but HALT, because any other call may end another client's
+        slave mode.
+        """
         self._heartbeat_paused = paused
 
     def report_only_halts(self) -> None:
         """From now on, report only the results of HALT.
 
-        The connection that replaces this one reports its own state.
+        A new HALT connection replaces this connection, and reports its own state.
         """
         report = self._report
         halt_results = (HaltState.HALTED, HaltState.FAILED)
@@ -135,7 +142,7 @@ class HaltConnection:
         self._thread.join(CLOSE_TIMEOUT)
 
     def _call_in_loop(self, action: Callable[[], None]) -> None:
-        with suppress(RuntimeError):  # suppressed because the thread and its loop may have ended
+        with suppress(RuntimeError):  # the thread and its event loop may have ended
             self._loop.call_soon_threadsafe(action)
 
     def _run(self) -> None:
@@ -154,10 +161,11 @@ class HaltConnection:
                 await self._handle_loss(error_reason(error))
 
     async def _handle_loss(self, reason: Reason) -> None:
-        """Wait before reopening the connection: `_REOPEN_DELAY` if HALT is pending, else one heartbeat.
+        """Wait before the connection is reopened: only `_REOPEN_DELAY` if HALT is pending, else the time of
+        one heartbeat.
 
-        A pending HALT fails after `RETRY_WITHIN` seconds. A HALT that is sent minutes later could interrupt
-        another motion.
+        A pending HALT fails after `RETRY_WITHIN` seconds, because a HALT that is sent minutes later could
+        interrupt another motion.
         """
         if self._pressed.is_set() and self._loop.time() < self._retry_until:
             await asyncio.sleep(_REOPEN_DELAY)
@@ -169,7 +177,7 @@ class HaltConnection:
         await self._wait_for_press(self._heartbeat)
 
     async def _serve_session(self, session: Session) -> None:
-        """Open the robot; then halt it whenever HALT is pressed, until the connection is closed."""
+        """Open the robot. Until the connection is closed, halt the robot whenever the user presses HALT."""
         self._report(HaltUpdate(HaltState.OPENING))
         opener = ObjectOpener(session, self._target, {ObjectClass.ROBOT: self._robot})
         handle = await opener.handle_for(ObjectClass.ROBOT)
@@ -190,7 +198,9 @@ class HaltConnection:
                 await self._pressed.wait()
 
     async def _send_heartbeat(self, session: Session, handle: int) -> None:
-        """Send a heartbeat call, which proves that the connection works; a press of HALT cancels the call."""
+        """Send a heartbeat call, which shows whether the connection works. If the user presses HALT, cancel
+        this call.
+        """
         began = self._loop.time()
         call = asyncio.ensure_future(session.invoke("Robot_GetAttribute", handle))
         pressed = asyncio.ensure_future(self._pressed.wait())
@@ -202,7 +212,7 @@ class HaltConnection:
             return
         try:
             call.result()
-        except ControllerError as error:  # other refusals than these codes prove the connection
+        except ControllerError as error:  # a refusal with any other code proves that the connection works
             if error.hresult in _STALE_CONNECTION_CODES:
                 raise
         took = round((self._loop.time() - began) * 1e9)
@@ -211,7 +221,8 @@ class HaltConnection:
     async def _halt_robot(self, session: Session, handle: int) -> None:
         """Halt the robot.
 
-        After a first refusal, reopen the connection, because the controller may no longer know the old one.
+        After the first refusal, reopen the connection, because the controller may no longer know the old
+        connection.
         """
         self._report(HaltUpdate(HaltState.HALTING))
         began = self._loop.time()

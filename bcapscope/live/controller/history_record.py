@@ -17,7 +17,9 @@ from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.observation import Direction, Observation
 
 Reason: TypeAlias = tuple[Message | str, ...]
-"""Result of a step, or the reason of a failure: parts to be joined by commas; () for none."""
+"""Result of a step, or reason of a failure. The parts are shown with commas between them; () means that there
+is no result.
+"""
 
 
 class RecordOutcome(StrEnum):
@@ -31,18 +33,20 @@ class RecordOutcome(StrEnum):
 class Initiator(StrEnum):
     USER = "user"
     SCREEN = "screen"
-    """bcapscope made the call itself: to identify the controller, to recover, or to release objects."""
+    """bcapscope made the call on its own: to identify the controller, to recover from an error, or to release
+    objects.
+    """
     WATCH = "watch"
 
 
 @dataclass(frozen=True, slots=True)
 class HistoryRecord:
-    """One call.
+    """One call in the Tester's history.
 
     Attributes:
-        number: Number of the call, from 1 in the order of starting.
+        number: Number of the call, counted from 1 in the order in which the calls started.
         began: Time of the first attempt, ns since 1970-01-01 UTC.
-        took: Time from the first attempt to the reply or the end, ns.
+        took: Time in ns from the first attempt to the reply, or to the end of the call if there was no reply.
         packets: Packets sent and received for the call, in order; at most `history_recorder.MAX_PACKETS`.
         notices: Number of S_EXECUTING notices.
         late_replies: Number of late replies.

@@ -1,6 +1,7 @@
 """Builds the records of calls from the packets and events that a session reports.
 
-The user and bcapscope itself make calls on the same link, and both kinds are recorded.
+Calls of the user and calls that bcapscope makes on its own use the same link. Both kinds of calls are
+recorded.
 """
 
 from __future__ import annotations
@@ -27,21 +28,24 @@ from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.observation import Direction, Observation
 
 INITIATOR: ContextVar[Initiator] = ContextVar("who", default=Initiator.SCREEN)
-"""Initiator of the calls that the running task makes."""
+"""Who initiated the calls that the running task makes: the user or bcapscope."""
 
 MAX_PACKETS = 256
-"""Maximum number of packets per record, so that a flood from the controller cannot fill the memory."""
+"""Maximum number of packets per record. Without a limit, a flood of packets from the controller could fill
+the memory.
+"""
 
 
 class HistoryRecorder:
-    """Records the calls of one session, in which one call ends before the next begins."""
+    """Records the calls of one session. In a session, each call ends before the next call begins."""
 
     def __init__(
         self,
         on_record: Callable[[HistoryRecord], None],
         subject_of: Callable[[int, Sequence[Variant]], ObjectHandle | None],
     ) -> None:
-        """Pass records to `on_record`; `subject_of` returns the object that a call uses.
+        """Create a recorder that passes records to `on_record`. `subject_of` is a function that returns the
+        object that a call uses.
 
         The arguments of `subject_of` are the function id and the arguments of the call.
         """
@@ -80,7 +84,8 @@ class HistoryRecorder:
     def abandon_own_call(self, now: int) -> None:
         """Abandon the running call if the current task made it.
 
-        The current task may also be waiting for another task's call to end.
+        If the running call belongs to another task, do nothing: the current task was waiting for that call to
+        end.
         """
         if self._call is not None and self._call.task is asyncio.current_task():
             self.abandon_call(now)
@@ -94,7 +99,7 @@ class HistoryRecorder:
     def complete_raw_call(self, now: int) -> None:
         """End a call of raw bytes; `now` is ns since 1970-01-01 UTC.
 
-        The last frame received counts as the reply to the raw bytes.
+        The last frame that was received counts as the reply to the raw bytes.
         """
         call = self._call
         if call is None:

@@ -1,6 +1,6 @@
-"""Updates that the Tester's session sends to the screen, in the session's threads.
+"""Updates that the Tester's session sends to the screen. The threads of the session send the updates.
 
-The screen forwards the updates to its own thread.
+The screen passes the updates on to its own thread.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class ConnectStep(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ConnectStepUpdate:
-    """A step of the guided connect has started or ended.
+    """A step of connecting to the controller has started or ended.
 
     Attributes:
         done: Whether the step succeeded; None while the step runs.
@@ -48,9 +48,10 @@ class ControllerIdentity:
     """Facts that the controller reports about itself.
 
     Attributes:
-        version: Version of the controller's software; empty if not reported.
-        type_name: Type of the robot; empty if not reported or no robot is open.
-        type_number: Value of the robot's variable @TYPE; empty if not reported or no robot is open.
+        version: Version of the controller's software; empty if the controller reports none.
+        type_name: Type of the robot; empty if the controller reports none or no robot is open.
+        type_number: Value of the robot's variable @TYPE; empty if the controller reports none or no robot is
+            open.
     """
 
     is_simulator: bool = False
@@ -64,11 +65,12 @@ class SessionStatus:
     """The state of the session that the screen always shows.
 
     Attributes:
-        open_objects: Open objects in the order of opening.
-        robot: Robot that receives robot commands; None if none is selected.
-        slave_mode: Number of the robot's slave mode, derived from this client's own calls; 0 if off.
-        holds_arm: Whether TakeArm succeeded and no GiveArm followed. The controller may have released the arm
-            because of an error.
+        open_objects: Open objects in the order in which they were opened.
+        robot: Robot to which the session sends robot commands; None if no robot is selected.
+        slave_mode: Number of the robot's slave mode, derived from this client's own calls; 0 if slave mode is
+            off.
+        holds_arm: Whether TakeArm succeeded and no GiveArm followed. After an error, the controller may have
+            released the arm nevertheless.
         round_trip: Round trip in ns of the last answered call.
     """
 
@@ -106,7 +108,8 @@ def _slave_mode_after(record: HistoryRecord) -> int | None:
     if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
         code = record.reply.code
         level = describe_hresult(code).level or 0
-        # Each error of level 3 or above ends slave mode (DENSO Wave 2009: on RC7, any result except S_OK).
+        # Each error of level 3 or above ends slave mode.
+        # On RC7, any result except S_OK ends slave mode (DENSO Wave 2009).
         return 0 if code == E_NOT_IN_SLAVE_MODE or level >= _LEVEL_THAT_ENDS_SLAVE_MODE else None
     return None
 
@@ -125,7 +128,9 @@ class WatchUpdate:
 
 @dataclass(frozen=True, slots=True)
 class SessionProblem:
-    """Part of the session failed without affecting calls, such as writing the action log at `path`."""
+    """Something in the session failed, but calls still work. For example, the action log at `path` cannot be
+    written.
+    """
 
     path: Path
     reason: Reason

@@ -1,4 +1,4 @@
-"""Decoding of the arguments of any frame, even of a damaged one."""
+"""Decode the arguments of any frame, even of a damaged frame."""
 
 from __future__ import annotations
 
@@ -20,28 +20,31 @@ from bcapscope.protocol.codec.variant import (
 )
 
 SMALLEST_ARGUMENT = 10
-"""Size in bytes of an argument without data: u32 length, u16 type, u32 element count."""
+"""Size in bytes of the fields before an argument's data: u32 length, u16 type, u32 element count."""
 
 MAX_NUMBERS = 65_536
-"""Maximum number of elements in number arrays to read from one frame. UI1 arrays are not counted, since the
-bytes of a UI1 array are one value. Frames of real sessions hold fewer than a thousand. Wireshark likewise
-stops at 1,000,000 items per packet (gui.max_tree_items)."""
+"""Maximum number of elements of number arrays to read from one frame. The bytes of a UI1 array are one value,
+so UI1 arrays are not counted. Frames of real sessions hold fewer than a thousand elements. Wireshark likewise
+stops at 1,000,000 items per packet (gui.max_tree_items).
+"""
 
 MAX_VALUES = 2_048
-"""Maximum number of arguments, elements of VARIANT arrays and strings to read from one frame. Each of these
-takes about 2 µs and 200 bytes to read, so the worst crafted frame delays a proxy by about 5 ms. With a limit
-of 8,192, a flood of such frames delayed Robot_Halt through a proxy with rules by 3 s. The longest lists of
-known sessions hold a few hundred names."""
+"""Maximum number of arguments, elements of VARIANT arrays and strings to read from one frame. Reading one
+such item takes about 2 µs and 200 bytes, so even a malicious frame delays a proxy by only about 5 ms. When
+the limit was 8,192, a flood of malicious frames delayed Robot_Halt by 3 s in a proxy with rules. The longest
+lists of known sessions hold a few hundred names.
+"""
 
 MAX_PROBLEMS = 100
-"""Maximum number of problems to list for one frame. A crafted frame can hold one problem per seven bytes."""
+"""Maximum number of problems to list for one frame. A malicious frame can contain one problem per seven
+bytes."""
 
 _TYPE_COUNT = struct.Struct("<HI")
 _U32 = struct.Struct("<I")
 
 
 class Problem(NamedTuple):
-    """A deviation of a frame's bytes from b-CAP.
+    """A place where the bytes of a frame violate b-CAP.
 
     Attributes:
         offset: Offset in the frame's bytes.
@@ -58,7 +61,7 @@ class Argument(NamedTuple):
     """An argument of a frame, with its position in the frame.
 
     Attributes:
-        variant: The typed value of the argument; incomplete if the frame is cut off.
+        variant: The typed value of the argument; incomplete if the frame was truncated.
         start: Offset of the argument's length field.
         stop: Offset after the argument's last byte.
     """
@@ -82,11 +85,12 @@ class NumberSpan(NamedTuple):
 class ArgumentReader:
     """Reads arguments from `pos` to `end`; never raises and never reads past `end`.
 
-    The next argument begins where the value of the previous one ends. The reader only compares the length
-    field with the value, since DENSO's present libraries (orin_bcap C, C#, Java and Python) ignore the field.
-    If a value cannot be read to its end, the reader reads the value again within its length field. The older
-    C client does the same. From then on, the length fields also bound all following arguments. So no byte
-    belongs to two values, and no byte is read more than twice.
+    The next argument begins where the value of the previous one ends. DENSO's present libraries (orin_bcap C,
+    C#, Java and Python) ignore the length field. The reader therefore only checks that the field agrees with
+    the value. If a value has no valid end, the reader reads the value again, but not beyond the length that
+    the field states. The older C client also respects the length field. After such a value, the reader also
+    respects the length fields of all following arguments. So no byte belongs to two values, and the reader
+    reads no byte more than twice.
 
     Attributes:
         arguments: Arguments read so far; the last one may be partial.
@@ -112,7 +116,7 @@ class ArgumentReader:
         self._limit_reached = False
 
     def read(self, argc: int) -> None:
-        """Read `argc` arguments, or fewer if the bytes end before."""
+        """Read `argc` arguments, or fewer if the bytes end too soon."""
         for index in range(argc):
             if self.end - self.pos < SMALLEST_ARGUMENT:
                 self._add_problem(self.pos, "argc", Message("problem.argc", claimed=argc, present=index))
@@ -132,7 +136,7 @@ class ArgumentReader:
         self._position_lost = True
 
     def _read_argument(self) -> bool:
-        """Read an argument; return whether the start of the next argument is known."""
+        """Read an argument. Return whether the reader then knows where the next argument starts."""
         start = self.pos
         (claimed,) = _U32.unpack_from(self.raw, start)
         stop = start + 4 + claimed
@@ -141,7 +145,7 @@ class ArgumentReader:
         variant = self._read_value(start, stop if bounded and self._trusts_lengths else self.end)
         if self._position_lost and bounded and stop < self.end and not self._trusts_lengths:
             self._trusts_lengths = True
-            variant = EMPTY  # free the memory of the first reading before the second one
+            variant = EMPTY  # free the memory of the value before it is read a second time
             del self.problems[known:]
             self._numbers_left, self._values_left = left
             self._limit_reached = False

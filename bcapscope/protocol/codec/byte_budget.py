@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 DEFAULT_BYTE_BUDGET = 32 * 1024 * 1024
-"""Default limit, in bytes, of the unfinished frames and out-of-order segments that one process holds: enough
-for two frames of the largest size."""
+"""Default limit, in bytes, for all unfinished frames and out-of-order segments in one process: enough for two
+frames of the largest size."""
 
 
 class ByteBudget:

@@ -1,4 +1,4 @@
-"""The b-CAP frame: the header is decoded first, everything else on demand.
+"""The b-CAP frame. Its header is decoded at once, the arguments when they are first used.
 
 Offsets, all numbers little-endian (orin_bcap C/src/bcap_common.c; DENSO Wave 2009, "How to use the Slave
 mode"):
@@ -57,8 +57,8 @@ __all__ = [
 ]
 
 LARGEST_UDP_FRAME = 503
-"""Largest whole frame over UDP and serial line, in bytes (orin_bcap C/include/dn_udp.h). Longer frames are
-rejected before sending."""
+"""Largest whole frame over UDP and serial line, in bytes (orin_bcap C/include/dn_udp.h). `Requester` rejects
+longer frames instead of sending them over UDP."""
 
 _SERIAL_RESERVED_CODE = struct.Struct("<5xHHI").unpack_from
 _SERIAL_RESERVED = struct.Struct("<HH")
@@ -66,17 +66,18 @@ _HEADER = struct.Struct("<BIHHIH").pack
 _SIGNED_HEADER = struct.Struct("<BIHHiH").pack
 
 _PLAIN = Framing.PLAIN
-_LONGEST_PACKED_ROW = 64  # in numbers; longer rows vary too much in length for a cache of packers
+# longest row, in numbers, for which a packer is cached; longer rows vary too much in length
+_LONGEST_PACKED_ROW = 64
 
 
 @dataclass(frozen=True, slots=True)
 class Malformed:
-    """Bytes that are not a frame, or a hole in a stream.
+    """Bytes that are not a frame, or a hole in a stream where bytes are missing.
 
     Attributes:
-        raw: The bytes outside any frame; empty for a hole.
+        raw: The bytes that belong to no frame; empty for a hole.
         problems: Reasons why the bytes are not a frame.
-        missing: Number of stream bytes that a hole replaces; 0 for bytes that are present.
+        missing: Number of bytes that are missing in the stream at a hole; 0 if this is not a hole.
     """
 
     raw: bytes
@@ -85,34 +86,38 @@ class Malformed:
 
 
 class Frame:
-    """A frame with a whole header; everything after the header may be damaged.
+    """A frame whose header is complete; everything after the header may be damaged.
 
     No field of a frame shows whether the frame is a request or a reply. In a frame from the client, `code` is
-    a function id; in a frame from the controller, `code` is an HRESULT.
+    a function number; in a frame from the controller, `code` is a result code.
 
-    A frame holds only its bytes, never the decoded values, so a store of frames needs no more memory than
-    their bytes. Many frames share one `FrameTemplates` object, which decodes them and caches the templates of
-    frames.
+    A frame holds only its bytes, so that many stored frames need little memory. `arguments` and `variants`
+    decode the bytes each time. The frames of a capture share one `FrameTemplates` object, which makes the
+    decoding fast.
 
     Attributes:
         raw: The bytes of the frame as received.
         serial: Serial that the client chose; the controller copies it into the reply.
         reserved: Reserved field; over UDP, clients mark retries with it.
-        code: Function id or HRESULT, unsigned.
-        external_problem: A problem that the frame's own bytes do not show, such as a packet truncated by the
-            capture; None for nearly all frames.
+        code: Function id of a request, or HRESULT of a reply; unsigned.
+        external_problem: A problem that the bytes of the frame do not show, such as a packet that the capture
+            truncated; None for nearly all frames.
     """
 
     __slots__ = ("_templates", "code", "external_problem", "raw", "reserved", "serial")
+
+    serial: int
+    reserved: int
+    code: int
 
     def __init__(
         self, raw: bytes, external_problem: Problem | None = None, templates: FrameTemplates | None = None
     ) -> None:
         """Read the header of `raw`, which holds at least `HEADER_SIZE` bytes.
 
-        Similar frames that share `templates` need only one full decoding. Without `templates`, the frame
-        creates its own `FrameTemplates` when its arguments are first read, and then also keeps the decoded
-        arguments.
+        If similar frames share `templates`, only one of them is decoded in full. Without `templates`, the
+        frame creates its own `FrameTemplates` when you first read its arguments. Without `templates`, the
+        frame also keeps the decoded arguments.
         """
         self._templates = templates
         self.raw = raw
@@ -138,11 +143,12 @@ class Frame:
 
     @property
     def length(self) -> int:
-        """The length field, which may differ from the number of bytes present."""
+        """Value of the length field, which may differ from the number of bytes in `raw`."""
         return int.from_bytes(self.raw[1:5], "little")
 
     @property
     def argc(self) -> int:
+        """Number of arguments, as the header states it."""
         return int.from_bytes(self.body[13:15], "little")
 
     @property
@@ -181,7 +187,7 @@ class Frame:
 
     @property
     def framing(self) -> Framing:
-        """What lies between the last argument and EOT, derived from the bytes."""
+        """Kind of bytes between the last argument and EOT."""
         inner = (self._templates or self._own_templates()).decode(self.raw)
         return Framing.PLAIN if isinstance(inner, tuple) else inner.framing
 
@@ -195,8 +201,8 @@ class Frame:
 def parse_datagram(raw: bytes, templates: FrameTemplates | None = None) -> tuple[Frame | Malformed, ...]:
     """Split a datagram into its frames, or into bytes that are not a frame.
 
-    Bytes that begin with SOH and hold a header become a frame, even a damaged one. If a frame ends with EOT
-    before the datagram ends, the remaining bytes become further items.
+    Bytes that begin with SOH and hold a header become a `Frame`, even if it is damaged. If a frame ends with
+    EOT before the datagram ends, the bytes after the frame become further items.
     """
     if len(raw) >= HEADER_SIZE and raw[0] == SOH and int.from_bytes(raw[1:5], "little") == len(raw):
         return (Frame(raw, None, templates),)
@@ -217,9 +223,9 @@ def parse_captured_datagram(
 ) -> tuple[Frame | Malformed, ...]:
     """Split a captured datagram into its frames, and mark the first frame if more bytes follow it.
 
-    A datagram holds one frame. DENSO's C server and client compare the length of the frame with the number of
-    bytes received. The official C server stops its UDP service if the two differ (orin_bcap
-    C/src/bCAPServer/bcap_server.c).
+    A valid datagram holds exactly one frame. DENSO's C server and client compare the length of the frame with
+    the number of bytes received. The official C server stops its UDP service if the length and the number of
+    bytes differ (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
     items = parse_datagram(raw, templates)
     if len(items) == 1:
@@ -249,11 +255,13 @@ def encode_frame(
 ) -> bytes:
     """Return the bytes of a frame; `code` may be signed or unsigned.
 
-    `reserved` must be 1 in the two framings of version 1.
+    `reserved` must be 1 for `Framing.VERSION_1` and `Framing.VERSION_1_ZLIB`.
 
     Raises:
-        TooLargeError: The frame is longer than `LARGEST_FRAME`, or unpacks to more than `LARGEST_UNPACKED`.
-        LocalProtocolError: A header number or an argument value does not fit its field.
+        TooLargeError: The frame is longer than `LARGEST_FRAME`, or its unpacked content exceeds
+            `LARGEST_UNPACKED`.
+        LocalProtocolError: A number of the header or the value of an argument is outside the range of its
+            field.
     """
     if len(arguments) == 1 and framing is _PLAIN:
         raw = _encode_number_row(serial, reserved, code, arguments[0])
@@ -297,7 +305,8 @@ def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> b
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> tuple[Callable[..., bytes], int, int]:
-    """Return a function that packs a frame with `count` numbers, the frame's size and the argument's size."""
+    """Return a function that packs frames with `count` numbers; also the sizes of the frame and its
+    argument."""
     whole = struct.Struct(f"<BIHHIHIHI{count}{NUMBER_FORMATS[vt & ~ARRAY]}B")
     return whole.pack, whole.size, whole.size - SMALLEST_FRAME - 4
 

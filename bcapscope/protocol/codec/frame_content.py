@@ -1,4 +1,4 @@
-"""Full decoding of what follows a frame's header: framing, arguments and problems."""
+"""Decode in full what follows the header of a frame: arguments, framing and problems."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ LARGEST_FRAME = 16 * 1024 * 1024
 none."""
 
 LARGEST_UNPACKED = 256 * 1024
-"""Largest size, in bytes, that a compressed body may unpack to. Frames of real sessions are below 10 KiB. A
-zlib stream of 16 KiB can unpack to 16 MiB, and a sender of datagrams can send thousands of such frames per
-second."""
+"""Largest size, in bytes, that a compressed body may unpack to. Frames of real sessions are below 10 KiB.
+Without a limit, a malicious client could fill the memory: a zlib stream of 16 KiB can unpack to 16 MiB, and
+thousands of such frames can arrive per second."""
 
 _HEADER = struct.Struct("<xIHHIH")
 _ZLIB_BODY = 13
@@ -33,7 +33,7 @@ _OFFSET = attrgetter("offset")
 
 
 class Framing(Enum):
-    """What lies between the last argument of a frame and EOT."""
+    """Kind of bytes between the last argument of a frame and EOT."""
 
     PLAIN = "plain"
     """Nothing."""
@@ -51,11 +51,11 @@ class FrameContent:
 
     Attributes:
         raw: The bytes of the frame.
-        framing: What lies between the last argument and EOT, derived from the bytes.
+        framing: Kind of bytes between the last argument and EOT.
         body: The bytes of the frame. In a compressed frame, the unpacked content replaces the compressed
             bytes; the first nine bytes and EOT stay the same.
         code: Function id or HRESULT.
-        arguments: Arguments that could be read; their positions are offsets in `body`.
+        arguments: Arguments that the decoder could read; their positions are offsets in `body`.
         problems: Deviations from b-CAP, in the order of their offsets in `body`.
         number_spans: Positions in `body` of the numbers in all arguments.
     """
@@ -100,7 +100,7 @@ class FrameContent:
         return reader
 
     def _read_tail(self, reader: ArgumentReader) -> None:
-        """Determine the framing from the bytes between the last argument and EOT."""
+        """Determine `framing` from the bytes between the last argument and EOT."""
         body, end = self.body, reader.end
         tail = body[reader.pos : end]
         plain = self.framing is Framing.PLAIN
@@ -114,10 +114,9 @@ class FrameContent:
 
 
 def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
-    """Return whether the header at `pos` has the marks of a compressed version 1 frame.
-
-    The marks are a reserved field of 1 and a zlib header where the compressed body begins. A plain frame has
-    both marks only if it has 376 arguments or more.
+    """Return whether the header at `pos` looks like that of a compressed version 1 frame: its reserved field
+    is 1, and a zlib header follows where the compressed body begins. A plain frame looks like a compressed
+    one only if it has 376 arguments or more.
     """
     return data[pos + 7 : pos + 9] == b"\x01\x00" and has_zlib_header(data, pos)
 
@@ -125,15 +124,15 @@ def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
 def crc16(data: bytes) -> int:
     """Return the CRC-16 of a serial-line frame.
 
-    Polynomial 0x1021, start value 0xFFFF, most significant bit first, no reflection, no final inversion
-    (orin_bcap C/src/bcap_common.c; Java agrees). In a frame, the CRC covers the bytes from the length field
-    to the last argument. The CRC is stored low byte first, directly before EOT.
+    The CRC has the polynomial 0x1021, start value 0xFFFF, most significant bit first, no reflection, no final
+    inversion (orin_bcap C/src/bcap_common.c; Java agrees). In a frame, the CRC covers the bytes from the
+    length field to the last argument. The CRC is stored low byte first, directly before EOT.
     """
     return crc_hqx(data, 0xFFFF)
 
 
 def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:
-    """Return whether a zlib header follows where a frame at `pos` would have its compressed body.
+    """Return whether a zlib header is where the compressed body of a frame at `pos` would begin.
 
     The TCP client of keioku/bcap-python unpacks every frame with such a zlib header, whatever value the
     reserved field has.

@@ -1,4 +1,5 @@
-"""Templates: the parts that similar frames share, so that a million set points need only one full decoding.
+"""Templates: the parts that similar frames share. With a template, only the first of a million set points is
+decoded in full.
 
 Robot traffic is repetitive. Two set points of a slave-mode session differ only in serial, reserved and the
 numbers inside their arguments. If a frame has several arguments, its first argument is a handle. A session
@@ -21,8 +22,8 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""Parts of a template in which only one argument holds numbers: the values before that argument, its filler,
-its prototype, and the values after it."""
+"""For a template in which one argument holds all numbers: the values before this argument, the function that
+fills it, its prototype, and the values after it."""
 
 LARGEST_TEMPLATE_FRAME = 1024
 """Largest frame that gets a template, in bytes. Each longer frame is decoded in full: long frames are rare,
@@ -33,11 +34,12 @@ MAX_TEMPLATES = 1024
 learns new templates."""
 
 MAX_SHAPES_PER_LENGTH = 8
-"""Maximum number of frame shapes that `FrameTemplates` tries for one frame length."""
+"""Maximum number of arrangements of numbers (`_FrameShape`) that `FrameTemplates` tries for one frame
+length."""
 
 
 class _FrameShape:
-    """Positions of the numbers that vary in frames of one length; all other bytes are the key of a template.
+    """Positions of the numbers that vary in frames of one length. All other bytes identify the template.
 
     The serial and the reserved field always vary.
     """
@@ -68,8 +70,8 @@ class _FrameShape:
 class FrameTemplate:
     """The parts that similar frames share, learnt from one sound frame that was decoded in full.
 
-    Another frame that differs only in serial, reserved and numbers is sound as well: its length, EOT and
-    arguments conform to b-CAP.
+    A frame that differs from the learnt frame only in serial, reserved and numbers is sound as well: its
+    length, EOT and arguments conform to b-CAP.
 
     Attributes:
         prototype: Arguments of the frame from which the template was learnt; their numbers are placeholders.
@@ -126,14 +128,15 @@ class FrameTemplate:
         return cls(shape, content.raw, content.arguments)
 
     def fill_arguments(self, numbers: FrameNumbers) -> tuple[Argument, ...]:
-        """Return the arguments of a frame. `numbers` are in the order of the frame's bytes."""
+        """Return the arguments of a frame that has these `numbers`, which are in the order of the frame's
+        bytes."""
         if not numbers:
             return self.prototype
         pairs = zip(self.fill_variants(numbers), self.prototype, strict=True)
         return tuple(Argument(variant, start, stop) for variant, (_, start, stop) in pairs)
 
     def fill_variants(self, numbers: FrameNumbers) -> tuple[Variant, ...]:
-        """Return the values of the arguments of a frame that has these `numbers`, without their positions."""
+        """Return the values of the arguments of a frame that has these `numbers`; positions are left out."""
         if not numbers:
             return self._variants
         if self._single_fill is not None:
@@ -148,8 +151,8 @@ class FrameTemplate:
 class FrameTemplates:
     """Decodes frames, and learns templates from them in bounded memory.
 
-    A program that receives many frames passes one `FrameTemplates` object to all of them, which makes
-    decoding faster. Without a shared object, the decoded values are the same.
+    A program that receives many frames passes the same `FrameTemplates` object to all of them. Sharing makes
+    decoding faster, but does not change the decoded values.
     """
 
     __slots__ = ("_recent", "_shapes", "_template_count")
@@ -174,8 +177,8 @@ class FrameTemplates:
     def _decode_in_full(self, raw: bytes) -> DecodedFrame:
         """Decode a frame that matches no template, and learn a template from the frame if possible.
 
-        The two latest contents without a template are cached, for a request and its reply. Callers decode the
-        same `raw` object several times in a row.
+        Callers decode the same `raw` object several times in a row. Therefore the decoder caches the content
+        of the last two frames without a template, usually a request and its reply.
         """
         for content in self._recent:
             if content.raw is raw:
@@ -204,14 +207,15 @@ class FrameTemplates:
 
 
 def _varying_spans(content: FrameContent) -> tuple[NumberSpan, ...]:
-    """Return the positions of the numbers that vary among similar frames: all numbers except a handle."""
+    """Return the positions of the numbers that vary among similar frames: of all numbers except a handle."""
     arguments = content.arguments
     first = arguments[0].stop if len(arguments) > 1 else 0
     return tuple(span for span in content.number_spans if span.repeat and span.start >= first)
 
 
 def number_counts(arguments: Sequence[Argument]) -> tuple[int, ...]:
-    """Return how many numbers each argument of a frame holds; 0 for a handle before other arguments."""
+    """Return how many numbers each argument of a frame holds; 0 for a handle that is followed by other
+    arguments."""
     counts = [number_count(argument.variant) for argument in arguments]
     return (0, *counts[1:]) if len(counts) > 1 else tuple(counts)
 
@@ -262,7 +266,8 @@ def _fill_scalar(variant: Variant, numbers: FrameNumbers) -> Variant:
 
 def _fill_row(variant: Variant, numbers: FrameNumbers) -> Variant:
     vt, _, elements = variant
-    return tuple.__new__(Variant, (vt, numbers, elements))  # for set points: this is faster than Variant(...)
+    # much faster for set points than Variant(...)
+    return tuple.__new__(Variant, (vt, numbers, elements))
 
 
 def _fill_nest(variant: Variant, numbers: FrameNumbers) -> Variant:

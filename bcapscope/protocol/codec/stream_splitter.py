@@ -1,4 +1,5 @@
-"""Split a byte stream, in segments of any size, into frames, and find the next frame after garbage."""
+"""Split a byte stream into frames, and find the next frame after garbage. The stream may arrive in segments
+of any size."""
 
 from __future__ import annotations
 
@@ -21,35 +22,38 @@ from bcapscope.protocol.codec.frame_content import has_compressed_header
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 
 LARGEST_UNCONFIRMED = 64 * 1024
-"""Largest frame, in bytes, that the splitter waits for if the arguments do not confirm the length field.
-Frames of real sessions are below 10 KiB. With this limit, a corrupted length field delays at most 64 KiB of
-the stream instead of all of it."""
+"""Largest frame, in bytes, for which the splitter waits although the arguments do not confirm the length
+field. Frames of real sessions are below 10 KiB. With this limit, a corrupted length field delays at most 64
+KiB of the stream instead of the whole stream.
+"""
 
 LARGEST_GARBAGE = 64 * 1024
-"""Largest piece of garbage, in bytes outside any frame. The splitter returns longer garbage in several
-pieces, so that garbage does not fill the memory."""
+"""Largest piece of garbage, in bytes. Garbage is what belongs to no frame. The splitter returns longer
+garbage in several pieces, so that garbage does not fill the memory."""
 
 GUARANTEED_BUFFER = 16 * 1024
 """Number of bytes of an unfinished frame that a splitter keeps even if the shared budget is exceeded. Frames
-of real sessions are below 10 KiB, so a flood of long frames on other connections does not cut real frames."""
+of real sessions are below 10 KiB, so they stay whole even if a flood of long frames on other connections
+exhausts the budget."""
 
 STREAM_ENDED = Message("problem.cut.stream-ended")
 """Reason reported for an incomplete frame at the end of a stream."""
 
 MAX_RESYNC_ARGUMENTS = 64
 """Maximum number of arguments of a frame that the splitter accepts as the next frame after garbage. No
-function has more than four arguments, and no reply more than one. The limit prevents repeated walks over
-crafted garbage."""
+request has more than four arguments, and no reply more than one. The limit saves time: malicious garbage
+could make the splitter examine the same bytes many times."""
 
 _TAILS = (1, 2, 3)
-"""Possible numbers of bytes after the last argument: EOT alone, mode byte and EOT, or CRC and EOT."""
+"""Possible numbers of bytes after the last argument: 1 for EOT alone, 2 for mode byte and EOT, 3 for CRC and
+EOT."""
 
 
 class StreamPiece(NamedTuple):
     """A frame of a byte stream, or bytes between frames, with its position in the stream.
 
     Attributes:
-        start: Offset of the piece's first byte in the stream; offsets include the missing bytes of holes.
+        start: Offset of the piece's first byte in the stream. Missing bytes count in offsets.
         stop: Offset in the stream after the piece's last byte.
         item: The frame, or bytes that are not a frame.
     """
@@ -71,12 +75,13 @@ class _Trust(Enum):
 
 
 class StreamSplitter:
-    """Splits a stream into frames and garbage; the result never depends on how the stream is segmented.
+    """Splits a stream into frames and garbage. The result is the same for any segmentation of the stream.
 
     The splitter returns every byte of the stream in exactly one piece, in order. The splitter holds at most
-    the largest of `limit`, `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED` in bytes. Splitters that share a
-    budget together hold no more than the budget, plus `GUARANTEED_BUFFER` each. If a frame longer than
-    `GUARANTEED_BUFFER` exceeds the budget, the splitter returns the unfinished frame.
+    the largest of `limit`, `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED` in bytes. Several splitters can share
+    a budget: together they hold no more than the budget, plus `GUARANTEED_BUFFER` for each splitter. If a
+    frame is longer than `GUARANTEED_BUFFER` and the budget is used up, the splitter returns the frame
+    unfinished.
     """
 
     def __init__(
@@ -89,7 +94,8 @@ class StreamSplitter:
         """Start a stream; `synchronized` is False if the start of the stream was not received.
 
         `limit` is the size in bytes of the longest frame to wait for. `budget` limits the bytes that this
-        splitter and others hold together. Every frame gets `templates` to decode its arguments.
+        splitter and the others with the same budget hold together. The splitter passes `templates` to every
+        frame.
         """
         self._buffer = bytearray()
         self._budget = budget or ByteBudget()
@@ -129,7 +135,8 @@ class StreamSplitter:
         return Frame(data, None, self._templates)
 
     def add_gap(self, missing: int) -> list[StreamPiece]:
-        """Return the unfinished bytes, then a hole for `missing` lost bytes of the stream."""
+        """Note that `missing` bytes of the stream are lost. Return the unfinished bytes before the gap, then
+        a hole."""
         pieces = self._flush(Message("problem.cut.unseen"))
         start, self._stream_offset = self._stream_offset, self._stream_offset + missing
         hole = Malformed(b"", (Problem(0, "gap", Message("problem.gap", missing=missing)),), missing)
@@ -196,7 +203,8 @@ class StreamSplitter:
     def _frame_ends_at(self, length: int, trust: _Trust, final: bool) -> bool | None:
         """Return whether the buffer begins with a frame of `length` bytes; None if more bytes are needed.
 
-        A last byte other than EOT counts as a damaged EOT if SOH or the end of the stream follows.
+        If the last byte is not EOT, but SOH or the end of the stream follows, the byte counts as a damaged
+        EOT.
         """
         buffer = self._buffer
         if len(buffer) < length:
@@ -235,7 +243,8 @@ class StreamSplitter:
         return None if trust in (_Trust.CONFIRMED, _Trust.INCOMPLETE) else False
 
     def _assess_header(self, pos: int, synchronized: bool = True) -> tuple[_Trust, int]:
-        """Return how certain it is that a frame begins at `pos`, and the frame's length; 0 if unknown."""
+        """Return how certain it is that a frame begins at `pos`, and the length of the frame; 0 if
+        unknown."""
         buffer = self._buffer
         if len(buffer) - pos < HEADER_SIZE:
             return _Trust.INCOMPLETE, 0
@@ -258,8 +267,9 @@ class StreamSplitter:
     def _walk_arguments(self, pos: int, stop: int, argc: int) -> int | None:
         """Follow the length fields of the arguments and return the offset after the last one.
 
-        The walk continues where the previous call stopped, so that a long frame in small segments is walked
-        once. Returns None if more bytes are needed, and 0 if a length field cannot be right.
+        Each call continues where the previous call stopped, so that no argument is examined twice if a long
+        frame arrives in small segments. Returns None if more bytes are needed, and 0 if a length field is
+        impossible.
         """
         begun, argument, done = self._argument_progress
         if begun != pos or done == 0:
@@ -280,7 +290,7 @@ class StreamSplitter:
 
 
 def _is_one_frame(data: bytes) -> bool:
-    """Return whether `data` is exactly one frame by its SOH, EOT and length field."""
+    """Return whether SOH, EOT and the length field show that `data` is exactly one frame."""
     return (
         len(data) >= SMALLEST_FRAME
         and data[0] == SOH

@@ -1,8 +1,8 @@
 """VARIANT: the typed values of b-CAP, their names and their encoding.
 
 Layout of a VARIANT, all numbers little-endian: u16 type, u32 element count, data. In an argument of a frame,
-a u32 byte length precedes the VARIANT. The elements of a VARIANT array have no such length (orin_bcap
-C/src/bcap_common.c, CSharp bCAPPacketConverter.cs and Python bcapclient.py agree).
+a u32 precedes the VARIANT: the length of the VARIANT in bytes. No length precedes the elements of a VARIANT
+array (orin_bcap C/src/bcap_common.c, CSharp bCAPPacketConverter.cs and Python bcapclient.py agree).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from bcapscope.messages import Message
 
 
 class VT(IntEnum):
-    """Types that b-CAP carries, numbered as in COM's VARENUM (orin_bcap C/include/bcap_common.h)."""
+    """Types of VARIANTs in b-CAP, with the numbers of COM's VARENUM (orin_bcap C/include/bcap_common.h)."""
 
     EMPTY = 0
     NULL = 1
@@ -41,7 +41,7 @@ class VT(IntEnum):
 
 
 ARRAY = 0x2000
-"""Flag that is or-ed with an element type."""
+"""Flag that marks an array; it is or-ed with the type of the elements."""
 
 NUMBER_FORMATS: dict[int, str] = {
     VT.I2: "h",
@@ -58,7 +58,7 @@ NUMBER_FORMATS: dict[int, str] = {
     VT.I8: "q",
     VT.UI8: "Q",
 }
-"""Python struct format character of each type of fixed width."""
+"""For each type of fixed width, the format character of Python's `struct` module."""
 
 NUMBER_WIDTHS: dict[int, int] = {vt: struct.calcsize("<" + code) for vt, code in NUMBER_FORMATS.items()}
 """Bytes per element of each type of fixed width."""
@@ -69,12 +69,12 @@ NUMBER_ARRAYS = frozenset(ARRAY | vt for vt in _NUMBERS - {VT.UI1})
 """Array types whose values are tuples of numbers."""
 
 MAX_NESTING = 32
-"""Maximum depth of nested VARIANT arrays. Controllers nest two deep, such as a list of arguments that holds a
-pose. The limit keeps a hostile frame from exhausting the interpreter's stack."""
+"""Maximum depth of nested VARIANT arrays. Controllers nest arrays two deep, as in a list of arguments that
+contains a pose. The limit keeps a malicious frame from exhausting the interpreter's stack."""
 
 CY_SCALE = 10_000
-"""Number of CY units per 1.0: in COM, a CY value is a count of ten-thousandths. DENSO's libraries do not
-scale CY values. Therefore `Variant` holds the raw value, and views show the scaled value beside it."""
+"""A CY value is a count of ten-thousandths in COM, so 1.0 is 10,000. DENSO's libraries do not scale CY
+values. Therefore `Variant` holds the raw value, and bcapscope displays the scaled value beside it."""
 
 Value: TypeAlias = "bool | int | float | str | bytes | tuple[Value, ...] | tuple[Variant, ...] | None"
 
@@ -86,10 +86,10 @@ class Variant(NamedTuple):
     """A typed value.
 
     Attributes:
-        vt: Type number, or-ed with `ARRAY` for arrays; may be a number that b-CAP does not define.
+        vt: Type number, or-ed with `ARRAY` for an array. The type can be a number that b-CAP does not define.
         value: None for EMPTY and NULL. int, float, bool or str for scalars (CY and ERROR as raw integers,
             DATE as days since 1899-12-30). A tuple for arrays, `bytes` for an array of UI1, a tuple of
-            Variant for an array of VARIANT. The raw `bytes` of an unknown type.
+            Variant for an array of VARIANT. The undecoded `bytes` for an unknown type.
         elements: Element count in the frame: 1 for scalars, 0 or 1 for EMPTY and NULL. The count exceeds the
             number of values if elements are missing from the frame.
     """
@@ -108,7 +108,8 @@ EMPTY = Variant(VT.EMPTY, None)
 
 
 def vt_name(vt: int) -> str:
-    """Return the name of a type: ``VT_I4``, ``VT_R8|VT_ARRAY``; ``VT_0x0009`` if b-CAP has no such type."""
+    """Return the name of a type: ``VT_I4``, ``VT_R8|VT_ARRAY``; ``VT_0x0009`` for a number that is not a type
+    of b-CAP."""
     base = _NAMES.get(vt & ~ARRAY) or f"VT_0x{vt & ~ARRAY:04X}"
     return f"{base}|VT_ARRAY" if vt & ARRAY else base
 
@@ -137,8 +138,9 @@ def encode_variant(variant: Variant) -> bytes:
     """Encode a VARIANT as type, element count and data, without the byte length of an argument.
 
     Raises:
-        LocalProtocolError: b-CAP has no such type, or the value does not fit the type. An array has another
-            number of values than its element count. VARIANT arrays nest deeper than `MAX_NESTING`.
+        LocalProtocolError: b-CAP has no such type, or the value does not fit the type. The error is also
+            raised if the number of an array's values differs from its element count, or if arrays are nested
+            deeper than `MAX_NESTING`.
     """
     return _encode(variant, 0)
 
@@ -147,7 +149,7 @@ def encode_argument(variant: Variant) -> bytes:
     """Encode a VARIANT as an argument: its byte length (u32), then type, count and data.
 
     Raises:
-        LocalProtocolError: As for `encode_variant`.
+        LocalProtocolError: For the same reasons as in `encode_variant`.
     """
     body = _encode(variant, 0)
     return len(body).to_bytes(4, "little") + body
@@ -186,7 +188,7 @@ def _check_elements(values: Value, elements: int) -> None:
 def _encode_array(base: int, values: Value, depth: int) -> bytes:
     assert isinstance(values, tuple | bytes)
     if base == VT.UI1:
-        return bytes(values)  # type: ignore[arg-type]  # a wrong element raises an error, which is reported
+        return bytes(values)  # type: ignore[arg-type]  # bytes() itself rejects wrong elements
     if base == VT.BSTR:
         return b"".join(map(_encode_bstr, values))
     if base == VT.VARIANT:

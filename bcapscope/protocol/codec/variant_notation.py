@@ -1,4 +1,5 @@
-"""The text notation of VARIANTs: `i2:2`, `r4[]:10,20,30`, or bare text of a known or guessed type."""
+"""The text notation of VARIANTs: `i2:2`, `r4[]:10,20,30`, or text without a type, whose type is known or
+guessed."""
 
 from __future__ import annotations
 
@@ -21,18 +22,18 @@ from bcapscope.protocol.codec.variant import (
 
 _TYPED = re.compile(r"([a-z]+[0-9]?)(\[\])?:(.*)", re.IGNORECASE | re.DOTALL)
 _LARGEST_R4 = 3.4028235e38
-_LONGEST_SHOWN = 60  # in characters: the part of a value that an error message quotes
+_LONGEST_SHOWN = 60  # maximum number of characters of a value that an error message quotes
 _TRUE, _FALSE = ("true", "1", "-1"), ("false", "0")
 
 
 def parse_variant(text: str) -> Variant:
-    """Parse a value with its type before a colon, or guess the type of bare text.
+    """Parse a value whose type precedes a colon. Without a colon, guess the type.
 
-    Types in lower or upper case: `i2 i4 r4 r8 cy date bstr error bool ui1 ui2 ui4 i8 ui8 empty null`. ``[]``
-    marks an array, whose elements are separated by commas. ``variant[]:`` takes elements separated by
+    The types, in lower or upper case: `i2 i4 r4 r8 cy date bstr error bool ui1 ui2 ui4 i8 ui8 empty null`.
+    ``[]`` marks an array, whose elements are separated by commas. ``variant[]:`` takes elements separated by
     semicolons, each with its own type. A hexadecimal integer may be the bit pattern of a negative number, as
-    in ``i4:0x84201482``. Bare text becomes an integer, a number, a list of numbers, or a string. Empty text
-    is EMPTY.
+    in ``i4:0x84201482``. Text without a type becomes an integer, a number, a list of numbers, or a string.
+    Empty text is EMPTY.
 
     Raises:
         InputError: The value does not fit the type.
@@ -47,9 +48,9 @@ def parse_variant(text: str) -> Variant:
 def parse_variant_as(text: str, types: Sequence[str]) -> Variant:
     """Parse a value of one of `types`, such as ``VT_I4`` or ``VT_R8|VT_ARRAY``.
 
-    Bare text becomes the first type that the text fits, and VT_BSTR only if no other type fits. Text with its
-    own type keeps that type, even a type that is not in `types`. If the only type is VT_BSTR, all text is
-    taken verbatim.
+    Text without a type gets the first of `types` that it fits, and VT_BSTR only if no other type fits. Text
+    that states a type keeps this type, even if the type is not in `types`. If `types` contains only VT_BSTR,
+    the whole text is the value.
 
     Raises:
         InputError: The text fits none of the types.
@@ -75,7 +76,7 @@ def parse_variant_as(text: str, types: Sequence[str]) -> Variant:
 def _parse_untyped(text: str) -> Variant:
     if not text:
         return EMPTY
-    if not any(map(str.isdigit, text)):  # nan and inf without a type are strings
+    if not any(map(str.isdigit, text)):  # if no type is stated, `nan` and `inf` are strings
         return Variant(VT.BSTR, text)
     for vt in (VT.I4, VT.I8, VT.R8):
         for read in (_parse_scalar, _parse_array) if "," in text else (_parse_scalar,):
@@ -128,7 +129,7 @@ def _parse_integer(vt: VT, text: str) -> int:
         value = int(text)  # `int(text, 0)` rejects leading zeros
     low, high = _integer_range(vt)
     if low < 0 and high < value <= high - low and text.strip().lower().startswith("0x"):
-        value -= high - low + 1  # bit pattern of a negative number, such as a result code
+        value -= high - low + 1  # the text may be the bit pattern of a negative number, such as a result code
     if not low <= value <= high:
         raise ValueError
     return value

@@ -1,4 +1,4 @@
-"""Position and meaning of each field of a frame, for trees, hex views and byte highlighting.
+"""Position and meaning of each field of a frame, to show frames as trees and to highlight their bytes.
 
 `bcapscope.protocol.codec.arguments` decodes the values; this module finds the bytes of each value.
 """
@@ -38,13 +38,13 @@ HRESULT = "HRESULT"
 """Name of the field that holds the result code of a call."""
 
 UNREAD = "unread"
-"""Name of the field for the bytes of an argument that do not belong to the argument's value."""
+"""Name of the field that holds the rest of an argument: its bytes that do not belong to its value."""
 
 _TYPE_AND_COUNT = 6
 _COMPRESSED_AT = 13  # offset of the compressed bytes in a version 1 frame
 _READING_ENDED = frozenset(
     {"data", "type", "nesting", "elements"}
-)  # codes of the problems after which the rest of an argument cannot be read
+)  # after a problem with one of these codes, the rest of the argument is unreadable
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,13 +55,13 @@ class FrameField:
         name: Name of the header field, argument or element.
         start: Offset of the field's first byte.
         stop: Offset after the field's last byte; equal to `start` if the frame lacks the field.
-        value: Value of the field; None if the field has no value or the value could not be read.
+        value: Value of the field; None if the field has no value or its value is unreadable.
         vt: VARIANT type of `value`; None for numbers of the header.
         text: Meaning of the value, such as `Robot_Execute` or `VT_I4`; empty if unknown.
         unit: Unit of the value: `mm`, `deg`, or empty.
         problems: Problems of this field and its children, in the order of their offsets.
-        children: Fields that together cover this field without a gap. They are created on access, so an array
-            of a million elements costs nothing until someone views its elements.
+        children: Fields that together cover this field without a gap. Children are created on access, so an
+            array of a million elements costs nothing until its elements are displayed.
     """
 
     name: str
@@ -78,13 +78,15 @@ class FrameField:
 def frame_fields(
     frame: Frame, is_request: bool, function_id: int | None = None, command: str | None = None
 ) -> tuple[FrameField, ...]:
-    """Return the fields of a frame, from SOH to EOT; the offsets are those of `Frame.body`.
+    """Return the fields of a frame, from SOH to EOT. Their offsets refer to `Frame.body`.
 
-    Fields without children cover every byte exactly once, even in a damaged frame. A missing EOT is a field
-    without bytes; a damaged EOT is a field with the damaged byte. For a compressed frame, `envelope_fields`
-    returns the fields on the wire and their problems.
+    Fields without children cover every byte exactly once, even in a damaged frame. A missing EOT gives a
+    field without bytes; a damaged EOT gives a field with the damaged byte. For a compressed frame, the
+    function returns the fields after unpacking. `envelope_fields` returns the fields of a compressed frame as
+    on the wire.
 
-    For a reply, `function_id` and `command` are those of its request; None if the request was not captured.
+    For a reply, `function_id` and `command` come from its request; they are None if the request was not
+    captured.
     """
     if is_request:
         function_id, command = frame.code, _command_of(frame)
@@ -97,10 +99,10 @@ def frame_fields(
 
 
 def envelope_fields(frame: Frame) -> tuple[FrameField, ...]:
-    """Return the fields of `Frame.raw` for a compressed frame; () for all others.
+    """Return the fields of `Frame.raw` for a compressed frame; () for any other frame.
 
-    The layout is that of keioku/bcap-python: the usual header up to `reserved`, then the unpacked size, a
-    zlib stream, a mode byte and EOT.
+    keioku/bcap-python defines the layout: the usual header up to `reserved`, then the unpacked size, a zlib
+    stream, a mode byte and EOT.
     """
     if frame.framing is not Framing.VERSION_1_ZLIB:
         return ()
@@ -118,7 +120,7 @@ def envelope_fields(frame: Frame) -> tuple[FrameField, ...]:
 
 
 def _envelope_problems(frame: Frame) -> list[Problem]:
-    """Return the problems of a compressed frame whose offsets refer to `Frame.raw`."""
+    """Of a compressed frame's problems, return those whose offsets refer to `Frame.raw`."""
     if frame.reserved != 1 or frame.framing is not Framing.VERSION_1_ZLIB:
         return []
     return [
@@ -193,14 +195,14 @@ class _FieldBuilder:
         text: str = "",
         problems: tuple[Problem, ...] = (),
     ) -> FrameField:
-        """Return a field without children; the field has these `problems` and the problems found in its
-        bytes."""
+        """Return a field without children. Its problems are those in its bytes, then the given `problems`."""
         return FrameField(
             name, start, stop, value, None, text, "", (*self.problems_within(start, stop), *problems)
         )
 
     def problems_within(self, start: int, stop: int) -> tuple[Problem, ...]:
-        """Return the problems in a byte range, except for a value that is cut off at the end of the range."""
+        """Return the problems in a byte range, but not that of a value that is truncated at the end of the
+        range."""
         return self.problems_between(2 * start, 2 * stop - 1)
 
     def problems_between(self, first: int, behind: int) -> tuple[Problem, ...]:
@@ -325,7 +327,7 @@ class _ArgumentFields:
         )
 
     def _value_end(self, variant: Variant, start: int) -> int:
-        """Return the offset after the bytes of a VARIANT's value that could be read."""
+        """Return the offset after the readable bytes of a VARIANT's value."""
         return self._data_end(variant, start + _TYPE_AND_COUNT)
 
     def _data_end(self, variant: Variant, start: int) -> int:
@@ -345,13 +347,14 @@ class _ArgumentFields:
         return start
 
     def _string_end(self, start: int) -> int:
-        """Return the offset after a string, at most the end of the string's argument."""
+        """Return the offset after a string, or the end of its argument if the string would exceed the
+        argument."""
         size = int.from_bytes(self._builder.body[start : start + 4], "little")
         return min(start + 4 + size, self._argument.stop)
 
 
 def _doubled_place(problem: Problem, stops: Container[int]) -> int:
-    """Return twice a problem's offset; one less for a value that is cut off at the end of its argument."""
+    """Return twice a problem's offset, minus 1 if a value is truncated at the end of its argument."""
     breaks_off = problem.code in ("data", "nesting", "elements") and problem.offset in stops
     return 2 * problem.offset - breaks_off
 
@@ -398,7 +401,8 @@ class _NumberFields(Sequence[FrameField]):
 
 
 class _LazyFields(Sequence[FrameField]):
-    """Fields that are created again for each iteration; access by index or length stores them."""
+    """Fields that are created anew in each iteration. The first access by index, or to the length, stores the
+    fields for later accesses."""
 
     def __init__(self, make: Callable[[], Iterator[FrameField]]) -> None:
         self._make = make

@@ -1,4 +1,4 @@
-"""Names and meanings of the values in arguments and results, and of the parts of slvMove's values."""
+"""Names and meanings of the values in arguments and results, and of the elements that slvMove carries."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ NO_LABEL = ValueLabel()
 
 
 def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
-    """Label the parts of slvMove's parameter or result, as far as the value alone shows them.
+    """Name the elements of slvMove's parameter or result, from the value alone.
 
-    The label of the whole value has an empty name. Formats and slave mode are set by earlier calls, which are
-    unknown here. Therefore the labels are guesses from the number and types of the elements. The label's
-    `text` says so.
+    The label of the whole value has an empty name. Earlier calls set the formats and the slave mode, but this
+    function gets only one value. Therefore the function guesses the names from the number and types of the
+    elements. The `text` of the label says that the names are a guess.
     """
     found = parse_set_point(variant) if is_request else parse_feedback(variant)
     named = list(_set_point_labels(found) if isinstance(found, SetPoint) else _feedback_labels(found))
@@ -179,7 +179,7 @@ def _string_meaning(function_id: int | None, name: str, value: str) -> str | Mes
 
 
 def _all_of(id: str, meanings: Sequence[Message]) -> str | Message:
-    """Join several meanings into one message with the message `id`; "" if there are no meanings."""
+    """Join several meanings by the message `id`, which joins two; return "" without meanings."""
     if not meanings:
         return ""
     *others, found = meanings
@@ -189,7 +189,7 @@ def _all_of(id: str, meanings: Sequence[Message]) -> str | Message:
 
 
 def _first_elements(variant: Variant) -> tuple[Variant, ...]:
-    """Return the first four elements of a VARIANT array; () for anything else."""
+    """Return the first four elements of a VARIANT array; () for any other value."""
     value = variant.value
     if variant.vt != ARRAY | VT.VARIANT or not isinstance(value, tuple):
         return ()
@@ -197,7 +197,7 @@ def _first_elements(variant: Variant) -> tuple[Variant, ...]:
 
 
 def _pose_label(variant: Variant) -> ValueLabel:
-    """Label the parts of a pose that is a VARIANT array: numbers, type, pass and extra axes."""
+    """Name the elements of a pose that is a VARIANT array: numbers, type, pass and extra axes."""
     items = _first_elements(variant)
     if not items or not items[0].vt & ARRAY:
         return NO_LABEL

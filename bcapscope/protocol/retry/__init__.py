@@ -1,1 +1,1 @@
-"""Retries at both ends of a call: the client's requester and the controller's responder."""
+"""Retries: the requester sends them for a client, and the responder recognises them for a controller."""

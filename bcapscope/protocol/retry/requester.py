@@ -1,7 +1,7 @@
-"""The client's part of a call: number and repeat the attempts, and choose the accepted reply.
+"""The client's part of a call: give each attempt a serial, retry, and decide which reply to accept.
 
 This module uses no socket and no clock. The caller passes the current time to each method, in ns of any
-monotonic clock. After each method, the caller reads what to send (`data_to_send`), when to call
+monotonic clock. After each call of a method, the caller reads what to send (`data_to_send`), when to call
 `handle_timeout` (`deadline`), and what happened (`drain_events`). The rules are those of DENSO Wave 2009, How
 to use the Slave mode (Retry sequence in UDP connection), and of orin_bcap C/src/bCAPClient/bcap_client.c.
 """
@@ -50,7 +50,7 @@ class RetryPolicy(NamedTuple):
 
 
 def _is_complete(frame: Frame) -> bool:
-    """Return whether no part of the frame is missing; the frame may have other problems."""
+    """Return whether all bytes of the frame are present. The frame may have other problems."""
     return frame.length == len(frame.raw) and frame.raw[-1] == EOT
 
 
@@ -86,14 +86,14 @@ class CallTimedOut:
 
 @dataclass(frozen=True, slots=True)
 class CallExecuting:
-    """The controller sent a notice (S_EXECUTING) during the call; the notice restarts the timeout."""
+    """The controller sent a notice (S_EXECUTING) during the call, which restarts the timeout."""
 
     notice: Frame
 
 
 @dataclass(frozen=True, slots=True)
 class LateReply:
-    """A discarded reply, to an earlier attempt or to a call that has ended.
+    """A reply that the client discards, because it answers an earlier attempt or a call that has ended.
 
     Attributes:
         reply: The late reply as received.
@@ -108,7 +108,8 @@ class LateReply:
 
 @dataclass(frozen=True, slots=True)
 class UnmatchedItem:
-    """A discarded item: a stray reply, an incomplete frame, or bytes that are not a frame."""
+    """What the client discards otherwise: a stray reply, an incomplete frame, or bytes that are not a
+    frame."""
 
     item: Frame | Malformed
     time: int
@@ -134,17 +135,18 @@ class _OpenAttempt:
 
 
 class Requester:
-    """Makes calls one at a time, since controllers execute a client's calls strictly one after another.
+    """Makes one call at a time, because a controller executes the calls of a client one after another.
 
-    Every call ends in exactly one of `CallAnswered`, `CallRefused` and `CallTimedOut`, unless the caller
-    gives the call up with `abandon`.
+    Every call ends in exactly one of `CallAnswered`, `CallRefused` and `CallTimedOut`, unless the program
+    gives up the call with `abandon`.
     """
 
     def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:
         """Start a conversation with the controller.
 
-        The convention of the reserved field also selects UDP, with retries and a size limit, or TCP. Do not
-        start with serial 0: the C server mistakes a new client's first request with serial 0 for a retry.
+        `convention` is for the reserved field. This convention also selects UDP, with retries and a size
+        limit, or TCP. Do not start with serial 0: the C server mistakes a new client's first request with
+        serial 0 for a retry.
 
         Raises:
             ValueError: `convention` is `UNKNOWN`, or `first_serial` is not in 1..65535.
@@ -237,7 +239,8 @@ class Requester:
             self._events.append(CallTimedOut(self._attempt_snapshots()))
 
     def abandon(self) -> tuple[Attempt, ...]:
-        """Give up the call in progress and return its attempts. A reply that arrives afterwards is late."""
+        """Give up the call in progress and return its attempts. A reply that arrives after this call is a
+        late reply."""
         self._deadline = None
         return self._attempt_snapshots()
 

@@ -1,6 +1,6 @@
-"""Conventions for the reserved field, for clients and controllers.
+"""Conventions by which clients and controllers fill the reserved field.
 
-Papers and libraries use the field differently (DENSO Wave 2009, How to use the Slave mode; orin_bcap
+DENSO's papers and libraries use the field differently (DENSO Wave 2009, How to use the Slave mode; orin_bcap
 C/src/bCAPClient/bcap_client.c and the C# and Java clients; the older C client in start-jsk/denso b-Cap.c).
 """
 
@@ -13,8 +13,8 @@ class ReservedConvention(StrEnum):
     """Value that a client writes into the reserved field of its requests."""
 
     UNKNOWN = "unknown"
-    """Convention not determined yet. The first two attempts are equal in `SEED` and `CHAIN`; only a third
-    attempt shows which convention the client follows."""
+    """The client's convention is not known yet. The first two attempts are the same in `SEED` and `CHAIN`, so
+    only a third attempt shows which convention the client follows."""
     SEED = "seed"
     """0 in the first attempt, then the serial of the first attempt in every retry (DENSO Wave 2009)."""
     OWN = "own"
@@ -25,7 +25,7 @@ class ReservedConvention(StrEnum):
     TCP0 = "tcp0"
     """Over TCP, where clients do not retry: 0 in every request."""
     TCP1 = "tcp1"
-    """Over TCP: 1 in every request, as a mark of the protocol version (keioku/bcap-python)."""
+    """Over TCP: 1 in every request, which states the protocol version (keioku/bcap-python)."""
 
 
 def client_conventions(datagrams: bool) -> tuple[ReservedConvention, ...]:
@@ -39,7 +39,7 @@ class ReplyReserved(StrEnum):
     """Value that a controller writes into the reserved field of its replies."""
 
     UNKNOWN = "unknown"
-    """Not determined yet: the reserved field of all requests answered so far was 0."""
+    """The convention is not known yet: all requests answered so far had 0 in the reserved field."""
     ZERO = "zero"
     """Always 0 (orin_bcap C/src/bCAPServer/bcap_server.c)."""
     ECHOED = "echoed"

@@ -2,8 +2,8 @@
 
 A client that gets no reply in time sends its request again with a new serial. The reserved field of the retry
 names an earlier attempt (DENSO Wave 2009, How to use the Slave mode, Retry sequence in UDP connection). The
-client accepts only a reply to its newest serial. A stored reply is therefore sent again under the serial of
-the retry.
+client accepts only a reply with its newest serial. The responder therefore sends a stored reply again with
+the serial of the retry.
 """
 
 from __future__ import annotations
@@ -22,33 +22,35 @@ from bcapscope.protocol.retry.reserved_convention import ReplyReserved, Reserved
 from bcapscope.protocol.tables.hresult import S_EXECUTING, S_OK
 
 REMEMBERED_ANSWERS = 32
-"""Number of replies that a responder stores for its client. One reply is enough if the network keeps packets
-in order, since a client makes one call at a time. The other replies are for retries that arrive late. A UDP
-reply has at most 503 bytes."""
+"""Number of replies that a responder stores for its client. One stored reply is enough if the network keeps
+packets in order, because a client makes one call at a time. The responder stores more replies for retries
+that arrive late. A UDP reply has at most 503 bytes."""
 
 _SERVICE_START = 1
 _SERIAL_COUNT = 0xFFFF
 """Serials count from 1 to 65535, then start again at 1."""
 
 _MAX_ATTEMPTS = 16
-"""Assumed maximum number of attempts of one call: serials further apart belong to different calls. Known
-clients send at most half as many attempts, except for one client that retries without end."""
+"""Assumed maximum number of attempts of one call: serials that differ by more belong to different calls.
+Known clients send at most half this number of attempts per call, except for one client that never stops
+retrying.
+"""
 
 
 _CHAIN_CONVENTIONS = (ReservedConvention.UNKNOWN, ReservedConvention.CHAIN)
 
 
 class Defect(Flag):
-    """Defects of DENSO's C server (orin_bcap C/src/bCAPServer/bcap_server.c) to imitate."""
+    """Defects of DENSO's C server that a responder can imitate (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
     NONE = 0
     FORGETS_FIRST = 1
-    """The server stores only its last reply, by the serial of the attempt that arrived, and ignores the
-    contents of requests. If the first attempt is lost, the second retry names a serial that the server never
-    received, so the server executes the call again. If a client restarts with the serial of its last call,
-    the server sends the old reply."""
+    """The server stores only its last reply, with the serial of the attempt that arrived. The server does not
+    compare the contents of requests. If the first attempt is lost, the second retry names a serial that the
+    server never received, so the server executes the call again. If a client restarts with the serial of its
+    last call, the server sends the old reply."""
     SERIAL_ZERO = 2
-    """The server answers S_OK to a new client whose first frame has serial 0, and executes nothing."""
+    """If the first frame of a new client has serial 0, the server answers S_OK without executing the call."""
 
 
 class RequestKind(Enum):
@@ -59,8 +61,8 @@ class RequestKind(Enum):
     REPEAT = "repeat"
     """A retry of a completed call: send the stored reply again."""
     RUNNING = "running"
-    """A retry of the running call, whose reply will carry the serial of this retry. Also a retry of an
-    abandoned call, which never gets a reply."""
+    """A retry of the running call; the reply to this call will carry the serial of the retry. A retry of an
+    abandoned call also has this kind; such a call never gets a reply."""
     BUSY = "busy"
     """A new call while another call is running. The caller may refuse the new call with
     `Responder.reply_unremembered`."""
@@ -110,8 +112,8 @@ def _is_ahead(serial: int, other: int) -> bool:
 def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
     """Return whether no known call has a serial between those of `call` and `serial`.
 
-    `calls` lists the newest call first. The function examines only calls executed after `call`: an older call
-    with a higher serial comes from an earlier program on the same port.
+    `calls` lists the newest call first. The function examines only calls that were executed after `call`. An
+    older call with a higher serial comes from an earlier program on the same port.
     """
     later = takewhile(lambda other: other is not call, calls)
     return not any(
@@ -126,27 +128,30 @@ class Responder:
     that `receive_request` classified as new. On UDP, a client is one address and port; on TCP, one
     connection. A controller executes the requests of one client strictly one after another.
 
-    In a first attempt, the reserved field is 0 or the frame's own serial. Any other value names the first or
-    the previous attempt of the same call. A request belongs to a remembered call if it names an attempt of
-    that call and has the same function and arguments. The responder then adds the request's serial and the
-    named serial to the call. A known serial with other contents shows that the client restarted.
+    In a first attempt, the reserved field is 0 or the frame's own serial. Any other value in the reserved
+    field is the serial of the first or the previous attempt of the same call. A request belongs to a
+    remembered call if its reserved field names an attempt of this call, and function and arguments are the
+    same. The responder then adds the request's serial and the named serial to the call. If a known serial
+    arrives with other contents, the client has restarted.
 
     In two cases, a request does not show whether the client sent a new call or a retry:
 
-    * A client of the old C library (`ReservedConvention.CHAIN`) names the previous attempt. If the previous
-      attempt was lost, its serial is unknown. The request may then be a retry of the known call, or a retry
-      of a new, equal call.
+    * A retry from a client of the old C library (`ReservedConvention.CHAIN`) names the previous attempt. If
+      the previous attempt was lost, its serial is unknown. The request may then be a retry of the known call,
+      or a retry of a new, equal call.
     * A program that uses the port of an earlier program may start with the same serial. A call of the new
       program may equal a call of the earlier program with the same or a slightly higher serial. The new call
-      then looks like a delayed attempt of the earlier program's call.
+      then looks like a delayed attempt of the earlier call.
 
-    In both cases, the responder assumes a retry, so that no call runs twice. If the known call has neither
-    the serial nor the named serial, the responder assumes a retry only while the convention is `CHAIN` or
-    unknown. A new call that is mistaken for a retry is not executed, and its client gets the earlier reply.
-    Such a reply may hold an old value, or report a motion as done although the robot never made it.
+    If it is unclear whether a request is a retry, the responder assumes a retry, so that no call runs twice.
+    If the known call has neither the request's serial nor the serial in its reserved field, the responder
+    assumes a retry only while the convention is `CHAIN` or unknown. A new call that is mistaken for a retry
+    is not executed, and its client gets the earlier reply. The earlier reply may hold an old value, or report
+    a motion as done that the robot did not make for the new call.
 
     The responder forgets the calls of an earlier program when the new program reuses one of their serials for
-    a different call. At the latest, the responder forgets these calls after `remembered` further calls.
+    a different call. At the latest, the responder forgets the calls of an earlier program after `remembered`
+    further calls.
     """
 
     def __init__(
@@ -174,7 +179,7 @@ class Responder:
         self._defects = defects
         self._forgets_first = Defect.FORGETS_FIRST in defects
         self._calls: deque[_Call] = deque(maxlen=1 if self._forgets_first else remembered)
-        # Serials and contents of all known calls and of some forgotten calls.
+        # Serials and contents of all known calls, and of some calls that were forgotten.
         self._known_keys: set[int | bytes] = set()
         self._known_keys_limit = 8 * remembered
         self._running: _Call | None = None
@@ -216,8 +221,8 @@ class Responder:
         """End the running call, store its reply, and return the reply with the serial of the newest attempt.
 
         Raises:
-            TooLargeError: The reply is longer than `largest_answer`; the call is still running.
-            LocalProtocolError: The arguments cannot be encoded; the call is still running.
+            TooLargeError: The reply is longer than `largest_answer`. The call continues to run.
+            LocalProtocolError: The arguments cannot be encoded. The call continues to run.
         """
         call = self._running
         assert call is not None, "no call is being executed"
@@ -249,7 +254,7 @@ class Responder:
         return encode_frame(frame.serial, frame.reserved if self._echoes_reserved else 0, code)
 
     def reset(self) -> None:
-        """Forget the client, so that the next request is treated as the first of a new client.
+        """Forget the client, so that the next request counts as the first of a new client.
 
         The running call gets no reply.
         """
@@ -259,7 +264,8 @@ class Responder:
         self._has_received = False
 
     def _remember_keys(self, call: _Call) -> None:
-        """Remember a call's serials and contents; if the set is too large, drop those of forgotten calls."""
+        """Add a call's serials and contents to the set. If the set is too large, first drop the serials and
+        contents of forgotten calls."""
         keys = self._known_keys
         if len(keys) > self._known_keys_limit:
             keys.clear()
@@ -274,7 +280,7 @@ class Responder:
             named = frame.reserved or frame.serial
             return next((call for call in self._known_calls() if call.first == named), None)
         if frame.code == _SERVICE_START:
-            # The client program starts here; another program may have used this port before.
+            # Service_Start is a program's first call; another program may have used this port before.
             self.convention = ReservedConvention.UNKNOWN
         if frame.reserved and self.convention is ReservedConvention.UNKNOWN:
             self._detect_convention(frame)
@@ -288,11 +294,11 @@ class Responder:
         return [self._running, *self._calls] if self._running else self._calls
 
     def _find_among_known(self, frame: Frame, content: bytes) -> _Call | None:
-        """Return the call to which a request with known serial or contents belongs; None for a new call."""
+        """Return the known call to which a request belongs; None if the request is a new call."""
         calls = self._known_calls()
         serial, named = frame.serial, frame.reserved or frame.serial
         alike = [call for call in calls if serial in call.serials or call.content == content]
-        # The serial of the old C client may wrap to 0 during its retries; the next attempt then names 0.
+        # If the old C client's serial wraps to 0 in a retry, the next attempt has 0 in the reserved field.
         after_zero = serial == 1 and frame.reserved == 0
         equal, is_known = [], False
         for call in alike:
@@ -311,17 +317,19 @@ class Responder:
         return chained
 
     def _forget_earlier_program(self, serial: int) -> None:
-        """Forget the calls of an earlier program, one of which had the `serial` of a new, different call.
+        """Forget the calls of an earlier program. One of these calls had the `serial` that a new, different
+        call now has.
 
         Calls that were executed later and have smaller serials belong to the present program. The responder
-        keeps these calls, because their retries may still arrive.
+        keeps the calls of the present program, because their retries may still arrive.
         """
         later = list(takewhile(lambda call: serial not in call.serials, self._calls))
         self._calls.clear()
         self._calls.extend(call for call in later if not _is_ahead(call.newest, serial))
 
     def _find_in_chain(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
-        """Return the call of a `CHAIN` retry whose earlier attempts were lost or overtaken; else None."""
+        """Return the call to which a `CHAIN` retry belongs if attempts between them were lost or overtaken,
+        or None."""
         if self.convention not in _CHAIN_CONVENTIONS:
             return None
         serial, is_retry = frame.serial, frame.reserved not in (0, frame.serial)

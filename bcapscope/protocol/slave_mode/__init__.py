@@ -1,1 +1,1 @@
-"""Slave modes, slvMove formats, poses, and the values that slvMove carries."""
+"""Slave modes, formats of slvMove, poses, and the values in the frames of slvMove."""

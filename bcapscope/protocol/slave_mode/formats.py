@@ -34,7 +34,7 @@ _RECEIVE_BITS = {"timestamp": TIMESTAMP_BIT, "current": CURRENT_BIT, **_SEND_BIT
 """Bit of each field of a format, by the field's name."""
 
 _UNDOCUMENTED_BIT = 0x400
-"""Bit that public clients set in the send format 0x620; no public source documents its meaning."""
+"""Bit that open-source clients set in the send format 0x620; no public source documents its meaning."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +42,11 @@ class SendFormat:
     """What the parameter of slvMove holds besides the pose.
 
     Attributes:
-        hand_io: Whether the parameter holds the hand I/O word. Bit 0 of the word is IO48; the controller
-            writes IO64..IO71.
-        mini_io: Whether the parameter holds the mini I/O word. Bit 0 of the word is IO0; the controller
-            writes IO24..IO31, on some controllers IO16..IO31.
-        user_io: Whether the parameter holds a range of I/O bits to write, which each slvMove selects.
+        hand_io: Whether the parameter holds the hand I/O word. Bit 0 of the word is IO48; the controller sets
+            IO64..IO71 from the word.
+        mini_io: Whether the parameter holds the mini I/O word. Bit 0 of the word is IO0; the controller sets
+            IO24..IO31 from the word, on some controllers IO16..IO31.
+        user_io: Whether the parameter holds I/O bits to write. Each slvMove states the range of these bits.
         other: Bits of the format that have no known meaning.
     """
 
@@ -68,7 +68,7 @@ class SendFormat:
     def is_known(self) -> bool:
         """Whether clients use this format.
 
-        They use 0, 0x020, 0x100, 0x120, 0x200 and 0x220, with or without the bit 0x400.
+        Clients use the formats 0, 0x020, 0x100, 0x120, 0x200 and 0x220, with or without the bit 0x400.
         """
         return not self.other & ~_UNDOCUMENTED_BIT and not (self.mini_io and self.user_io)
 
@@ -88,9 +88,9 @@ class ReceiveFormat:
         current: Whether the result holds the motor current of each axis.
         mini_io: Whether the result holds the mini I/O word, whose bit 0 is IO0.
         user_io: Whether the result holds the range of I/O bits that slvMove requested.
-        other: Bits of the format that have no known meaning, or a pose digit above 5.
-        microseconds: Whether the timestamp is in µs instead of ms. slvRecvFormat sets this unit by a second
-            number beside the format.
+        other: Bits of the format that have no known meaning, or its last digit if this is above 5.
+        microseconds: Whether the timestamp is in µs instead of ms. A second number in the parameter of
+            slvRecvFormat sets the unit of the timestamp.
 
     Raises:
         ValueError: No receive format returns the pose types in `poses`.
@@ -128,7 +128,8 @@ class ReceiveFormat:
 
     @property
     def is_known(self) -> bool:
-        """Whether the ROS driver knows this format. It uses mini and user I/O together only in 0x340."""
+        """Whether the ROS driver knows this format. The ROS driver uses mini and user I/O together only in
+        the format 0x340."""
         both = self.mini_io and self.user_io
         return not self.other and (
             not both or int(self) & ~POSE_BITS == MINI_IO_BIT | USER_IO_BIT | CURRENT_BIT
@@ -136,7 +137,7 @@ class ReceiveFormat:
 
 
 def _split_flags(value: int, bits: dict[str, int]) -> tuple[dict[str, bool], int]:
-    """Return which of `bits` are set in `value`, and all other bits of `value`."""
+    """Return for each of `bits` whether it is set in `value`, and the remaining bits of `value`."""
     flags = {name: bool(value & bit) for name, bit in bits.items()}
     return flags, value & ~sum(bits.values())
 
@@ -158,7 +159,8 @@ class FormatParameter(NamedTuple):
 
 
 def parse_format_parameter(parameter: Variant) -> FormatParameter | None:
-    """Decode a parameter that is a format or an array of format and time unit; None for anything else."""
+    """Decode a parameter: a format, or an array of format and time unit. Return None for a parameter of any
+    other form."""
     value = parameter.value
     items = value if isinstance(value, tuple) else (value,)
     plain = [item.value if isinstance(item, Variant) else item for item in items[:2]]

@@ -1,8 +1,8 @@
 """Slave modes: the meaning of slvChangeMode's number, which depends on the controller's generation.
 
-The number 0x001 selects Sync on RC7 and mode 0 on RC8, which behave differently. Sources: DENSO Wave 2009,
-How to use the Slave mode (RC7); documentation of ShoheiKobata/orin_bcap_python_samples (table of slave modes)
-and DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later).
+For example, 0x001 selects Sync on RC7 but mode 0 on RC8, and these modes behave differently. Sources: DENSO
+Wave 2009, How to use the Slave mode (RC7); documentation of ShoheiKobata/orin_bcap_python_samples (table of
+slave modes) and DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ POSE_MASK, KIND_MASK = 0x000F, 0x0F00
 
 
 class Generation(StrEnum):
-    """Controllers on which slave-mode numbers have the same meaning."""
+    """A group of controllers on which the numbers of slave modes mean the same."""
 
     RC7 = "RC7"
     RC8 = "RC8"
@@ -37,7 +37,7 @@ class PoseType(StrEnum):
     J = "J"
     """Joint positions."""
     T = "T"
-    """Position with orientation and approach vectors."""
+    """Position, orientation vector and approach vector."""
 
 
 class ModeKind(StrEnum):
@@ -62,10 +62,10 @@ class SlaveMode:
         kind: How the controller buffers set points and when it replies to slvMove.
         buffer_slots: Number of set points that the controller buffers.
         overwrites_waiting: Whether a new set point replaces the set point that waits in the buffer.
-        paces_client: Whether the controller replies to slvMove only when the buffer has room, which paces the
-            client.
-        underflow_is_error: Whether a missing set point during motion ends slave mode; None if a setting on
-            the pendant decides.
+        paces_client: Whether the controller sets the pace by replying to slvMove only when the buffer has
+            room.
+        underflow_is_error: Whether the controller leaves slave mode if a set point is missing during motion;
+            None if a setting on the pendant decides.
         overflow_is_error: Whether the controller refuses an excess set point with 83201483, after the warning
             S_BUF_FULL.
         text: Description of the mode in English.
@@ -183,5 +183,5 @@ def slave_mode_by_number(value: int, generation: Generation = Generation.RC8) ->
 
 
 def pose_type_of_mode(value: int) -> PoseType | None:
-    """Return the pose type in the low digit of a mode number; None for 0 and invalid mode numbers."""
+    """Return the pose type that the last digit of a mode number states; None for 0 and invalid numbers."""
     return _POSE_TYPES.get(value & POSE_MASK) if value & ~(POSE_MASK | KIND_MASK) == 0 else None

@@ -1,7 +1,7 @@
 """Poses: rows of numbers with the names and units of their axes.
 
-Sources: DENSO Wave 2009, How to use the Slave mode (P and J on RC7), DENSORobot/denso_robot_ros2
-denso_robot_control (P 7, J 8, T 10 numbers, and one more that its driver appends).
+Sources: DENSO Wave 2009, How to use the Slave mode, for P and J on RC7; DENSORobot/denso_robot_ros2
+denso_robot_control for poses of 7 (P), 8 (J) or 10 (T) numbers, and the number that its driver appends.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.slave_mode.modes import PoseType
 
 USED_AXES_FLAG = 0x400000
-"""Number that the ROS driver appends to a pose, or-ed with a bit for each axis in use. The purpose of this
-mark is not known."""
+"""Number that the ROS driver appends to a pose; the driver also sets a bit in it for each axis in use. The
+purpose of the appended number is not known."""
 
 FLOAT_ARRAYS = frozenset((int(ARRAY | VT.R8), int(ARRAY | VT.R4)))
 """VARIANT types of a pose that is an array of numbers."""
@@ -43,7 +43,8 @@ AXES: Mapping[PoseType, tuple[Axis, ...]] = MappingProxyType(
         PoseType.T: (*_axes_named("X Y Z", "mm"), *_axes_named("Ox Oy Oz Ax Ay Az Fig", "")),
     }
 )
-"""Axes of each pose type, in order. A linear axis of a J pose is in mm, depending on the robot type."""
+"""Axes of each pose type, in order. In a J pose, a linear axis is in mm; the robot type decides which axes
+are linear."""
 
 SHORTEST_POSE: Mapping[PoseType, int] = MappingProxyType({PoseType.P: 6, PoseType.J: 6, PoseType.T: 10})
 """Minimum number of values in a pose of each type: Fig may be missing, and RC7 accepts six joints."""
@@ -55,7 +56,7 @@ class Pose(NamedTuple):
     Attributes:
         type: P, J or T; None if the number of values fits no pose type.
         values: One number per axis of `axes`, in order.
-        extra: Numbers after those of the axes; the ROS driver appends one such number.
+        extra: Numbers after those of the axes. The ROS driver appends one number to each pose.
         guessed: Whether the pose type is a guess from the number of values.
     """
 
@@ -71,7 +72,7 @@ class Pose(NamedTuple):
 
     @property
     def used_axes(self) -> int | None:
-        """Bits of the axes that the ROS driver marks as used, bit 0 for J1; None for a pose without mark."""
+        """Bits of the axes that the ROS driver marks as used, bit 0 for J1; None if the mark is missing."""
         return (
             int(self.extra[0]) & 0xFF if len(self.extra) == 1 and is_used_axes_mark(self.extra[0]) else None
         )
@@ -85,8 +86,8 @@ def is_used_axes_mark(number: float) -> bool:
 def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
     """Return the numbers of a number array, or of a VARIANT array that holds only numbers.
 
-    Clients send such VARIANT arrays for lists of integers and floats. Returns None for any other value,
-    including bytes and booleans.
+    Clients send such a VARIANT array for a list that mixes integers and floats. Returns None for any other
+    value, including bytes and booleans.
     """
     value = variant.value
     if not isinstance(value, tuple):
@@ -96,11 +97,11 @@ def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
     plain = [item.value if isinstance(item, Variant) else item for item in value]
     if not all(isinstance(item, int | float) and not isinstance(item, bool) for item in plain):
         return None
-    return tuple(plain)  # type: ignore[arg-type]  # each was just checked
+    return tuple(plain)  # type: ignore[arg-type]  # the types were checked above
 
 
 def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
-    """Guess the pose type from the number of values and from the ROS driver's mark at the end."""
+    """Guess the pose type from the number of values, and from the mark that the ROS driver appends."""
     count = len(values)
     if count and is_used_axes_mark(values[-1]):
         return {8: PoseType.P, 9: PoseType.J, 11: PoseType.T}.get(count)

@@ -1,9 +1,9 @@
-"""Decoding of slvMove's parameter and result: set points, and the feedback of the robot.
+"""Decode slvMove's parameter, the set point, and its result, the feedback of the robot.
 
 Sources: DENSO Wave 2009, How to use the Slave mode, for a value that is only a pose;
-DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp for the order of parts. The client selects
-the parts with slvSendFormat and slvRecvFormat. If a capture begins after these calls, the decoder chooses the
-most likely arrangement of parts and marks the result as guessed.
+DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp for the order of the elements. The client
+selects the elements with slvSendFormat and slvRecvFormat. If a capture begins after these calls, the decoder
+chooses the most likely order and marks the result as guessed.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from bcapscope.protocol.slave_mode.formats import POSE_ONLY_FORMAT, ReceiveForma
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, FLOAT_ARRAYS, Pose, build_pose, pose_numbers
 
-# Kinds of parts in slvMove's parameter and result. The kinds of all parts suggest the arrangement.
+# Kinds of elements in slvMove's parameter and result, from which the decoder guesses their meanings.
 _ROW, _WORD, _DATA, _OTHER, _END = "numbers", "integer", "bytes", "other", "end"
 
-_Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each part
+_Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each element
 
-# Types of the two poses that receive formats 4 and 5 request, by the number of values.
+# Types of the two poses in a result with receive format 4 or 5, by the number of values.
 _POSE_PAIRS = {15: (PoseType.P, PoseType.J), 18: (PoseType.T, PoseType.J)}
 
 _SIZES = {pose_type: len(axes) for pose_type, axes in AXES.items()}
 
 _POSE_ONLY = (
     POSE_ONLY_FORMAT,
-)  # a tuple, since `in` first compares identities, which is faster than == of dataclasses
+)  # a tuple: `in` compares identities first, which is faster than == of dataclasses
 
-_MAX_PARTS = 8  # more parts than any arrangement has
+_MAX_PARTS = 8  # maximum number of elements to examine; no format selects so many
 
 
 class UserIO(NamedTuple):
@@ -59,8 +59,8 @@ class SetPoint(NamedTuple):
         user_write: I/O bits that the controller writes.
         user_read: I/O bits that the controller returns in the reply.
         hand_io: Word that the controller writes to the hand I/O; bit 0 is IO48.
-        guessed: Whether the pose type or the arrangement of parts is a guess.
-        problems: Deviations from the expected form of the parameter.
+        guessed: Whether the pose type or the order of elements is a guess.
+        problems: How the parameter differs from the expected form.
     """
 
     pose: Pose | None = None
@@ -76,15 +76,15 @@ class Feedback(NamedTuple):
     """The decoded result of slvMove.
 
     Attributes:
-        timestamp: Time since the controller's start, ms or µs; wraps as a signed 32-bit number.
+        timestamp: Time since the controller's start, in ms or µs. It is a signed 32-bit number that wraps.
         microseconds: Whether `timestamp` is in µs.
         poses: The current pose, or two current poses of the requested types.
         mini_io: Word read from the mini I/O; bit 0 is IO0.
         user_io: I/O bits that slvMove requested.
         hand_io: Word read from the hand I/O; bit 0 is IO48.
         current: Motor current of each axis.
-        guessed: Whether the pose type or the arrangement of parts is a guess.
-        problems: Deviations from the expected form of the result.
+        guessed: Whether the pose type or the order of elements is a guess.
+        problems: How the result differs from the expected form.
     """
 
     timestamp: int | None = None
@@ -104,10 +104,10 @@ def parse_set_point(
     send: SendFormat | None = None,
     receive: ReceiveFormat | None = None,
 ) -> SetPoint:
-    """Decode slvMove's parameter. For an unexpected form, return the parts that fit, and a list of problems.
+    """Decode slvMove's parameter. If it has an unexpected form, return the elements that fit, and problems.
 
-    `pose_type`, `send` and `receive` are the settings of slvChangeMode, slvSendFormat and slvRecvFormat, each
-    None if its call was not captured.
+    `pose_type`, `send` and `receive` are the settings made by slvChangeMode, slvSendFormat and slvRecvFormat;
+    None for a call that was not captured.
     """
     bare = _bare_pose(parameter, pose_type)
     if bare and (send is None or send in _POSE_ONLY) and not (receive and receive.user_io):
@@ -132,7 +132,7 @@ def parse_set_point(
 def parse_feedback(
     result: Variant, pose_type: PoseType | None = None, receive: ReceiveFormat | None = None
 ) -> Feedback:
-    """Decode slvMove's result. For an unexpected form, return the parts that fit, and a list of problems.
+    """Decode slvMove's result. If it has an unexpected form, return the elements that fit, and problems.
 
     A result of EMPTY is valid and gives an empty `Feedback`. If the receive format is unknown, an array of
     numbers is decoded as a pose of the slave mode's `pose_type`.
@@ -161,7 +161,7 @@ def parse_feedback(
 
 
 def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
-    """Return the pose in a float array of exactly the right length, the most frequent form; else None."""
+    """Return the pose if the value is a float array of exactly the right length, as most are, or None."""
     if pose_type is None or variant.vt not in FLOAT_ARRAYS:
         return None
     row = variant.value
@@ -171,9 +171,8 @@ def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
 
 
 def _parts_of(variant: Variant) -> tuple[Variant, ...]:
-    """Return the elements of a VARIANT array.
-
-    Any other value, and a VARIANT array that is a pose, is one part.
+    """Return the elements of a VARIANT array. A value that is not a VARIANT array counts as one element, and
+    so does a VARIANT array that is a pose.
     """
     value = variant.value
     if not isinstance(value, tuple) or not value or not isinstance(value[0], Variant):
@@ -201,7 +200,7 @@ def _kinds_of_parts(parts: tuple[Variant, ...]) -> tuple[str, ...]:
 def _matching_arrangements(
     layouts: Iterable[_Arrangement], kinds: tuple[str, ...]
 ) -> tuple[_Arrangement, ...]:
-    """Return the arrangements of parts that match `kinds`; the first arrangement if none matches."""
+    """Return the arrangements of elements that match `kinds`, or the first arrangement if none matches."""
     listed = tuple(layouts)
     agreeing = tuple(layout for layout in listed if tuple(kind for _, kind in layout) == kinds)
     return agreeing or listed[:1]
@@ -211,7 +210,7 @@ def _matching_arrangements(
 def _set_point_arrangements(
     send: SendFormat | None, receive: ReceiveFormat | None, kinds: tuple[str, ...]
 ) -> tuple[_Arrangement, ...]:
-    """Return the possible arrangements of parts in a set point, the most likely first; never empty."""
+    """Return the possible arrangements of elements in a set point, at least one, the most likely first."""
     sends = [send] if send else [SendFormat.parse(value) for value in (0, 0x20, 0x100, 0x120, 0x200, 0x220)]
     user_reads = (False, True) if receive is None else (receive.user_io,)
     return _matching_arrangements(
@@ -233,7 +232,7 @@ def _set_point_parts(form: SendFormat, user_read: bool) -> Iterator[tuple[str, s
 
 @lru_cache(maxsize=256)
 def _feedback_arrangements(receive: ReceiveFormat | None, kinds: tuple[str, ...]) -> tuple[_Arrangement, ...]:
-    """Return the possible arrangements of parts in a result, the most likely first; never empty."""
+    """Return the possible arrangements of elements in a result, at least one, the most likely first."""
     if receive is not None:
         return _matching_arrangements([tuple(_feedback_parts(receive))], kinds)
     bits = product((0x002,), (0, 0x010), (0, 0x020, 0x100, 0x120, 0x200, 0x220), (0, 0x040))
@@ -258,7 +257,8 @@ def _feedback_parts(form: ReceiveFormat) -> Iterator[tuple[str, str]]:
 
 
 def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Variant], list[Message]]:
-    """Assign the names of an arrangement to parts in order, and report missing and surplus parts."""
+    """Name the elements by an arrangement, in order. Also return the problems: which elements are missing or
+    too many."""
     named: dict[str, Variant] = {}
     problems: list[Message] = []
     for name, kind in layout:
@@ -281,8 +281,8 @@ def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[
 
 
 def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
-    """Return whether parts fit a guessed arrangement: the user I/O is valid, and hand I/O without mini I/O is
-    a possible word."""
+    """Return whether elements fit a guessed arrangement: user I/O must be valid, and if there is hand I/O but
+    no mini I/O, the upper 8 bits of the hand I/O must be 0."""
     named, problems = _name_parts(layout, parts)
     if not all(_is_valid_user_io(run) for run in (_user_io(named, "write"), _user_io(named, "read")) if run):
         return False
@@ -292,9 +292,8 @@ def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
 
 
 def _is_valid_user_io(run: UserIO) -> bool:
-    """Return whether a range obeys the rules of user I/O.
-
-    A number above 16 bits is unlikely to be an offset.
+    """Return whether offset and size of a range are possible for user I/O. An offset of more than 16 bits is
+    unlikely.
     """
     return (
         128 <= run.offset <= 0xFFFF and run.offset % 8 == 0 and 0 < run.size <= 0xFFFF and run.size % 8 == 0
@@ -340,8 +339,8 @@ def _poses_of_part(
             first._replace(guessed=receive is None),
             second._replace(guessed=receive is None),
         ), problems + more
-    # If the format is unknown, use the pose type of the slave mode if the number of values matches. No source
-    # documents the default format.
+    # With unknown format, assume the pose type of the slave mode if the number of values fits it. No source
+    # documents the default format of slvMove's result.
     agrees = pose_type is not None and len(row) == len(AXES[pose_type])
     known = types[0] if types else (pose_type if agrees else None)
     pose, problems = build_pose(row, known)

@@ -1,5 +1,5 @@
-"""The strongest effect of a call: read, use the session, change a state, energise the robot, or move the
-robot.
+"""The strongest effect that a call can have: read data, open or close something, change a state, energise the
+robot, or move it.
 
 The effects follow from the meaning of each function in orin_bcap C/include/bcap_funcid.h and of each command
 in `commands.tsv`. Calls that could start a motion, and unknown calls, have the effect `MOVES`.
@@ -19,20 +19,20 @@ class CallEffect(IntEnum):
     READS = 0
     """Only reads data from the controller."""
     SESSION = 1
-    """Opens or closes the client's own session or handles; nothing changes on the robot."""
+    """Opens or closes the client's own session or handles; changes nothing on the robot."""
     CHANGES = 2
     """Changes a state, a value or a setting of the controller."""
     ENERGISES = 3
-    """Powers the motors, permits motion, or makes running programs faster, as ExtSpeed does. The weaker
-    effect `CHANGES` is that of Robot_Speed, which only sets the speed of the client's own motions."""
+    """Powers the motors, permits motion, or makes running programs faster, as ExtSpeed does. Robot_Speed only
+    sets the speed of the client's own motions, so its effect is `CHANGES`."""
     MOVES = 4
-    """Moves the robot or a hand, or starts a program, or may do so."""
+    """Moves the robot or a hand, starts a program, or may do one of these."""
 
 
 FUNCTION_EFFECTS = MappingProxyType(
     {int(row["id"]): CallEffect[row["effect"].upper()] for row in table_rows("functions")}
 )
-"""Strongest effect of each function with any arguments. `guard` derives the effect from the arguments."""
+"""Strongest effect that each function can have. `guard` derives the effect for given arguments."""
 
 
 def function_effect(function_id: int) -> CallEffect:

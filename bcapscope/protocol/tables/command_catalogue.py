@@ -1,4 +1,5 @@
-"""The catalogue of commands: the names that bstrCommand of an ..._Execute call may hold (`commands.tsv`).
+"""The catalogue of commands: the names that a call such as Robot_Execute may have in its argument bstrCommand
+(`commands.tsv`).
 
 Controllers and this catalogue ignore the case of command names. The slides of DENSO Wave 2009, How to use the
 Slave mode, show both `SLVMOVE` and `slvMove`.
@@ -17,24 +18,25 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, function_nam
 from bcapscope.protocol.tables.table_rows import table_rows
 
 COBOTTA, COBOTTA_PRO = "COBOTTA", "COBOTTA PRO"
-"""Controllers that the table of commands names."""
+"""Names of controllers in the table of commands."""
 
 _POSE = "BSTR R8[] R4[] V[]"
 _LONGEST_COMPARED = 40
 _LEAST_SIMILARITY = 0.7
-"""Smallest similarity ratio, as difflib computes it. Two swapped letters in slvChangeMode give 0.92."""
+"""Two names count as similar if difflib's ratio is at least this value. Two swapped letters in slvChangeMode
+give 0.92."""
 
 
 @dataclass(frozen=True, slots=True)
 class CommandSpec:
-    """A command of an ..._Execute function.
+    """A command of a function such as Robot_Execute.
 
     Attributes:
-        function_id: Id of the ..._Execute function that takes the command: 17, 28, 64 or 87.
-        name: Name of the command as spelled in the vendor's samples.
+        function_id: Id of the function that takes the command: 17, 28, 64 or 87.
+        name: Name of the command, spelled as in DENSO's samples.
         parameter_types: Accepted types of vntParam, such as `VT_I4|VT_ARRAY`.
         elements: Meaning of the parameter or of its elements in order; empty if unknown.
-        result_types: Types of the result; `none` for a reply without argument; () if unknown.
+        result_types: Possible types of the result; `none` if the reply has no argument; () if unknown.
         returns: Meaning of the result; empty if unknown.
         text: What the command does, one clause.
         effect: Strongest effect that the command can have.
@@ -55,12 +57,13 @@ class CommandSpec:
 
 
 def find_command(function_id: int, name: str) -> CommandSpec | None:
-    """Return a command by its ..._Execute function and its name, ignoring case; None if unknown."""
+    """Find a command by function and name, ignoring case; return None if the command is unknown."""
     return _BY_KEY.get((function_id, name.casefold()))
 
 
 def similar_command(function_id: int, name: str) -> str | None:
-    """Return the known command of a function that is most similar to `name`; None if none is similar."""
+    """Of a function's known commands, return the one most similar to `name`; None if no command is
+    similar."""
     return _similar_command(function_id, name[:_LONGEST_COMPARED].casefold())
 
 
@@ -77,13 +80,13 @@ def commands_of(function_id: int) -> tuple[CommandSpec, ...]:
 
 
 def call_name(function_id: int, arguments: Sequence[Variant]) -> str:
-    """Return the name of a call for people: function and command, such as `Robot_Execute slvMove`."""
+    """Return the name of a call for display: function and command, such as `Robot_Execute slvMove`."""
     name = command_name(function_id, arguments)
     return function_name(function_id) + (f" {name}" if name else "")
 
 
 def command_name(function_id: int, arguments: Sequence[Variant]) -> str:
-    """Return the command of a call as the client spelled the name; "" for a call without command."""
+    """Return the command of a call in the client's spelling; "" for a call without a command."""
     function = FUNCTIONS.get(function_id)
     for param, argument in zip(function.params if function else (), arguments, strict=False):
         if param.name == "bstrCommand" and isinstance(argument.value, str):

@@ -21,12 +21,12 @@ INTERPOLATIONS = _numbers("interpolation")
 """lComp of Robot_Move."""
 
 POSE_TYPES = _numbers("pose type")
-"""Pose type, the second element of a pose that is a VARIANT array. Controllers also accept the letter as
-text."""
+"""Pose type: the second element of a pose that is a VARIANT array. Controllers also accept the letter of the
+pose type as text."""
 
 PASS_MOTIONS = _numbers("pass motion")
-"""Pass motion, the third element of a pose that is a VARIANT array. Any other number n means @n. Controllers
-also accept the text.
+"""Pass motion: the third element of a pose that is a VARIANT array. A pass motion n that is not in this table
+means @n. Controllers also accept the pass motion as text.
 """
 
 TASK_START_MODES = _numbers("start mode")
@@ -42,14 +42,14 @@ AUTO_MODES = _numbers("automatic mode")
 """Parameter of PutAutoMode and result of GetAutoMode (RC7)."""
 
 SPEED_AXES = _numbers("axis")
-"""Meaning of lAxis in Robot_Speed and Robot_Accelerate; all other numbers are axis numbers."""
+"""Special values of lAxis in Robot_Speed and Robot_Accelerate; all other values are axis numbers."""
 
 SYS_STATE_BITS = _numbers("state bit")
 """Bits of the result of the command SysState; all other bits are reserved."""
 
 OBJECT_OPTIONS = _texts("option")
-"""Keys in bstrOption of Service_Start, Controller_Connect and the ..._Get... functions. WDT and InvokeTimeout
-must be at least 80 ms."""
+"""Keys in bstrOption of Service_Start, Controller_Connect and functions such as Controller_GetRobot. WDT and
+InvokeTimeout must be at least 80 ms."""
 
 MOVE_OPTIONS = _texts("move option")
 """Keys in bstrOption of Robot_Move."""
@@ -61,13 +61,13 @@ PROVIDERS = _texts("provider")
 def sys_state_texts(value: int) -> tuple[str, ...]:
     """Return the meanings of the bits set in a result of SysState, lowest bit first.
 
-    A reserved bit is named by its number, such as `bit 9`.
+    For a reserved bit, the meaning is its number, such as `bit 9`.
     """
     return tuple(SYS_STATE_BITS.get(bit, f"bit {bit}") for bit in range(32) if value >> bit & 1)
 
 
 def result_meanings(function_id: int, command: str, value: int) -> tuple[str, ...]:
-    """Return the meanings of a number that a command returned; () for a number without special meaning."""
+    """Return the meanings of a number that a command returned; () if the number has no special meaning."""
     key = function_id, command.casefold()
     if key == (_CONTROLLER_EXECUTE, "sysstate"):
         return sys_state_texts(value)

@@ -1,9 +1,9 @@
 """The 137 functions of b-CAP: ids, arguments, results, and the handles that they create or release.
 
 Ids and the order of arguments are the same in all of DENSO's client libraries (orin_bcap
-C/include/bcap_funcid.h and the C#, Java and Python clients). Argument names and types are those of the C
-client's prototypes (orin_bcap C/src/bCAPClient/bcap_client.c). The functions that create and release handles
-are those of orin_bcap C/include/bCAPServer/bcap_mapid.h.
+C/include/bcap_funcid.h and the C#, Java and Python clients). The names and types of the arguments come from
+the C client's prototypes (orin_bcap C/src/bCAPClient/bcap_client.c). orin_bcap
+C/include/bCAPServer/bcap_mapid.h shows which functions create and release handles.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class ObjectClass(StrEnum):
 
 
 class ResultKind(StrEnum):
-    """Kind of result that a successful reply carries in its only argument."""
+    """Kind of result in the only argument of a successful reply."""
 
     NONE = "none"
     HANDLE = "handle"
@@ -67,13 +67,13 @@ class Function:
         id: Function id, 1..137, at offset 9 of a request.
         name: The vendor's name of the function: class, underscore and verb, such as `Robot_Execute`.
         owner: Class of the object to which the handle in the first argument must refer.
-        params: Arguments of the request in order, the handle first. Clients always send optional strings, if
-            need be empty.
+        params: Arguments of the request in order, the handle first. Clients always send optional strings, as
+            empty strings if they have no value.
         result: Kind of result in a successful reply.
         result_name: The vendor's name of the result, such as `hRobot` or `pVal`; None if there is no result.
-        creates: Class of the object that a successful call opens; None if it opens no object. The object that
-            Service_Start opens has no handle.
-        releases: Class of the object that a successful call releases; None if it releases no object.
+        creates: Class of the object that a successful call opens; None if the call opens no object. The
+            object that Service_Start opens has no handle.
+        releases: Class of the object that a successful call releases; None if the call releases no object.
         note: How implementations of the function disagree, one clause; empty if they agree.
     """
 
@@ -89,12 +89,12 @@ class Function:
 
     @property
     def takes_handle(self) -> bool:
-        """Whether the first argument is a handle; no other argument is a handle."""
+        """Whether the first argument is a handle. Other arguments are never handles."""
         return bool(self.params) and self.params[0].name.startswith("h")
 
 
-# The prefix of the vendor's argument names gives the type. The name newVal has no prefix: its type is VT_I4
-# in function 115, otherwise any type.
+# The prefix of DENSO's name for an argument shows its type, as in `lAxis` or `bstrCommand`.
+# The name newVal has no prefix: its type is VT_I4 in function 115, and any type in other functions.
 _TYPE_BY_PREFIX = (("bstr", "VT_BSTR"), ("vnt", "VARIANT"), ("h", "VT_I4"), ("l", "VT_I4"), ("f", "VT_R4"))
 
 
@@ -143,7 +143,8 @@ _NAME_BY_ID = {function.id: function.name for function in _ALL}
 
 
 def signed_function_id(code: int) -> int:
-    """Return the code of a request as a function id. On the wire, function ids are signed 32-bit integers."""
+    """Convert the unsigned code of a request to a function id, which is a signed 32-bit integer on the
+    wire."""
     return code - 0x1_0000_0000 if 0x8000_0000 <= code <= 0xFFFF_FFFF else code
 
 
@@ -164,7 +165,7 @@ _RESULT_TYPES = {ResultKind.HANDLE: "VT_I4", ResultKind.I4: "VT_I4", ResultKind.
 def request_param(function_id: int | None, index: int) -> Param:
     """Return the name and type of a request's argument, by its index from 0.
 
-    A surplus argument is named by its number from 1, such as `arg4`.
+    An argument that the function does not have is named by its number from 1, such as `arg4`.
     """
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if function is not None and index < len(function.params):

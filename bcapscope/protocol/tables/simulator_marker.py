@@ -11,4 +11,4 @@ SIMULATOR_VARIABLE = "@BCAPSCOPE_SIMULATOR"
 """Name of a variable of the controller object that only bcapscope's simulator has."""
 
 SIMULATOR_TEXT = "bcapscope simulator: no robot moves"
-"""Value of the variable `SIMULATOR_VARIABLE`, a VT_BSTR."""
+"""Value of the variable `SIMULATOR_VARIABLE`; its type is VT_BSTR."""

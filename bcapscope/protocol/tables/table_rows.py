@@ -1,4 +1,4 @@
-"""Reads the tables of this package: text files with one row per line and columns separated by tabs."""
+"""Read the tables of this package: text files with one row per line and tabs between the columns."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from itertools import zip_longest
 
 
 def table_rows(name: str) -> Iterator[dict[str, str]]:
-    """Yield the rows of the table `name`.tsv, each by the names of its columns; a blank cell is "".
+    """Yield each row of the table `name`.tsv as a dictionary by column name; a blank cell is "".
 
-    Lines that begin with ``#`` are comments. The first other line has the names of the columns.
+    Lines that begin with ``#`` are comments. The first line that is not a comment has the names of the
+    columns.
     """
     with open(os.path.join(os.path.dirname(__file__), f"{name}.tsv"), encoding="utf-8") as table:
         header, *rows = (line.rstrip("\n").split("\t") for line in table if not line.startswith("#"))

@@ -1,7 +1,7 @@
 """Variables of controller, robot and task objects (`variables.tsv`), and the effect of writing them.
 
-The name of a numbered variable is a letter and a number (`I5`), or a letter and `*` with the number in the
-option.
+The name of a numbered variable is a letter and a number (`I5`). The name may also be a letter and `*`, with
+the number of the variable in the option.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ class VariableKind:
 
     Attributes:
         owner: Class of the object that has the variable.
-        name: The vendor's name of the variable; for a family, without the number.
-        is_numbered: Whether a number or `*` follows the name.
+        name: DENSO's name of the variable; for a family, without the number.
+        is_numbered: Whether clients append a number or `*` to the name.
         types: Possible types of the value, such as `VT_R4|VT_ARRAY`; () if no source says.
         text: Meaning of the value, one clause.
     """
@@ -51,7 +51,7 @@ _NUMBERED_NAME = re.compile(r"([a-z]+)(?:[0-9]+|\*)")
 
 
 def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
-    """Return a variable by its object's class and its name, ignoring case; None if unknown."""
+    """Find a variable by its object's class and its name, ignoring case; return None if it is unknown."""
     folded = name.casefold()
     match = _NUMBERED_NAME.fullmatch(folded)
     if match:
@@ -62,9 +62,9 @@ def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
 def write_effect(name: str, value: Variant) -> CallEffect:
     """Return the strongest effect that writing a variable can have.
 
-    `name` may have any case; "" if unknown. A running program may wait for any variable. Therefore every
-    write has the effect `MOVES`, except those to @SERVO_ON, which switches the motor, and @STOP, which stops
-    a task.
+    `name` may be in upper or lower case; "" if unknown. A running program may wait for any variable, so every
+    write has the effect `MOVES`. The exceptions are @SERVO_ON, which switches the motor, and @STOP, which
+    stops a task.
     """
     folded = name.casefold()
     if folded == SERVO_ON.casefold():

@@ -80,7 +80,7 @@ from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, token
 __all__ = ["Filter", "FilterError", "compile_filter"]
 
 DEEPEST_PARENTHESES = 40
-"""Maximum depth of nested parentheses: far more than people write, and far below Python's recursion limit."""
+"""Maximum depth of nested parentheses. People write far fewer, and Python's recursion limit is far higher."""
 
 R = TypeVar("R")
 Getters: TypeAlias = Mapping[str, Callable[[Any], object]]
@@ -95,8 +95,8 @@ class Filter:
     Attributes:
         getter_names: Names of the getters that must be passed to `bind`.
         warnings: Comparisons that are valid, but probably a mistake.
-        unknown_values: Values in the expression that are in no table. Such a value can be right, but may
-            explain why a filter selects nothing.
+        unknown_values: Values in the expression that bcapscope's tables do not contain. An unknown value can
+            be right, but may also be the reason why a filter selects nothing.
     """
 
     expression: str
@@ -109,12 +109,13 @@ class Filter:
     def bind(
         self, getters: Mapping[str, Callable[[R], object]], first_time: Callable[[], int] | None = None
     ) -> Callable[[R], bool]:
-        """Return a function that tests a record. The function raises only what a getter raises.
+        """Return a function that tests a record. The function raises no exception except those that a getter
+        raises.
 
         Args:
             getters: One getter for each name in `getter_names`. A getter takes a record and returns a value
                 as `FieldType` specifies. Additional getters are ignored. If the getter of `t` is missing,
-                `bind` makes it.
+                `bind` creates it.
             first_time: Returns the time from which `t` counts, ns since 1970; None if `t` counts from the
                 first record that is tested.
 
@@ -137,7 +138,7 @@ class _ElapsedTime:
         self._noted: int | None = None
 
     def note(self, record: object) -> bool:
-        """Count the time from this record if no record was noted before. Return True."""
+        """Count `t` from this record if it is the first one. Return True."""
         time = self._time_of(record)
         if self._noted is None and isinstance(time, int):
             self._noted = time
@@ -292,7 +293,9 @@ class _Parser:
         return sign.text, found.getter_name
 
     def parse_match(self, subject: ComparedField) -> Match:
-        """Consume a comparison sign and its operand. A field without a sign must be true."""
+        """Consume a comparison sign and its operand. Without a sign, the filter selects records whose field
+        is true.
+        """
         sign = self.peek()
         if sign.is_sign("==", "!="):
             self.advance()

@@ -25,7 +25,7 @@ class RecordKind(StrEnum):
 
 
 class FieldType(Enum):
-    """Type of a field's values. The value of each member is its name in messages."""
+    """Type of a field's values. The value of each member is the name of the type in messages."""
 
     NUMBER = "number"
     """An int or a float."""
@@ -63,15 +63,15 @@ _ELEMENTS = {
 
 
 class FilterField(NamedTuple):
-    """One field of the language.
+    """One field of the filter syntax.
 
     Attributes:
         type: Type of the field's values. The type determines which comparisons are permitted.
         applies_to: Kinds of record that have the field.
         meaning: Description of the field for the help.
         unit: Unit of a number without a unit that is compared with the field; "" if there is none.
-        values: All words that the field can equal; () if the field can equal any word.
-        known: Returns the usual words of the field. A field without `values` can equal other words, too.
+        values: All words that the field can have as its value; () if it can have any word.
+        known: Function that returns the usual words of the field. The field's value can also be another word.
         reads_as: Name of the field whose getter this field uses; "" if the field has its own getter.
     """
 
@@ -94,7 +94,7 @@ SINCE_FIRST = "t"
 
 
 def _known_commands() -> frozenset[str]:
-    # Filters rarely compare commands with unknown words, and the catalogue takes 10 ms to load.
+    # Filters rarely compare commands with unknown words, and the catalogue of commands takes 10 ms to load.
     from bcapscope.protocol.tables.command_catalogue import commands_of  # noqa: PLC0415
 
     return frozenset(command.name for id in FUNCTIONS for command in commands_of(id))

@@ -14,10 +14,10 @@ from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Obs
 
 
 class AnnotatedFrame(NamedTuple):
-    """A captured frame, or captured bytes that are no frame, and the kind of call that it belongs to.
+    """A captured frame, or captured bytes that are no frame, with its function and command.
 
     Attributes:
-        observation: The frame with its time, its packet and its flow.
+        observation: The frame, or the bytes, with time, packet and flow.
         call_kind: Function and command of the request, or of the request that a reply answers; None if
             unknown.
         comments: Comments on the packet in the capture.
@@ -34,7 +34,7 @@ class AnnotatedFrame(NamedTuple):
 
     @property
     def time(self) -> int:
-        """Capture time of the last byte, ns since 1970-01-01 UTC."""
+        """Capture time of the frame's last byte, ns since 1970-01-01 UTC."""
         return self.observation.time
 
     @property
@@ -71,7 +71,9 @@ class AnnotatedFrame(NamedTuple):
 
     @property
     def command(self) -> str | None:
-        """Command of an Execute function, such as ``slvMove``; None for other functions, or if unknown."""
+        """Command of an Execute function, such as ``slvMove``; None for any other function, or if the command
+        is unknown.
+        """
         return None if self.call_kind is None else self.call_kind.command
 
     @property
@@ -131,7 +133,9 @@ FRAME_GETTERS: Mapping[str, Callable[[AnnotatedFrame], object]] = {
 
 
 def _clients(call: Call) -> Endpoint | tuple[Endpoint, Endpoint]:
-    """Return the client; for a call that was captured on both legs of a proxy, the client of each leg."""
+    """Return the address of the client. For a call that was captured on both legs of a proxy, return the
+    client of each leg.
+    """
     near, far = call.conversation, call.conversation.controller_leg
     return near.client if far is None else (near.client, far.client)
 

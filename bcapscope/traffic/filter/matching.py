@@ -1,4 +1,4 @@
-"""Tests of one value in a filter: functions that take any value, return a bool and never raise."""
+"""Tests of one value in a filter. Each test takes any value, returns a bool and raises no exception."""
 
 from __future__ import annotations
 
@@ -32,15 +32,16 @@ _LARGEST_BYTE = 0xFF
 _REMEMBERED = 1024
 _LONGEST_REMEMBERED = 128
 """Maximum length in characters of a text whose test result is cached. Names, commands and endpoints are
-shorter and recur. A hostile client could fill the memory with longer texts."""
+shorter than this length, and recur. A hostile client could fill the memory with longer texts.
+"""
 
 
 class LiteralMatch(NamedTuple):
     """How a filter compares values with a literal.
 
     Attributes:
-        same_kind: Returns whether a value can be compared with the literal; if not, neither == nor != is
-            true.
+        same_kind: Function that returns whether a value can be compared with the literal. If a value cannot
+            be compared, both == and != are false.
     """
 
     same_kind: Match
@@ -79,7 +80,9 @@ def is_null(value: object) -> bool:
 
 
 def is_true(value: object) -> bool:
-    """Return False if the value is missing, 0, false, an empty text or an empty list; True otherwise."""
+    """Return False if the value is missing, 0, false, an empty text or an empty list; True for any other
+    value.
+    """
     return bool(value)
 
 
@@ -181,7 +184,8 @@ def _parse_port(written: str) -> int | None:
 
 def equality(wanted: Sequence[LiteralMatch], negated: bool) -> Match:
     """Match a value that equals one of the `wanted` literals. If `negated`, match a value that can be
-    compared with a literal and equals none."""
+    compared with a literal, but equals none of them.
+    """
     same_kind = any_of([one.same_kind for one in wanted])
     equal = any_of([one.equal for one in wanted])
     return (lambda value: same_kind(value) and not equal(value)) if negated else equal
@@ -224,7 +228,7 @@ def contains(wanted: str | int | float) -> Match:
 
 
 def _has_number(wanted: int | float) -> Match:
-    """Match a list that has a number as an element.
+    """Return a test that matches a list with the number `wanted` as an element.
 
     A frame can contain 260,000 numbers, and the proxy forwards nothing during the search. The search
     therefore runs in the interpreter's C code, which takes a millisecond for 65,536 numbers. All elements of
@@ -247,11 +251,11 @@ def _has_number(wanted: int | float) -> Match:
 def search(pattern: str) -> Match:
     """Match a text, or a list with a text element, that matches a regular expression at any place.
 
-    For every regular expression, RE2 takes time proportional to the length of the text.
+    RE2 needs a time proportional to the length of the text, whatever the regular expression.
 
     Raises:
         ValueError: RE2 rejects the expression. The exception's arguments are RE2's reason and the invalid
-            part.
+            part of the expression.
     """
     import re2  # noqa: PLC0415  # slow to import, and most filters have no regular expression
 

@@ -1,4 +1,4 @@
-"""Compile the right side of a comparison: turn its tokens into a test for the field's type.
+"""Compile the right side of a comparison: convert its tokens to a test that fits the field's type.
 
 Every function raises a `FilterError` if the field cannot be compared with the token.
 """
@@ -27,7 +27,9 @@ NUMERIC = frozenset({FieldType.NUMBER, FieldType.TIME, FieldType.DURATION})
 _LISTS = frozenset({FieldType.NUMBERS, FieldType.TEXTS, FieldType.VALUES})
 _LITERALS = frozenset({TokenKind.WORD, TokenKind.NUMBER, TokenKind.TEXT, TokenKind.ADDRESS})
 _EARLIEST_TIME = 100_000_000 * 10**9
-"""Smallest plausible capture time, in 1973, in ns since 1970. A smaller number is probably a mistake."""
+"""Smallest plausible capture time in ns since 1970; it is a time in 1973. A smaller number is probably a
+mistake.
+"""
 
 _RESERVED = ("and", "or", "not", "in", "contains", "matches")
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -37,7 +39,7 @@ _TIMESTAMP = re.compile(
 
 
 class ComparedField(NamedTuple):
-    """The left side of a comparison, as far as the compiler of the right side needs it.
+    """The facts about the left side of a comparison that the compiler of the right side needs.
 
     Attributes:
         expression: The whole filter expression, for error messages.
@@ -53,7 +55,9 @@ class ComparedField(NamedTuple):
     start: int
 
     def mismatch(self, case: str, **places: str) -> Message:
-        """Return ``filter.CASE``, a message that names the field and its type."""
+        """Return the message whose id is ``filter.`` followed by `case`. The message names the field and its
+        type.
+        """
         type_ = Message(f"filter.type.{self.type.name.lower()}")
         return Message(f"filter.{case}", name=self.name, type=type_, **places)
 
@@ -115,7 +119,7 @@ def search(compared: ComparedField, literal: Token) -> Match:
 
 
 def doubts(compared: ComparedField, sign: str, literal: Token) -> Iterator[Message]:
-    """Yield a warning if a valid comparison compares a time with a few seconds since 1970."""
+    """Yield a warning if a valid comparison compares a time with a time shortly after 1970."""
     if compared.type is not FieldType.TIME or literal.kind is not TokenKind.NUMBER:
         return
     if -_EARLIEST_TIME < _nanoseconds(compared, literal) < _EARLIEST_TIME:
@@ -124,7 +128,9 @@ def doubts(compared: ComparedField, sign: str, literal: Token) -> Iterator[Messa
 
 
 def unknown_value(compared: ComparedField, literal: Token) -> Iterator[Message]:
-    """Yield a message about a value that is in no table, with the most similar value of the table."""
+    """Yield a message about a value that the field's table does not contain, with the most similar value of
+    the table.
+    """
     if compared.type is FieldType.HRESULT and literal.kind is TokenKind.NUMBER:
         if not is_known_code(int_of(literal)):
             yield Message("filter.unknown-value", name=compared.name, value=literal.text)

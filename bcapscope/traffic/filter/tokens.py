@@ -1,4 +1,4 @@
-"""Tokens of a filter expression, and the error that marks the invalid place in the expression."""
+"""Tokens of a filter expression, and the error that shows where the expression is invalid."""
 
 from __future__ import annotations
 
@@ -14,19 +14,21 @@ from bcapscope.protocol.number_parsing import LONGEST_NUMBER
 from bcapscope.protocol.text_format import display_width
 
 LONGEST_EXPRESSION = 8192
-"""Maximum length of an expression in characters; real expressions are a hundred times shorter."""
+"""Maximum length of a filter expression in characters. Real expressions are a hundred times shorter."""
 
 _SHOWN_AROUND = 60
-# maximum length in characters, because the search for similar words takes quadratic time
+# characters; longer words are not compared, because the comparison takes quadratic time
 _LONGEST_MISSPELT = 60
 
 
 class FilterError(InputError):
-    """An invalid filter expression. Its message has the reason, the expression and a caret, on three lines.
+    """An invalid filter expression. The message has three lines: the reason, the expression and a caret.
 
     Attributes:
-        position: Index of the character at fault; the length of the expression if its end is incomplete.
-        reason: What is wrong, one clause.
+        expression: The whole filter expression.
+        position: Index of the invalid character; the length of the expression if the expression ends too
+            early.
+        reason: What is wrong, as one clause.
     """
 
     def __init__(self, expression: str, position: int, reason: Message) -> None:
@@ -35,20 +37,23 @@ class FilterError(InputError):
         after = _printable(expression[position:stop]) + ("…" if stop < len(expression) else "")
         caret = f"{' ' * display_width(before)}^"
         super().__init__(Message("filter.located", reason=reason, excerpt=f"{before}{after}", caret=caret))
-        self.args = expression, position, reason  # what pickle passes to this method
+        self.args = expression, position, reason  # the arguments that pickle passes to this method
         self.expression = expression
         self.position = position
         self.reason = reason
 
 
 def _printable(text: str) -> str:
-    """Replace control characters, so that the text is safe for a terminal and stays one line of the same
-    length."""
+    """Replace control characters, so that the text is safe for a terminal, and remains one line of the same
+    length.
+    """
     return "".join(c if c.isprintable() else " " if c.isspace() else "\ufffd" for c in text)
 
 
 def with_nearest(reason: Message, word: str, candidates: Iterable[str]) -> Message:
-    """Add the candidate that is most similar to a misspelt word, if any: ``, did you mean 'retries'?``."""
+    """Add the candidate that is most similar to a misspelt word, if there is one: ``, did you mean
+    'retries'?``.
+    """
     if len(word) > _LONGEST_MISSPELT:
         return reason
     by_folded = {candidate.casefold(): candidate for candidate in candidates}
@@ -66,11 +71,11 @@ class TokenKind(Enum):
 
 
 class Token(NamedTuple):
-    """A piece of an expression.
+    """A word, number, text, address or sign in a filter expression.
 
     Attributes:
-        text: Text of the token as written. A quoted text is without quotes and escapes, a number without its
-            unit.
+        text: Text of the token as written. The quotes and escapes of a quoted text, and the unit of a number,
+            are left out.
         stop: Index in the expression after the last character of the token.
         unit: Unit after a number. A space may precede a unit of time.
     """

@@ -1,4 +1,4 @@
-"""Facts about a conversation in two captures that are known before the captures are joined."""
+"""What is known about a conversation in two captures before the captures are joined."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from bcapscope.traffic.joining.place_merger import Coverage
 
 
 class CapturedTwins:
-    """A conversation in two captures that were taken at different places.
+    """One conversation that two captures, taken at different places, both contain.
 
-    Twins are compared by identity.
+    Objects of this class are compared by identity.
 
     Attributes:
         coverage: When the captures at the client's and at the controller's side began and ended.
@@ -26,7 +26,9 @@ class CapturedTwins:
 
 
 class CaptureSide(NamedTuple):
-    """The capture that a conversation comes from, if another capture holds the same conversation."""
+    """The place of the capture that a conversation comes from, if another capture holds the same
+    conversation.
+    """
 
     twins: CapturedTwins
     place: CapturePlace

@@ -1,8 +1,8 @@
 """Estimate the difference between the clocks at two places, from the frames that both places captured.
 
-A frame cannot arrive before it was sent. A request therefore gives an upper bound of how far the controller's
-clock is ahead, and a reply gives a lower bound. The estimate is between the lowest upper bound and the
-highest lower bound.
+A frame cannot arrive before it was sent. A request therefore gives an upper bound for the time by which the
+controller's clock is ahead, and a reply gives a lower bound. The estimate is between the lowest upper bound
+and the highest lower bound.
 """
 
 from __future__ import annotations
@@ -12,16 +12,18 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 SEGMENT_NS = 10_000_000_000
-"""Length of a segment in ns. Over this time, clocks drift apart by less than 2 ms even at 200 ppm."""
+"""Length in ns of the segments for which the offset of the clocks is estimated. Over this time, clocks drift
+apart by less than 2 ms even at 200 ppm.
+"""
 
 MAX_DRIFT = 200e-6
 """Maximum drift between two clocks, as a ratio. The quartz of a PC is off by at most 100 ppm."""
 
 _STEPS = 60
-"""Number of steps of a search, each of which narrows the range by a third at least."""
+"""Number of steps of a numerical search. Each step narrows the searched range by at least a third."""
 
 UNKNOWN_ERROR_NS = 1_000_000_000
-"""Uncertainty in ns if the traffic bounds the offset from one side only."""
+"""Uncertainty in ns if the traffic gives only an upper or only a lower bound of the offset."""
 
 
 class ClockEstimate(NamedTuple):
@@ -90,7 +92,7 @@ class ClockEstimator:
                 segment.least = ahead, at_controller
 
     def estimate(self) -> ClockEstimate | None:
-        """Return the estimate; None without any frame."""
+        """Return the estimate; None if no frame was added."""
         most, least = self._most.corners, self._least.corners
         if not most and not least:
             return None
@@ -108,7 +110,7 @@ class ClockEstimator:
             for segment in segments
             if segment.most is not None and segment.least is not None
         ]
-        if not middles:  # requests and replies are far apart in time
+        if not middles:  # the requests and the replies of this segment are far apart in time
             time, ahead = self._most.corners[0]
             return ClockEstimate(((time, ahead),), UNKNOWN_ERROR_NS)
         return ClockEstimate(tuple(sorted(middles.items())), (max(widths) + 1) // 2)
@@ -138,7 +140,8 @@ class _LowerHull:
 class _OffsetBounds:
     """Bounds of the offset over time, and the straight lines between them.
 
-    A line has an offset at the origin and a drift. Times and offsets are relative to the origin.
+    A line is described by its offset at the first point, and by its drift. Times and offsets are relative to
+    the first point.
     """
 
     def __init__(self, most: Sequence[tuple[int, int]], least: Sequence[tuple[int, int]]) -> None:
@@ -185,7 +188,7 @@ class _OffsetBounds:
 
 
 def _highest(value: Callable[[float], float], low: float, high: float) -> float:
-    """Return the argument between `low` and `high` for which a concave function is highest."""
+    """Return the argument between `low` and `high` at which a concave function is highest."""
     for _ in range(_STEPS):
         third = (high - low) / 3
         if value(low + third) < value(high - third):
@@ -196,8 +199,9 @@ def _highest(value: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _last_sound(value: Callable[[float], float], sound: float, bound: float) -> float:
-    """Return the argument, as far as possible from `sound` toward `bound`, for which a concave function is
-    not negative."""
+    """Search from `sound` towards `bound`, and return the last argument at which a concave function is not
+    negative.
+    """
     if value(bound) >= 0:
         return bound
     for _ in range(_STEPS):

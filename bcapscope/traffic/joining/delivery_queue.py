@@ -8,7 +8,7 @@ from bcapscope.traffic.observation import Conversation, Observation
 
 
 class DeliveryQueue:
-    """Observations that wait until no earlier observation can follow, ordered by time, then by number."""
+    """Observations, ordered by time, then by number. An observation waits until no earlier one can follow."""
 
     def __init__(self) -> None:
         self._waiting: list[tuple[int, int, Observation]] = []

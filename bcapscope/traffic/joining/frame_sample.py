@@ -1,4 +1,4 @@
-"""Recognise by samples of frames whether two captures hold the same conversation."""
+"""Compare samples of frames to recognise whether two captures hold the same conversation."""
 
 from __future__ import annotations
 
@@ -9,21 +9,25 @@ from typing import NamedTuple, TypeAlias
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Observation, Transport
 
 SAMPLE_FRAMES = 2048
-"""Maximum number of frames in a sample. At a cycle of 8 ms, two frames per cycle, this is 8 s."""
+"""Maximum number of frames in a sample. At a cycle time of 8 ms and two frames per cycle, the sample covers 8
+s.
+"""
 
 FEWEST_SHARED = 4
 """Minimum number of equal frames in two samples of the same conversation."""
 
 _SAME_OFFSET_NS = 500_000_000
 """Maximum deviation in ns of a frame's offset from the median offset. The offset is the time from the frame
-in the first capture to the same bytes in the second. Frames with the same bytes by coincidence, such as polls
-with a reused serial, deviate more."""
+in the first capture to the same bytes in the second. If two frames have the same bytes by coincidence, such
+as polls with a reused serial, their offset deviates more.
+"""
 
 SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
 """Conditions for captures that did not run at the same time by their clocks. The numbers are the minimum
-number of equal frames, their minimum share, and the maximum median deviation in ns. Such captures have a
-wrong clock, or the client ran the same program twice. A second run has another client port, other values, or
-other pauses."""
+number of equal frames, their minimum share, and the maximum median deviation in ns. Either one clock was
+wrong, or the client ran the same program twice. A second run of the program has another client port, other
+values, or other pauses.
+"""
 
 ConversationEnds: TypeAlias = tuple[Endpoint, Endpoint, Transport]
 """Client, controller and transport."""
@@ -35,7 +39,7 @@ class SharedConversation(NamedTuple):
     """A conversation that two captures hold.
 
     Attributes:
-        ends: Ends of the conversation in the first and in the second capture. They differ if a proxy or a
+        ends: Ends of the conversation in the first and in the second capture. The ends differ if a proxy or a
             router is between the two capture points.
         offset: Rough time from a frame in the first capture to the same frame in the second, ns.
         request_offset: The offset of the requests only; None without a common request.
@@ -55,8 +59,9 @@ class FrameSample:
     """A sample of the frames of one capture.
 
     Attributes:
-        count: Number of frames.
-        frames: Time of the first of equal frames, by conversation, direction and bytes.
+        count: Number of frames in the sample.
+        frames: Time of each frame, by conversation, direction and bytes. If several frames are equal, the
+            time is that of the first one.
     """
 
     def __init__(self) -> None:

@@ -21,18 +21,18 @@ class CapturePlace(IntEnum):
 
 class JoinedObservation(Observation):
     """A frame of a conversation that was captured at two places, with its sighting at each place. A sighting
-    is the frame as captured at one place.
-
-    The inherited fields are those of the sighting at the client's side. Without this sighting, the fields are
-    those of the sighting at the controller's side, but `flow` is that of the client's side.
+    is the frame as captured at one place. The inherited fields are those of the sighting at the client's
+    side. If the client's side has no sighting, the fields are those of the controller's side, but `flow` is
+    still that of the client's side.
 
     Attributes:
-        at_client: Sighting at the client's side; None if there is none.
-        at_controller: Sighting at the controller's side; None if there is none.
+        at_client: Sighting at the client's side; None if the frame was not captured there.
+        at_controller: Sighting at the controller's side; None if the frame was not captured there.
         is_missed: Whether the place that lacks the frame was capturing at that time, so the frame did not
             pass there. False if both places captured the frame.
         is_relayed: Whether a proxy is between the two places.
-        note: What a proxy did to the frame, from the comment on its packet; "" for nothing.
+        note: What a proxy did to the frame, from the comment on its packet; "" if the proxy did not change
+            the frame.
         delay_error: Uncertainty of `delay`, ns; 0 if both places have the same clock.
     """
 
@@ -69,11 +69,11 @@ class JoinedObservation(Observation):
 
     @property
     def held_by_proxy(self) -> int:
-        """Time from one leg of a proxy to the other, ns; 0 if it is unknown or there is no proxy."""
+        """Time from one leg of a proxy to the other, ns; 0 if the time is unknown or there is no proxy."""
         return (self.delay or 0) if self.is_relayed else 0
 
     def sightings(self) -> Iterator[Observation]:
-        """Yield the sightings, the client's side first."""
+        """Yield the sightings, beginning with that at the client's side."""
         for sighting in (self.at_client, self.at_controller):
             if sighting is not None:
                 yield sighting

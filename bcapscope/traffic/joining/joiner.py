@@ -19,36 +19,44 @@ from bcapscope.traffic.joining.twin_recognition import (
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation
 
 HELD_NS = 1_000_000_000
-"""Maximum time in ns for which the traffic of a new conversation is held until its twin is known."""
+"""Maximum time in ns for which the traffic of a new conversation is held. While the traffic is held,
+bcapscope looks for a conversation that is the other leg of the proxy.
+"""
 
 HELD_UNANSWERED_NS = 5_000_000_000
-"""Maximum time in ns for which a conversation without any reply is held. The proxy may have lost its first
-requests, and the client retries within this time (`pairing_windows.RETRY_WITHIN_NS`)."""
+"""Maximum time in ns for which a conversation without any reply is held. The proxy may have dropped the first
+requests, and the client retries within this time (`pairing_windows.RETRY_WITHIN_NS`).
+"""
 
 MAX_WAITING = 32768
-"""Maximum number of observations that wait for earlier ones. Beyond this limit, bcapscope decides about all
-held conversations at once."""
+"""Maximum number of observations that wait because earlier observations may follow. Beyond this limit,
+bcapscope decides about all held conversations at once.
+"""
 
 HELD_FRAMES = 512
-"""Maximum number of frames of a new conversation that are held until its twin is known."""
+"""Maximum number of frames of a new conversation that are held until the other leg is known."""
 
 OWN_CALLS = 2
-"""Number of answered calls after which a conversation is assumed to have no twin, if no other conversation
-has the same requests. A proxy forwards a request before it receives the reply. Through a proxy, the request
-would have been captured twice by then."""
+"""If no other conversation has the same requests, a conversation with this number of answered calls is
+assumed not to be the leg of a proxy. A proxy forwards a request before it receives the reply. If there were a
+proxy, the request would have been captured twice by then.
+"""
 
 MAX_NEW = 1024
 """Maximum number of conversations that are held at a time."""
 
 MAX_SUSPECTS = 32
-"""Maximum number of conversations that are compared with a new one."""
+"""Maximum number of conversations that are compared with a new conversation."""
 
 MAX_CONVERSATIONS = 4096
-"""Maximum number of conversations that are remembered. Beyond this limit, all are dropped and recognised
-again."""
+"""Maximum number of conversations that the joiner remembers. Beyond this limit, the joiner forgets all
+conversations, and recognises them again.
+"""
 
 MAX_JOINED = 256
-"""Maximum number of joined conversations. Beyond this limit, bcapscope stops joining the oldest."""
+"""Maximum number of joined conversations. Beyond this limit, bcapscope no longer joins the oldest
+conversation.
+"""
 
 MAX_SENDERS = 16
 """Maximum number of conversations that are compared because they have the same request."""
@@ -60,7 +68,7 @@ _REQUEST = Direction.REQUEST
 
 
 class _NewConversation:
-    """A conversation whose twin is not known yet, with its traffic so far."""
+    """A conversation, with its traffic so far, that may still turn out to be the leg of a proxy."""
 
     def __init__(self, first: Observation) -> None:
         self.conversation = first.flow.conversation
@@ -72,7 +80,7 @@ class _NewConversation:
 
     @property
     def due_at(self) -> int:
-        """Time until which the conversation is held, ns since 1970."""
+        """Time until which the joiner holds the conversation, ns since 1970."""
         return self.began + (HELD_NS if self.answered else HELD_UNANSWERED_NS)
 
     def add(self, observation: Observation) -> None:
@@ -89,20 +97,22 @@ class _NewConversation:
             self.suspects[conversation] = None
 
     def drop_before(self, client_side: _NewConversation) -> None:
-        """Drop the first frames, up to the first one that the client's side still holds."""
+        """Drop the first frames, up to the first frame that the client's side still holds."""
         waiting = {each.item.raw for each in client_side.held}
         while self.held and self.held[0].item.raw not in waiting:
             del self.held[0]
 
 
 class Joiner:
-    """Joins twins: conversations that are the two legs of one conversation through a proxy.
+    """Joins the two legs of a conversation through a proxy, which are captured as two conversations.
 
-    A new conversation is held until it is known whether it has a twin: at most `HELD_NS`. The joiner returns
-    observations of joined conversations as `JoinedObservation`, and all others unchanged.
+    The joiner holds a new conversation, for at most `HELD_NS`, until it knows whether another conversation is
+    the second leg. The joiner returns observations of joined conversations as `JoinedObservation`, and all
+    others unchanged.
 
     Attributes:
-        passing: Flows without a twin whose observations need not be added, because no observation waits.
+        passing: Flows that are not the leg of a proxy. Their observations need not be added, because no
+            observation waits.
     """
 
     def __init__(
@@ -112,8 +122,8 @@ class Joiner:
 
         Args:
             comments: Comments on the latest packets, by packet number.
-            only: Place whose observations are returned instead of joined observations; None to join. The
-                observations of conversations without a twin are always returned.
+            only: Place whose observations are returned instead of joined observations; None to join. If a
+                conversation has no second leg, its observations are always returned.
         """
         self.passing: set[Flow] = set()
         self._comments = comments
@@ -156,7 +166,7 @@ class Joiner:
 
     @property
     def own_requests(self) -> int:
-        """Number of requests that proxies made on their own, such as to close a session."""
+        """Number of requests that proxies sent on their own, for example to close a session."""
         return sum(merger.own_requests for merger in self._distinct_mergers())
 
     def expire(self, now: int) -> Sequence[Observation]:
@@ -222,7 +232,7 @@ class Joiner:
             self._decide(new)
 
     def _find_suspects(self, new: _NewConversation, request: Observation) -> None:
-        """Note the other conversations that have the same request."""
+        """Record which other conversations have the same request."""
         for sender in self._note_sender(request):
             if not may_be_twins(sender, new.conversation):
                 continue
@@ -233,7 +243,9 @@ class Joiner:
                 new.add_suspect(sender)
 
     def _note_recent(self, observation: Observation) -> None:
-        """Remember an observation of a conversation without a twin, while new conversations are held."""
+        """Remember an observation of a conversation that has no second leg, while new conversations are
+        held.
+        """
         if self._recent_count >= MAX_WAITING:
             self._forget_recent()
         self._recent_count += 1
@@ -263,7 +275,9 @@ class Joiner:
             self._join(*twins)
 
     def _decide(self, new: _NewConversation) -> None:
-        """Join a conversation with its twin; without a twin, release the conversation alone."""
+        """Join a conversation with its second leg. If there is no second leg, release the conversation
+        alone.
+        """
         twins = self._best_twins(new)
         if twins is None:
             self._release(new)
@@ -306,11 +320,11 @@ class Joiner:
     def _best_twins(
         self, new: _NewConversation, calls: int = 0
     ) -> tuple[_NewConversation, _NewConversation] | None:
-        """Return the pair of a conversation and its twin, the client's side first; None without a twin.
+        """Return a conversation and its second leg, the client's leg first; None if there is no second leg.
 
         Args:
-            calls: Minimum number of nested calls; by default the number that proves twins when the holding
-                time ends.
+            calls: Minimum number of nested calls; by default the number that proves a second leg when the
+                holding time ends.
         """
         found: list[tuple[NestedCalls, _NewConversation, _NewConversation]] = []
         for suspect in new.suspects:
@@ -328,8 +342,8 @@ class Joiner:
         return outer, inner
 
     def _waiting_traffic(self, conversation: Conversation) -> _NewConversation | None:
-        """Return the recent traffic of a conversation without a twin, which waits for a newer conversation;
-        None if no such traffic waits.
+        """Return the waiting traffic of a conversation that has no second leg yet; None if none waits. The
+        traffic waits because a newer conversation may be the second leg.
 
         If the proxy dropped the client's first request, the client's leg begins long before the controller's
         leg.
@@ -347,7 +361,7 @@ class Joiner:
             del self._mergers[conversation]
 
     def _release(self, new: _NewConversation) -> None:
-        """Release the held observations of a conversation that has no twin."""
+        """Release the held observations of a conversation that has no second leg."""
         if len(self._single) >= MAX_CONVERSATIONS:
             self._single.clear()
             self._single_flows.clear()
@@ -369,7 +383,8 @@ class Joiner:
             self._decide_due(now)
         if len(self._queue) > MAX_WAITING:
             self._decide_all()
-        oldest = next(iter(self._new.values()), None)  # new conversations are in the order of their start
+        # the new conversations are in the order in which they began
+        oldest = next(iter(self._new.values()), None)
         until = now if oldest is None else min(now, oldest.began - 1)
         for merger in list(self._busy):
             merger.expire(now)

@@ -1,4 +1,6 @@
-"""Merge the captures of one conversation from two places: each frame once, with its sightings."""
+"""Merge the captures of one conversation from two places. The result has each frame once, with its
+sightings.
+"""
 
 from __future__ import annotations
 
@@ -12,26 +14,31 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow, Observa
 
 JOIN_WITHIN_NS = 1_000_000_000
 """Maximum time in ns between the two sightings of a frame. A frame that the other place has not captured
-after this time counts as lost between the two places. A proxy's delay faults are shorter."""
+after this time counts as lost between the two places. The delay faults of a proxy last less than this
+time.
+"""
 
 MAX_PENDING = 65536
-"""Maximum number of frames that wait for the other place. Beyond this limit, the oldest frame is delivered
-without the other sighting."""
+"""Maximum number of frames that wait for their sighting at the other place. Beyond this limit, the oldest
+frame is delivered without its second sighting.
+"""
 
 MAX_COMPARED = 1024
 """Maximum number of waiting frames that are compared with a frame, because a proxy may have changed it."""
 
 MAX_OVERDUE = 256
-"""Maximum number of frames that counted as lost, and are still recognised if the other place captures them
-later. An example is a held message that the proxy's user released."""
+"""Maximum number of lost frames that are remembered. If the other place captures a lost frame later, the
+merger recognises the frame. An example is a held message that the proxy's user released.
+"""
 
 NO_COMMENTS: Mapping[int, tuple[str, ...]] = {}
 
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """When the capture of a place began and ended, ns since 1970. None stands for the beginning or the end of
-    the traffic that is read."""
+    """When the capture of a place began and ended, ns since 1970. None means that the capture lasted from the
+    beginning, or to the end, of the traffic that is read.
+    """
 
     begins: int | None = None
     ends: int | None = None
@@ -53,9 +60,9 @@ class PlaceMerger:
     changed the bytes. Add the observations of both places in order of time.
 
     Attributes:
-        conversation: Conversation to which all joined observations belong, normally that at the client's
-            side.
-        own_requests: Number of requests that the proxy made.
+        conversation: Conversation to which all joined observations belong, normally the one captured at the
+            client's side.
+        own_requests: Number of requests that the proxy sent on its own.
     """
 
     def __init__(
@@ -71,11 +78,12 @@ class PlaceMerger:
         """Start without observations.
 
         Args:
-            deliver: Receives each joined observation, not in order of time; see `earliest_pending`.
+            deliver: Function that receives each joined observation, not in order of time; see
+                `earliest_pending`.
             is_relayed: Whether a proxy is between the places.
             coverage: When the capture of each place began and ended.
             clock_error: Uncertainty of the difference between the clocks of both places, ns.
-            comments: Comments by packet number.
+            comments: Comments on packets, by packet number.
         """
         self.conversation = conversation
         self._deliver = deliver
@@ -94,14 +102,14 @@ class PlaceMerger:
 
     @property
     def earliest_pending(self) -> int | None:
-        """Earliest time of a frame that is still to be delivered, ns since 1970; None if none waits."""
+        """Earliest time of a frame that is not delivered yet, ns since 1970; None if all are delivered."""
         pending = self._pending
         while pending and pending[0].is_resolved:
             pending.popleft()
         return pending[0].observation.time if pending else None
 
     def add(self, observation: Observation, place: CapturePlace) -> None:
-        """Add the next observation of a place."""
+        """Add the next observation that was captured at `place`."""
         flow = observation.flow
         if flow.conversation is self.conversation and flow.direction not in self._known_flows:
             self._known_flows.add(flow.direction)
@@ -125,7 +133,7 @@ class PlaceMerger:
             self._give_up(self._pending.popleft(), is_at_end=True)
 
     def expire(self, now: int) -> None:
-        """Deliver the frames for which the other place had enough time until `now`, ns since 1970."""
+        """Deliver the frames that the other place should have captured by `now`, ns since 1970."""
         while (pending := self.earliest_pending) is not None and pending + JOIN_WITHIN_NS < now:
             self._give_up(self._pending.popleft(), is_at_end=False)
 
@@ -154,7 +162,7 @@ class PlaceMerger:
         )
 
     def _give_up(self, waiting: _Waiting, *, is_at_end: bool) -> None:
-        """Deliver a frame whose bytes the other place did not capture in time."""
+        """Deliver a frame that the other place did not capture with the same bytes in time."""
         observation, place = waiting.observation, waiting.place
         direction = observation.flow.direction
         key = direction, observation.item.raw
@@ -234,7 +242,9 @@ class PlaceMerger:
     def _complete_overdue(
         self, key: tuple[Direction, bytes], place: CapturePlace, observation: Observation
     ) -> bool:
-        """Add the second sighting of a request that already counted as lost; return whether there is one."""
+        """Add the second sighting of a request that already counted as lost. Return whether there was such a
+        request.
+        """
         joined = self._overdue.get(key)
         if joined is None or not joined.is_request or place is not CapturePlace.CONTROLLER_SIDE:
             return False
@@ -244,7 +254,9 @@ class PlaceMerger:
         return True
 
     def _note_on(self, *observations: Observation) -> str:
-        """Return the comments on the packets of a frame. In the comments, a proxy describes its changes."""
+        """Return the comments on the packets of a frame. A proxy writes into these comments what it
+        changed.
+        """
         if not self._comments:
             return ""
         notes = dict.fromkeys(note for each in observations for note in self._comments.get(each.packet, ()))

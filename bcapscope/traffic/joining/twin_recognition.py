@@ -1,5 +1,6 @@
-"""Recognise by their frames whether two conversations are the two legs of one conversation through a
-proxy."""
+"""Compare frames to recognise whether two conversations are the two legs of one conversation through a
+proxy.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +10,15 @@ from typing import NamedTuple
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 ENOUGH_CALLS = 8
-"""Number of nested calls that prove twins in the middle of the traffic. Two clients that start the same
-program at the same time send the same bytes. However, eight nested calls in a row are very unlikely."""
+"""Number of nested calls that prove, in the middle of the traffic, that two conversations are the legs of a
+proxy. Two clients that start the same program at the same time send the same bytes. However, eight nested
+calls in a row are very unlikely.
+"""
 
 FEWEST_CALLS = 2
-"""Number of nested calls that prove twins if the traffic holds no further calls."""
+"""If the traffic holds no further calls, this number of nested calls proves that two conversations are the
+legs of a proxy.
+"""
 
 CLIENT_LEG, CONTROLLER_LEG = "clients of ", "controller "
 """Prefixes of the interface names that bcapscope's proxy uses for its two legs in a recording."""
@@ -24,14 +29,14 @@ _REQUEST = Direction.REQUEST
 class NestedCalls(NamedTuple):
     """How well the calls of one conversation are nested in those of another.
 
-    A call is nested if its request follows the same request of the outer conversation, and its reply precedes
-    the same reply.
+    A call is nested if its request comes after the same request of the outer conversation, and its reply
+    comes before the same reply.
 
     Attributes:
         calls: Number of nested calls.
         lag: Sum of the times from each outer request to the same inner request, ns.
-        is_contradicted: Whether an inner request precedes the same outer request, or an outer reply the same
-            inner reply. Such calls cannot be nested.
+        is_contradicted: Whether an inner request precedes the same outer request, or an outer reply precedes
+            the same inner reply. Such calls cannot be nested.
     """
 
     calls: int
@@ -53,7 +58,9 @@ def nested_calls(outer: Iterable[Observation], inner: Iterable[Observation]) -> 
 
 
 def may_be_twins(one: Conversation, other: Conversation) -> bool:
-    """Return whether two conversations can be the legs of a proxy: on one transport, to two addresses."""
+    """Return whether two conversations can be the legs of a proxy. Both legs of a proxy use the same
+    transport, and have different servers.
+    """
     return one.transport is other.transport and one.server != other.server
 
 

@@ -1,1 +1,1 @@
-"""The Tester's use of the session of `live.controller`, without widgets."""
+"""How the Tester uses the session of `live.controller`. This package contains no widgets."""

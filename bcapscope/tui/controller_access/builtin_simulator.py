@@ -1,4 +1,6 @@
-"""The built-in simulator: a process on a free loopback port, for the Tester without a controller."""
+"""The built-in simulator: a process on a free loopback port, for a user of the Tester who has no
+controller.
+"""
 
 from __future__ import annotations
 
@@ -30,10 +32,12 @@ START_JOINTS: Joints = (
     0.0,
     0.0,
 )
-"""Joint angles in degrees at the start, as R4 values: those of the same DENSO pages after slvMove."""
+"""Joint angles in degrees at the start, as VT_R4 values. DENSO Wave 2009 shows these values after slvMove."""
 
 END_TIMEOUT = 2.0
-"""Maximum time in seconds for the simulator to end; after that, it is killed."""
+"""Maximum time in seconds that the simulator may take to end. After this time, bcapscope kills the
+simulator.
+"""
 
 _STEP = 0.2
 _HOST = "127.0.0.1"

@@ -32,14 +32,14 @@ from bcapscope.traffic.pipeline import CallCollector, Pipeline
 from bcapscope.tui.reader_language import reader_words
 
 _PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")
-"""Matches filter text in which no character belongs only to the filter language."""
+"""Matches a text of words. A text with any other character, such as `=`, is a filter expression."""
 
 _MAX_ARGUMENT_TEXT, _MAX_SUBJECT_TEXT = 18, 24
 
 _UNNAMED_SUBJECTS = (ObjectClass.CONTROLLER, ObjectClass.ROBOT)
-"""Classes of objects whose names are omitted, because usually only one object of each is in use.
+"""Classes of objects whose names are omitted, because usually only one object of each class is in use.
 
-The names would push the results off the screen.
+With these names, a line would be so long that its result would not be visible.
 """
 
 RecordFilter: TypeAlias = Callable[[HistoryRecord], bool]
@@ -49,7 +49,9 @@ _INITIATOR_MARKS = {Initiator.USER: " ", Initiator.SCREEN: "·", Initiator.WATCH
 
 
 def history_line(record: HistoryRecord, palette: Palette) -> str:
-    """Return a call as one line: number, time (UTC), initiator's mark, call, object, result, duration."""
+    """Return a call as one line: number, time (UTC), a mark for who made the call, function or command,
+    object, result, duration.
+    """
     head = f"{record.number:>5} {utc_text(record.began)[11:23]} {_INITIATOR_MARKS[record.initiator]}"
     name = f"{call_name(record.function_id, record.arguments)}{_subject_text(record)}{_argument_text(record)}"
     if record.reply is not None:
@@ -86,8 +88,8 @@ def history_filter(text: str) -> RecordFilter:
     """Return a filter for calls.
 
     Args:
-        text: Words that the line of a call must contain, or an expression of the filter language. An empty
-            text selects only the user's own calls.
+        text: Words that the line of a call must contain, or a filter expression. An empty text selects only
+            the user's own calls.
 
     Raises:
         FilterError: The expression is invalid.

@@ -1,6 +1,6 @@
 """The Option field of the connection: ``Timeout=300`` and similar, as in b-CAP Tester.
 
-The key of each pair decides which of bcapscope, Service_Start and Controller_Connect receives the pair.
+The key of each pair decides whether bcapscope, Service_Start or Controller_Connect uses the pair.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from bcapscope.tui.reader_language import label
 _SERVICE_KEYS = ("wdt", "invoketimeout")
 
 AUTOMATIC_PROVIDERS = ("CaoProv.DENSO.VRC", "CaoProv.DENSO.VRC9", "")
-"""Providers that are tried in this order if the user names none: RC8 and COBOTTA, RC9 and COBOTTA PRO, "".
+"""Names of the providers that bcapscope tries in this order if the user names none. The first is for RC8 and
+COBOTTA, the second for RC9 and COBOTTA PRO.
 
 An RC7 accepts the first provider, because it ignores the name.
 """

@@ -1,4 +1,6 @@
-"""Playing a trajectory: reading and checking it, the player process, and what the screen shows of a run."""
+"""Play a trajectory: read and check it, run the player process, and prepare what the screen shows of a
+run.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,7 @@ class PlaybackSettings:
         interval: Cycle time in ms.
         speed: Speed as a fraction of the speed in the file.
         rounds: Number of repetitions; 0 repeats until stopped.
-        always_resample: Whether to resample even if speed and interval are those of the file.
+        always_resample: Whether to resample even if speed and interval are the same as in the file.
         limits: Arm limits in the notation of `player.arm_limits.with_limits`.
     """
 
@@ -148,7 +150,7 @@ class PlayerSlot:
     async def next_messages(self) -> list[PlayerMessage]:
         """Wait at most `POLL_SECONDS` seconds for messages of the player, and return those that arrived.
 
-        The last message of a player says how the run ended, even if another caller ended the run.
+        The last message of a player says how the run ended, whoever ended it.
         """
         async with self._read_lock:
             if self._player is not None:
@@ -209,7 +211,9 @@ class PlaybackRun:
     ended: PlayEnded | None = None
 
     def on_message(self, message: PlayerMessage) -> str | None:
-        """Store a message of the player; return the answer to a question that needs no user."""
+        """Store a message of the player. If the message is a question that needs no decision of the user,
+        return the answer.
+        """
         if isinstance(message, PlayProgress):
             if message.of or self.progress is None:
                 self.progress = message
@@ -234,15 +238,16 @@ class PlaybackRun:
 
     @property
     def mode(self) -> SlaveMode | None:
-        """Slave mode in which the player plays; None until the controller is known."""
+        """Slave mode in which the player plays; None until the player has connected to the controller."""
         return None if self.peer is None else self.peer.slave_mode
 
     @property
     def buffer_margin(self) -> tuple[int, float, float] | None:
-        """Slots of the controller's buffer, ms that a full buffer lasts, ms left at the longest pause.
+        """Number of slots in the controller's buffer, time in ms that a full buffer lasts, and time in ms
+        that remained at the longest pause.
 
-        By the model, the controller takes one set point each 8 ms. The margin is None before the first set
-        point, or in a mode in which underflow is no error.
+        In the model, the controller takes one set point every 8 ms. The margin is None before the first set
+        point, and in a mode in which an empty buffer is not an error.
         """
         mode, progress = self.mode, self.progress
         if mode is None or progress is None or not progress.cycle or mode.underflow_is_error is False:

@@ -67,7 +67,9 @@ def default_requests_folder() -> Path:
 
 
 def list_requests(folder: Path) -> list[tuple[str, SavedRequest | str]]:
-    """Return the names and requests of the files in a folder; for an unreadable file, return the reason."""
+    """Return the names and requests of the files in a folder. For an unreadable file, return the reason in
+    place of the request.
+    """
     found: list[tuple[str, SavedRequest | str]] = []
     with suppress(OSError):
         for path in sorted(folder.glob(f"*{_SUFFIX}")):

@@ -1,4 +1,4 @@
-"""Watched variables: reads them in turn, and keeps their latest readings."""
+"""Read the watched variables in turn, and keep their latest readings."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class WatchSeries:
     maximum: float | None = None
 
     def add(self, time: int, value: float) -> None:
-        """Add a reading; `time` is ns of one clock for all readings."""
+        """Add a reading. `time` is in ns; all readings must use the same clock."""
         self.readings.append((time, value))
         self.minimum = value if self.minimum is None else min(self.minimum, value)
         self.maximum = value if self.maximum is None else max(self.maximum, value)
@@ -52,7 +52,7 @@ class WatchSeries:
 
 @dataclass(slots=True)
 class WatchedVariable:
-    """A watched variable.
+    """A variable that the Tester reads again and again, with its latest readings.
 
     Attributes:
         label: Name of the variable for the user, such as `Gundam.@CURRENT_ANGLE`.
@@ -130,7 +130,9 @@ class VariableWatcher:
         self._session.report(WatchUpdate())
 
     async def _read_variable(self, variable: WatchedVariable) -> None:
-        """Read one variable, but not in slave mode, which any call except a set point may end."""
+        """Read one variable. In slave mode, read nothing, because any call except a set point may end slave
+        mode.
+        """
         if self._session.polling_paused:
             variable.problem = label("controller.not-read")
             return

@@ -1,4 +1,6 @@
-"""What every screen has: bars, help, command palette and name; screens with several views; a prompt."""
+"""Base classes of the screens: a screen with bars, help and command palette, and a screen with several views.
+Also a prompt.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,6 @@ class HelpScreen(ModalScreen[None]):
     ]
 
     def __init__(self, name: str, text: str, keys: Sequence[ScreenCommand]) -> None:
-        """Store the name and the description of a screen, and the commands of the screen that have keys."""
         super().__init__()
         self._title, self._text, self._keys = name, text, keys
 
@@ -58,14 +59,14 @@ class HelpScreen(ModalScreen[None]):
         table = Table.grid(padding=(0, 2))
         table.add_column(no_wrap=True)
         table.add_column(no_wrap=True)
-        table.add_column(overflow="fold")  # Japanese text has no spaces to break at
+        table.add_column(overflow="fold")  # Japanese text has no spaces at which a line could break
         for each in self._keys:
             table.add_row(Text(each.key, inks["number"]), Text(each.name, inks["name"]), Text(each.tip))
         yield table
 
 
 class ScreenCommand(NamedTuple):
-    """An action in the palette; `key` is its key as the documentation writes it, or ""."""
+    """An action in the command palette. `key` is the action's key as the documentation writes it, or ""."""
 
     name: str
     tip: str
@@ -75,7 +76,7 @@ class ScreenCommand(NamedTuple):
 
 
 def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
-    """Yield the commands for one node's key bindings, each action once."""
+    """Yield the commands for the key bindings of a widget, a screen or the application; each action once."""
     for kind in type(node).__mro__:
         for binding in vars(kind).get("BINDINGS", ()):
             if isinstance(binding, Binding) and has_message(binding.description):
@@ -147,7 +148,9 @@ class BaseScreen(Screen[None], PlainContainer):
     ]
 
     def compose(self) -> ComposeResult:
-        """Put the content between the bars; set the style classes for the size before the first layout."""
+        """Put the content between the bars. Set the style classes for the terminal size before the first
+        layout.
+        """
         classes = [name for width, name in self.HORIZONTAL_BREAKPOINTS or () if width <= self.app.size.width]
         self.set_class(True, *classes[-1:], update=False)
         yield TopBar()
@@ -155,7 +158,7 @@ class BaseScreen(Screen[None], PlainContainer):
         yield KeyBar()
 
     def on_mount(self) -> None:
-        """Freeze the mounted widgets for the garbage collector, because scanning them would delay keys."""
+        """Exclude the mounted widgets from garbage collection, because scanning them would delay keys."""
         self.call_after_refresh(gc.freeze)
 
     def on_screen_resume(self, event: ScreenResume) -> None:
@@ -183,19 +186,21 @@ class BaseScreen(Screen[None], PlainContainer):
 
 
 def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
-    """Yield a number key for each view of a screen; `tip` is the label key of the explanation."""
+    """Yield a key binding for each view of a screen, with number keys. `tip` is the label id of the
+    explanation.
+    """
     for number, (view, name) in enumerate(views.items(), 1):
         yield Binding(f"{number}", f"view('{view}')", name, show=False, tooltip=tip)
 
 
 class ViewsScreen(BaseScreen):
-    """A screen that shows one of its lists; number keys and the view bar switch between them.
+    """A screen that shows one of its lists at a time. Number keys and the view bar switch between the lists.
 
     The content of a subclass has a `ViewBar`, and a `Switcher` with a list for each of `VIEWS`. The id of a
     list is the name of its view.
 
     Attributes:
-        VIEWS: Label key of each view, by the view's name. The screen starts with the first view.
+        VIEWS: Label id of each view, by the view's name. The screen starts with the first view.
     """
 
     VIEWS: ClassVar[Mapping[str, str]]
@@ -219,7 +224,7 @@ class ViewsScreen(BaseScreen):
         self.show_state()
 
     def show_view(self) -> None:
-        """Show the widgets that belong to the visible view, and hide those of other views."""
+        """Show the widgets that belong to the visible view, and hide the widgets of all other views."""
         raise NotImplementedError
 
     def show_state(self) -> None:

@@ -1,4 +1,6 @@
-"""Relations of a frame to others: description, partner, related frames and filters for them."""
+"""How a frame relates to other frames: its description, its request or reply, and filters for related
+frames.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ def call_frames(settled: PairingResult | None) -> frozenset[int]:
 
 
 def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note: str | None) -> str:
-    """Return one line that describes a frame and its part in a call."""
+    """Return one line that describes a frame and its role in a call."""
     number = frame.observation.number
     parts = []
     if isinstance(settled, Call):
@@ -55,9 +57,10 @@ def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note
 
 
 def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None, str]:
-    """Return the number of the partner: a request's reply, or a reply's request.
+    """Return the number of a frame's partner. The partner of a request is its reply, and that of a reply its
+    request.
 
-    Without a partner, return None and the label key of the reason.
+    If there is no partner, return None and the label id of the reason.
     """
     if not isinstance(settled, Call):
         return None, "traffic.no_call" if settled is None else "traffic.no_request"
@@ -69,12 +72,13 @@ def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None
 
 
 def related_filter(relation: str, frame: AnnotatedFrame, settled: PairingResult | None) -> str | None:
-    """Return the filter expression that selects the frames related to a frame; None without such frames.
+    """Return the filter expression that selects the frames related to a frame; None if there are no such
+    frames.
 
     Args:
         relation: Kind of relation: ``client``, ``handle``, ``chain`` (same call) or ``kind`` (same function).
         frame: Frame whose relations are wanted.
-        settled: Call or stray reply that contains the frame; None if not known yet.
+        settled: Call or stray reply that contains the frame; None if it is not known yet.
     """
     client = f"client == {frame.observation.flow.conversation.client}"
     if relation == "client":
@@ -113,8 +117,8 @@ def find_frame(text: str, journal: ObservationStore) -> int | None:
     """Return a frame by its number, or by a time in seconds after the start such as ``12.5s``.
 
     Returns:
-        Number of that frame, or of the first frame at or after that time; at most the last frame's number.
-        None if the text is neither a number nor a time.
+        Number of the frame. If the text is a time, it is the first frame at or after this time. A number or
+        time that is too large gives the last frame. None if the text is neither a number nor a time.
     """
     text = text.strip()
     number = parse_integer(text, 0, 1 << 63)
@@ -130,7 +134,9 @@ def find_frame(text: str, journal: ObservationStore) -> int | None:
 
 
 def notes_by_packet(marks: Mapping[int, str], read_frame: Callable[[int], AnnotatedFrame]) -> dict[int, str]:
-    """Return the notes on frames by packet number: that of the packet that completed the frame."""
+    """Return the notes on frames by packet number. The note on a frame has the number of the packet that
+    completed the frame.
+    """
     notes: dict[int, str] = {}
     for number, note in sorted(marks.items()):
         seen = read_frame(number).observation

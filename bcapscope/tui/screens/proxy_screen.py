@@ -99,13 +99,13 @@ class ProxyScreen(ViewsScreen):
         Args:
             address: Address of the proxy's control socket.
             route: Text with the proxy's listening address and the controller's address.
-            feed: Traffic on the traffic screen; None without a traffic screen.
+            feed: Traffic that the traffic screen shows; None if there is no traffic screen.
             child: Process of the proxy; None for a proxy that was running before.
             note: Warning that the screen shows at the start; "" for none.
         """
         super().__init__()
         self._control_client = ControlClient(address)
-        self._control_lock = threading.Lock()  # the control client serves one thread at a time
+        self._control_lock = threading.Lock()  # only one thread at a time may use the control client
         self.route = route
         self._feed = feed
         self._child = child
@@ -147,7 +147,7 @@ class ProxyScreen(ViewsScreen):
         self._control_client.close()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer an action on a rule or a held message only if the cursor is on one."""
+        """Offer an action on a rule or a held message only if the cursor is on a rule or a held message."""
         if action in _RULE_ACTIONS:
             return self.view == "rules" and self.rules.current_item is not None
         if action in _HELD_ACTIONS:
@@ -217,12 +217,12 @@ class ProxyScreen(ViewsScreen):
         self.show_state()
 
     def _report_source_problem(self, reason: str) -> None:
-        """Show on the traffic screen why the proxy may send no further traffic."""
+        """Show on the traffic screen the reason why no further traffic might come from the proxy."""
         if self._feed is not None:
             self._feed.report_source_problem(reason)
 
     def add_output(self, text: str) -> None:
-        """Add a line that the proxy printed to the log."""
+        """Add to the log a line that the proxy printed."""
         self.query_one(ProxyLog).add_message(text)
         self.show_state()
 
@@ -262,7 +262,8 @@ class ProxyScreen(ViewsScreen):
             self.query_one("#intercepts", InkedText).show_text(intercept_line(self._state.figures))
         if self._problem:
             lines.append(f"{INK.problem} {printable(self._problem)}{INK.reset}")
-        if lines != self._summary_lines:  # compared first, because a new height needs a new layout
+        # lines are compared first, because showing new lines can cause a new layout
+        if lines != self._summary_lines:
             self._summary_lines = lines
             self.query_one("#summary", InkedText).show_text("\n".join(lines))
         lists: list[ItemList[Any]] = [self.clients, self.rules, self.held, self.query_one(ProxyLog)]
@@ -365,7 +366,7 @@ class ProxyScreen(ViewsScreen):
             self._propose_change(proposed_edit(held.data, self.query_one(FieldTree).offset_in_frame))
 
     def action_bytes(self) -> None:
-        """Propose an edit of all bytes of the held message, in hex."""
+        """Propose an edit, in hex, of all bytes of the held message."""
         held = self.held.current_item
         if held is not None:
             self._propose_change(held.data.hex(" ").upper())

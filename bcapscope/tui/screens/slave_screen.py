@@ -56,7 +56,9 @@ _MODES: tuple[tuple[str, SlaveModePacing | int], ...] = (
     *((f"0x{number:03X} {pose_type_of_mode(number)}", number) for number in _MODE_NUMBERS),
 )
 _CHECK_DELAY = 0.4
-"""Time in seconds from the last change of a field until the screen reads the trajectory file."""
+"""Time in seconds that the screen waits after the last change of a field before it reads the trajectory
+file.
+"""
 
 _MAX_ROUNDS = 1_000_000_000
 
@@ -165,7 +167,9 @@ class SlaveScreen(BaseScreen):
         self._prepared = ready
         lines = list(ready.summary_lines(INK, self.query_one("#before").size.width - 2))
         self._show_report(lines)
-        self._show_state(lines[-1])  # the verdict, which a long report may hide
+        self._show_state(
+            lines[-1]
+        )  # the last line is the verdict, which may be out of sight in a long report
         is_playable = ready.preflight.is_playable and not self._player_slot.is_playing
         self.query_one("#start", Button).disabled = not is_playable
         app = app_of(self)
@@ -252,11 +256,13 @@ class SlaveScreen(BaseScreen):
         finally:
             await self._player_slot.end_player()
             session.pause_polling(session.status.slave_mode != 0)
-            if self.query("#start"):  # without the button, the screen is being closed
+            if self.query("#start"):  # if there is no button, the screen is being closed
                 self._set_playing(False)
 
     async def _release_controller(self, status: SessionStatus) -> bool:
-        """Leave slave mode and give the arm back, because the player is a separate client and needs both."""
+        """Leave slave mode and give the arm back, because the player is a separate client and needs slave
+        mode and arm.
+        """
         session = self._session
         try:
             if status.slave_mode:
@@ -294,7 +300,9 @@ class SlaveScreen(BaseScreen):
         self._show_end(run)
 
     def _ask_user(self, run: PlaybackRun) -> None:
-        """Show a question of the player without waiting for the answer: messages must still be read."""
+        """Show a question of the player. Do not wait for the answer, because the screen must still read
+        messages.
+        """
         question, run.question = run.question, None
         assert question is not None
         if question.topic is QuestionTopic.ARM and self._session.arming.is_armed(self._session.now()):
@@ -313,7 +321,7 @@ class SlaveScreen(BaseScreen):
     def _show_end(self, run: PlaybackRun) -> None:
         assert run.ended is not None
         if self._question_dialog is not None and self._question_dialog.is_current:
-            self._question_dialog.dismiss(None)  # the question became void when the run ended
+            self._question_dialog.dismiss(None)  # the run has ended, so the question needs no answer
         if run.preflight is not None and not run.preflight.is_playable:
             width = self.query_one("#before").size.width - 2
             self._show_report(list(PreflightRenderer(INK, width, reader_words()).lines(run.preflight)))

@@ -1,4 +1,4 @@
-"""Keyboard navigation in the Tester: to the connection, the forms in tabs, and the views."""
+"""Keyboard navigation in the Tester, between the connection, the forms in tabs, and the views."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bcapscope.tui.tester.packet_pane import VIEWS, PacketPane
 _PART_SELECTOR = "#left .box, #function, #raw, #right"
 _FOCUS_SELECTOR = "Input, HexView, Lines, Button"
 _SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"
-"""Selector of widgets that precede the main widget of a part and are skipped."""
+"""CSS selector of the widgets that precede the main widget of an area, and that the navigation skips."""
 
 
 class TesterNavigation(BaseScreen):
@@ -25,14 +25,16 @@ class TesterNavigation(BaseScreen):
     """
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Yield palette commands for the tabs and views, which take several keys to reach otherwise."""
+        """Yield palette commands for the tabs and views. Without a palette command, the user needs several
+        keys to reach a tab or a view.
+        """
         for kind, names in (("tab", TABS), ("view", VIEWS)):
             for name in names:
                 title = label(f"tester.{kind}", name=label(f"tester.{kind}.{name}"))
                 yield title, label(f"tester.{kind}.tip"), f"{kind}('{name}')"
 
     def action_part(self, by: int) -> None:
-        """Focus the next part of the screen if `by` is 1, the previous part if it is -1."""
+        """Focus the next area of the screen if `by` is 1, the previous area if `by` is -1."""
         parts = list(self.query(_PART_SELECTOR))
         here = next((at for at, part in enumerate(parts) if part.has_focus_within), -1 if by > 0 else 0)
         for step in range(1, len(parts) + 1):
@@ -56,7 +58,7 @@ class TesterNavigation(BaseScreen):
         self.call_after_refresh(self._focus_first_in, self.query_one(f"#{name}"))
 
     def _focus_first_in(self, part: Widget) -> bool:
-        """Focus the first usable widget in a part of the screen; return whether the part has one."""
+        """Focus the first usable widget in an area of the screen. Return whether there is such a widget."""
         among = (part, *part.query(_FOCUS_SELECTOR).exclude(_SKIP_SELECTOR))
         shown = (each for each in among if all(node.display for node in each.ancestors_with_self))
         found = next((each for each in shown if each.focusable), None)

@@ -1,7 +1,7 @@
 """The Tester: the functions of the b-CAP Tester window, in a terminal.
 
-Widgets post messages that say what the user wants. This screen passes the requests to the session, and
-returns the results to the widgets.
+Widgets post messages that say what the user wants. This screen passes what the user wants to the session, and
+the results to the widgets.
 """
 
 from __future__ import annotations
@@ -73,7 +73,8 @@ _EXECUTE_CONTROLLER = 17
 class TesterOptions(NamedTuple):
     """Initial state of the Tester.
 
-    Without `host`, the built-in simulator starts; the session's threads call `tap` with each packet.
+    Without `host`, the Tester starts the built-in simulator. The session's threads call `tap` with each
+    packet.
     """
 
     requests_folder: Path
@@ -166,7 +167,7 @@ class TesterScreen(TesterNavigation):
             stack.push_async_callback(asyncio.to_thread, self._simulator_stack.close)
             stack.push_async_callback(asyncio.to_thread, self.session.close)
             stack.push_async_callback(self.player_slot.end_player)
-            if self.is_running:  # if the screen is not running, a bug has ended it and its workers
+            if self.is_running:  # if the screen is not running, a bug has ended the screen and its workers
                 self.workers.cancel_group(self, "call")
 
     # Updates from the session.
@@ -228,7 +229,7 @@ class TesterScreen(TesterNavigation):
             self.run_worker(self._connect_controller(message), group="connect")
 
     async def _reconnect_simulator(self) -> None:
-        """Restart the built-in simulator, which has ended, and connect to the new simulator."""
+        """Start the built-in simulator again after it has ended, and connect to it."""
         await self._start_simulator()
         wanted = self.query_one(ConnectionPanel).wanted_connection()
         if isinstance(wanted, ConnectWanted):
@@ -249,12 +250,12 @@ class TesterScreen(TesterNavigation):
                 settings.hosts = with_recent(wanted.host, settings.hosts)
                 app_of(self).save_settings()
         finally:
-            if panel.children:  # without children, the screen is being closed
+            if panel.children:  # if there are no children, the screen is being closed
                 self._set_connecting(panel, False)
                 panel.show_status(self.session.status)
 
     def _focus_next_form(self, panel: ConnectionPanel) -> None:
-        """Focus the next form to use, unless the user has moved the focus to another part."""
+        """Focus the next form to use, unless the user has moved the focus to another area of the screen."""
         if self.focused is None or panel in self.focused.ancestors:
             for name in ("#robot-forms", "#panels"):
                 if self._focus_first_in(self.query_one(name)):
@@ -338,7 +339,7 @@ class TesterScreen(TesterNavigation):
     # Keys.
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer the same action as the buttons: connect or disconnect."""
+        """Offer either connect or disconnect, as the buttons do."""
         if action in ("connect", "disconnect"):
             return (action == "disconnect") == (self._is_connected or self._is_connecting)
         return super().check_action(action, parameters)
@@ -380,7 +381,7 @@ class TesterScreen(TesterNavigation):
             self.run_worker(self._ask_to_arm())
 
     async def _ask_to_arm(self) -> bool:
-        """Ask the user to arm, and return whether the user did."""
+        """Ask the user to arm the Tester; return whether the user armed it."""
         status = self.session.status
         if status.target is None:
             app_of(self).show_message(label("tester.not_connected"), "warning")

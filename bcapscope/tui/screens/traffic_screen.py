@@ -1,4 +1,6 @@
-"""The traffic screen, for a capture, an interface or a simulator: keys to navigate, mark, save and open."""
+"""The traffic screen for a capture, an interface or a simulator, with keys to navigate, mark, save and
+open.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +63,9 @@ class TrafficScreen(TrafficViews):
         self._evidence_frames: list[int] = []
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer frame actions only in lists of frames or calls, and stop only while a capture runs."""
+        """Offer the actions on frames only in lists of frames or calls. Offer the action stop only while a
+        capture runs.
+        """
         if action in _FRAME_ACTIONS:
             return self.view in RECORD_KINDS
         if action == "proof":
@@ -100,7 +104,7 @@ class TrafficScreen(TrafficViews):
         self.frames.move_cursor_to(index)
 
     def action_partner(self) -> None:
-        """Select the request of the present reply, or the reply to the present request."""
+        """From a reply, select its request; from a request, select its reply."""
         number = self.frame_number
         if number is None:
             return
@@ -111,7 +115,9 @@ class TrafficScreen(TrafficViews):
             self.go_to_frame(other)
 
     def action_call(self) -> None:
-        """From the frames, select the call of the present frame; from the calls, select the present frame."""
+        """In the list of frames, select the call of the frame under the cursor. In the list of calls, select
+        the frame under the cursor.
+        """
         number, calls = self.frame_number, self.feed.calls
         if number is None or calls is None:
             return
@@ -128,7 +134,7 @@ class TrafficScreen(TrafficViews):
             self.calls.go_to_call(row + 1)
 
     def action_why(self) -> None:
-        """Select the finding that names the present frame; from a finding, select its cause."""
+        """From a frame, select the finding that names the frame; from a finding, select its cause."""
         page, findings = self.query_one(FindingPage), self.analysis.findings
         if self.view == "findings":
             number = page.current_finding()
@@ -209,7 +215,9 @@ class TrafficScreen(TrafficViews):
             self._set_note(number, None if number in self.frames.marks else "")
 
     def _set_note(self, number: int, note: str | None) -> None:
-        """Mark a frame, with a note or ""; None removes the frame's mark."""
+        """Mark a frame. `note` is the user's note, "" for a mark without a note, or None to remove the
+        mark.
+        """
         self.frames.marks.pop(number, None)
         if note is not None:
             self.frames.marks[number] = note

@@ -41,7 +41,7 @@ from bcapscope.tui.widgets.record_lists import CallList, FrameList, RecordList
 from bcapscope.tui.widgets.text_widgets import CheckedInput
 
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
-"""Views that list frames or calls, each with the kind of record that the view's filter tests."""
+"""Views that list frames or calls, with the kind of record that the filter of the view tests."""
 
 _NARROW_WIDTH = 100
 """Terminal width in columns below which the screen rounds large counts."""
@@ -112,7 +112,7 @@ class TrafficViews(ViewsScreen):
         self._close_feed()
 
     def _close_feed(self) -> None:
-        """Close the feed when nothing on the screen needs its data any more."""
+        """Close the feed as soon as nothing on the screen needs the feed's data any more."""
         for target in (self.frames, self.calls):
             target.clear_source()
         self.feed.close()
@@ -228,14 +228,14 @@ class TrafficViews(ViewsScreen):
     def _cursor_moved(self) -> None:
         """Show the frame under the cursor.
 
-        `_cursor_moved` is also called directly, so that Textual draws list and frame together.
+        The screen also calls this method directly, so that Textual draws list and frame together.
         """
         if self.view in RECORD_KINDS and self.frame_number != self._shown_frame:
             self.show_frame()
 
     @property
     def frame_number(self) -> int | None:
-        """Number of the frame under the cursor; None if the cursor is on no frame."""
+        """Number of the frame under the cursor; None if the cursor is not on a frame."""
         if self.view == "calls":
             current = self.calls.current_call
             return None if current is None else current[1]
@@ -306,7 +306,9 @@ class TrafficViews(ViewsScreen):
             self._search()
 
     def _search(self) -> None:
-        """Search for the view's filter expression from the first row; without expression, show all rows."""
+        """Search for rows that match the view's filter expression. If there is no expression, show all
+        rows.
+        """
         target, expression = self.shown_list, self.expressions[self.view]
         if not isinstance(target, RecordList):
             return
@@ -333,7 +335,8 @@ def progress_texts(
     """Return texts on the progress of reading and searching, longest text first.
 
     Args:
-        source_problem: Why the source of the traffic may have ended although reading continues; "" otherwise.
+        source_problem: Reason why the source of the traffic may have ended although reading continues; "" if
+            there is no such reason.
         searched: Percentage of rows that the search has examined; None if the search is complete.
     """
     long, short = [], []
@@ -357,7 +360,9 @@ def progress_texts(
 
 
 def count_text(number: int, brief: bool) -> str:
-    """Return a count as text; if `brief`, round counts from 10,000 down, as in ``12k`` or ``1.2M``."""
+    """Return a count as text. If `brief`, round down a count of at least 10,000, as in ``12k`` or
+    ``1.2M``.
+    """
     if not brief or number < 10_000:
         return f"{number:,}"
     return f"{number // 1000}k" if number < 1_000_000 else f"{number // 100_000 / 10}M"

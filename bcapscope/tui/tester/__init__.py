@@ -1,1 +1,1 @@
-"""Widgets of the Tester. The widgets post messages and do not know each other."""
+"""Widgets of the Tester. The widgets post messages, and do not refer to each other."""

@@ -54,7 +54,8 @@ class CommandForm(Vertical):
     def _show_suggestion(self, message: Input.Changed) -> None:
         """Show what the typed command does, and prepare its parameter.
 
-        The parameter last sent with this command is restored. A parameter of another command is cleared.
+        The form restores the parameter that the user last sent with this command. The form clears a parameter
+        of any other command.
         """
         found = command_hint(self.function.id, message.value)
         if found is None:
@@ -101,7 +102,8 @@ class CommandForm(Vertical):
         elif checked.value is None:
             result.show_problem(checked.problem)
         else:
-            if command_hint(self.function.id, name) is not None:  # an unknown name may be a typing error
+            # an unknown name may be a typing error, so its parameter is not kept
+            if command_hint(self.function.id, name) is not None:
                 self._last_parameter = self._sent_parameters[name.casefold()] = parameter.typed
             self.post_message(CallWanted(result, self.function, (Variant(VT.BSTR, name), checked.value)))
 
@@ -146,7 +148,7 @@ class FunctionForm(Vertical):
         known = _NAMED_VALUES.get((self.function.name, param.name))
         if known is not None:
             return select_named_value(known, id)
-        vt = _PARAMETER_TYPES.get(param.type)  # None for a parameter of any type
+        vt = _PARAMETER_TYPES.get(param.type)  # None if the parameter may have any type
         return TypedValue(VT.BSTR, id=id) if vt is None else TypedValue(vt, (vt,), id=id)
 
     def focus_first(self) -> None:
@@ -231,12 +233,12 @@ class BytesField(Input):
     """An input field for bytes in hex, which users often copy from several lines."""
 
     def on_paste(self, event: Paste) -> None:
-        """Join the pasted lines; Textual's own handler then pastes the first line."""
+        """Join the pasted lines to one line, because Textual's own handler pastes only the first line."""
         event.text = " ".join(event.text.split())
 
 
 class RawForm(Vertical):
-    """A form for bytes in hex; while the user types, it shows what the bytes mean."""
+    """A form for bytes in hex. While the user types, the form shows what the bytes mean."""
 
     def compose(self) -> ComposeResult:
         with Horizontal(classes="row"):
@@ -252,7 +254,7 @@ class RawForm(Vertical):
 
     @property
     def typed_bytes(self) -> bytes | str:
-        """The bytes in the field, or a text that says what is wrong with the field."""
+        """The bytes in the field, or a text that says why the field is invalid."""
         text = self.query_one(Input).value
         try:
             raw = bytes.fromhex(text)

@@ -51,7 +51,9 @@ class HistoryLines(ItemList[HistoryRecord]):
 
     @dataclass
     class ActionWanted(Message):
-        """The user wants ``again``, ``edit``, ``hex``, ``python``, ``line`` or ``save`` to act on a call."""
+        """The user wants an action on a call: ``again``, ``edit``, ``hex``, ``python``, ``line`` or
+        ``save``.
+        """
 
         record: HistoryRecord
         what: str
@@ -238,7 +240,9 @@ class SavedList(ItemList[tuple[str, SavedRequest | str] | None]):
 
     @dataclass
     class RequestWanted(Message):
-        """The user wants to send a saved request, or to put the request into a form if `edit` is set."""
+        """The user wants to send a saved request. If `edit` is set, the user wants to edit the request in a
+        form.
+        """
 
         saved: SavedRequest
         edit: bool

@@ -1,4 +1,4 @@
-"""Makes the calls that widgets request, through the session, and reports the results to the widgets."""
+"""Make the calls that widgets request. The calls go through the session; the widgets get the results."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class ResultDisplay(Protocol):
     """A widget that shows the outcome of the user's request."""
 
     def show_pending(self) -> None:
-        """Show that a request is under way."""
+        """Show that a request was sent and has no result yet."""
 
     def show_record(self, record: HistoryRecord) -> None:
         """Show how the call ended."""
@@ -102,7 +102,7 @@ _MAX_NOTICE = 300
 
 
 class ObjectMissingError(BcapError):
-    """The call needs an object that is not open."""
+    """A call needs an object that the user has not opened."""
 
 
 class CallRunner:
@@ -154,7 +154,9 @@ class CallRunner:
         await self._run_reported(result_display, lambda: start_robslave(self._session))
 
     def _object_of(self, kind: ObjectClass) -> ObjectHandle:
-        """Return the selected robot, or for another class the object of that class that was opened last."""
+        """Return the selected robot if `kind` is robot. For any other class, return the object that was
+        opened last.
+        """
         status = self._session.status
         found = status.robot if kind is ObjectClass.ROBOT else None
         found = found or next((one for one in reversed(status.open_objects) if one.kind is kind), None)
@@ -164,7 +166,9 @@ class CallRunner:
         return found
 
     async def _run_reported(self, result_display: ResultDisplay, step: CallStep) -> bool:
-        """Run a step, after arming if needed, and show its outcome in a widget; return whether it ran."""
+        """Run a step, after arming if needed, and show the outcome in a widget. Return whether the step
+        ran.
+        """
         result_display.show_pending()
         try:
             result_display.show_record(await run_armed(self._session, self._ask_to_arm, step))
@@ -183,7 +187,8 @@ class CallRunner:
 async def run_armed(
     session: ControllerSession, ask_to_arm: Callable[[], Awaitable[bool]], step: CallStep
 ) -> HistoryRecord:
-    """Run a step in the session's loop; if the step needs arming, ask the user to arm and run it again.
+    """Run a step in the session's loop; if the step needs arming, ask the user to arm, then run the step
+    again.
 
     Raises:
         NotArmedError: The user refused to arm.

@@ -1,4 +1,4 @@
-"""The connection panel, and the status line that is always visible."""
+"""The connection panel of the Tester, and the status line that is always visible."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class ConnectionPanel(Vertical):
         self._update_texts()
 
     def wait_for_address(self) -> None:
-        """Do not connect until `fill_address` supplies the address."""
+        """Postpone connecting until `fill_address` supplies the address."""
         self._is_address_pending, self._is_connect_pending = True, False
         self._problem = ""
         self._update_texts()
@@ -166,7 +166,7 @@ class ConnectionPanel(Vertical):
 
 
 StatusPiece = tuple[str, str]
-"""A piece of the status line: a text and the name of its style."""
+"""One text of the status line, and the name of the text's style."""
 
 _MAX_HOST_LENGTH = 24
 _SECOND = 1_000_000_000
@@ -186,7 +186,8 @@ def status_pieces(
     if reply_monitor.is_reply_overdue(now):
         text = label("tester.status.silent", seconds=age // _SECOND)
         pieces = [(f" ◌ {name} ", "bad"), (f"{text} ", "bad")]
-    elif age >= _LONG_SILENCE:  # no reply is due, as in slave mode, so the controller may be reachable or not
+    # no reply is due, as in slave mode, so it is unknown whether the controller is reachable
+    elif age >= _LONG_SILENCE:
         text = label("tester.status.age", seconds=age // _SECOND)
         pieces = [(f" ● {name} ", ""), (f"{text} ", "dim")]
     else:

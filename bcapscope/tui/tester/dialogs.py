@@ -37,10 +37,12 @@ class ChoiceDialog(ModalScreen[str | None]):
         Binding("right", "app.focus_next", show=False),
     ]
     LABELS = "tester.answer"
-    """Start of the label keys of the choices; a point and the choice follow."""
+    """Beginning of the label id of each choice; a dot and the name of the choice follow."""
 
     def __init__(self, lines: Sequence[str], choices: Sequence[str]) -> None:
-        """Store the facts and the question, as escaped lines, and the choices."""
+        """`lines` are the facts and the question, already escaped. `choices` are the answers that the user
+        can choose.
+        """
         super().__init__()
         self._lines, self._choices = lines, choices
 
@@ -77,7 +79,9 @@ _STEP_MARKS = {None: "○", True: "●", False: "✗"}
 
 
 class RecoveryDialog(ModalScreen[None]):
-    """Shows the steps. The dialog reads the errors at once; the user starts every other step."""
+    """Shows the steps of a recovery after an error. The dialog reads the errors at once; the user starts
+    every other step.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss", "shell.close", key_display="esc")]
 

@@ -59,7 +59,9 @@ class FormTabs(Vertical):
         return form
 
     async def edit_call(self, record: HistoryRecord) -> None:
-        """Fill the form of a call's function; a call without known function fills the raw form."""
+        """Fill the form of a call's function with the call. If the function is unknown, fill the form for raw
+        packets.
+        """
         function = FUNCTIONS.get(record.function_id)
         if function is None or len(function.params) != len(record.arguments):
             self.show_tab("raw")

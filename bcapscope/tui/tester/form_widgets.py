@@ -19,14 +19,14 @@ from bcapscope.tui.widgets.bars import ClickBar
 
 
 class Caption(Label):
-    """A word before a field; `key` is the label key of the word."""
+    """A word before a field. `key` is the label id of the word."""
 
     def __init__(self, key: str) -> None:
         super().__init__(label(key), markup=False)
 
 
 class Box(Vertical):
-    """A frame around a part of the forms; `title` is a label key."""
+    """A border around a group of fields. `title` is the label id of its title."""
 
     def __init__(self, title: str, *, id: str) -> None:
         super().__init__(id=id, classes="box")
@@ -34,7 +34,7 @@ class Box(Vertical):
 
 
 class FormButton(Button):
-    """A button of one line; `key` is the label key of its text."""
+    """A button that is one line high. `key` is the label id of the button's text."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class TickBox(Checkbox):
 
 
 class ChoiceRow(ClickBar, can_focus=True):
-    """Shows names, one of which is chosen."""
+    """A row of names, of which the user chooses one."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "step(-1)", "", show=False),
@@ -83,7 +83,7 @@ class ChoiceRow(ClickBar, can_focus=True):
             return self.choice
 
     def __init__(self, options: Sequence[tuple[str, str]], *, id: str | None = None) -> None:
-        """Store the values, each with its label key; the first value is chosen."""
+        """`options` are the values, each with its label id. The first value is chosen at the start."""
         super().__init__(id=id)
         self._options = tuple(options)
         self.set_reactive(ChoiceRow.chosen, self._options[0][0])

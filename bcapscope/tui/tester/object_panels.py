@@ -42,7 +42,7 @@ class OpenObjectRow(Horizontal):
         *,
         id: str | None = None,
     ) -> None:
-        """Set the classes: `kind` of the objects to open, and `parent` of their owners."""
+        """`kind` is the class of the objects to open, and `parent` is the class of their owners."""
         super().__init__(id=id, classes="row")
         self._parent_kind = parent
         self._kind = kind
@@ -69,7 +69,9 @@ class OpenObjectRow(Horizontal):
         self._open_objects = tuple(each for each in open_objects if each.kind is self._kind)
 
     def find_open(self, owner: ObjectClass | None = None) -> ObjectHandle | None:
-        """Return the latest open object with the name in the field; `owner` limits the class of its owner."""
+        """Return the object with the name in the field that was opened last. If `owner` is given, the
+        object's owner must be of this class.
+        """
         name = self.object_name.casefold()
         for each in reversed(self._open_objects):
             is_owned = owner is None or (each.parent is not None and each.parent.kind is owner)
@@ -154,7 +156,9 @@ class VariablePanel(Box):
             self.post_message(WatchWanted(found))
 
     def variable_opened(self, owner: ObjectClass, name: str) -> None:
-        """Select the type of a newly opened variable, if that type is known and this form shows it."""
+        """Select the type of a newly opened variable, if the type is known and this form shows the
+        variable.
+        """
         if owner is not self._owner:
             return
         known = find_variable(self._owner, name)

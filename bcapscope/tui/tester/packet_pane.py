@@ -29,7 +29,9 @@ from bcapscope.tui.widgets.text_widgets import InkedText
 
 MAX_PACKETS = 2000
 MAX_BYTES = 16 << 20
-"""Maximum size in bytes of the packets in a box while Overwrite is off; the oldest are dropped first."""
+"""Maximum size in bytes of the packets in a `PacketBox` while Overwrite is off. The oldest packets are
+dropped first.
+"""
 
 
 class PacketBox(Vertical):
@@ -65,7 +67,9 @@ class PacketBox(Vertical):
     def add_packets(
         self, packets: tuple[Observation, ...], call_kind: CallKind | None, overwrite: bool, show_first: bool
     ) -> None:
-        """Add packets; show the first new packet if `show_first` is set, else the last."""
+        """Add packets; show the first new packet if `show_first` is set, or the last new packet if it is
+        not.
+        """
         if overwrite:
             self._packets = []
         self._packets += [(seen, call_kind) for seen in packets]
@@ -102,7 +106,7 @@ _MAX_ATTEMPT_LINES = 8
 
 
 class PacketPane(Vertical):
-    """Shows the packets of the latest call, and the lists.
+    """Shows the packets of the latest call, and the lists of calls, variables and requests.
 
     On a wide screen SendData and ReceiveData stay visible, and the user chooses only among the lists.
     """

@@ -26,7 +26,9 @@ _WARNINGS = {CallEffect.ENERGISES: "tester.energises", CallEffect.MOVES: "tester
 
 
 class ListPicker(ModalScreen[str | None]):
-    """A dialog with a list, and a field for words that the shown entries must contain."""
+    """A dialog with a list and a field. The list shows only the entries that contain the words in the
+    field.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
@@ -34,7 +36,9 @@ class ListPicker(ModalScreen[str | None]):
     ]
 
     def __init__(self, title: str, entries: Iterable[tuple[str, Text, str]]) -> None:
-        """Store the entries, each as name, text on the screen, and text in which words are searched."""
+        """Each entry has a name, the text on the screen, and the text in which the typed words are
+        searched.
+        """
         super().__init__()
         self._title = title
         self._entries = tuple(entries)

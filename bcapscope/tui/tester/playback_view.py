@@ -1,4 +1,4 @@
-"""Shows a run of the player: curves of the axes, cycle times, lateness, buffer, and time."""
+"""Show a run of the player: curves of the axes, cycle times, lateness of set points, buffer, and time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shows the outcome of a call: its result, or the problem and its remedy, or a hint on the input."""
+"""Show the outcome of a call: its result, a problem and its remedy, or a hint on the input."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class ResultView(InkedText, can_focus=True):
         self._show_line(f"{INK.problem}{printable(text)}{INK.reset}")
 
     def show_check(self, problem: str, hint: str) -> None:
-        """Show a problem of the input; without a problem, show a hint on the expected input."""
+        """Show what is wrong with the input. If nothing is wrong, show a hint on the expected input."""
         if problem:
             self.show_problem(problem)
         else:
@@ -74,7 +74,7 @@ class ResultView(InkedText, can_focus=True):
             self.show_record(self.record)
 
     def _scroll_into_view(self) -> None:
-        """Scroll the forms until this view is visible, in case the screen is too low for all forms."""
+        """Scroll the forms until this view is visible, because a small terminal does not show all forms."""
         self.call_after_refresh(self.scroll_visible, animate=False)
 
     def _show_line(self, line: str) -> None:
@@ -103,7 +103,8 @@ def _record_text(record: HistoryRecord, full: bool) -> str:
 
 
 def _may_lack_robslave(record: HistoryRecord) -> bool:
-    """Return whether the controller refused slave mode without a reason, as an RC7 may do without RobSlave.
+    """Return whether the controller refused slave mode without a reason, as an RC7 may do if RobSlave does
+    not run.
 
     An RC7 needs the program RobSlave (DENSO Wave 2009, How to use the Slave mode). DENSO does not document
     the reply of an RC7 without that program.

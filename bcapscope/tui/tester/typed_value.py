@@ -35,7 +35,9 @@ _BY_NAME = {vt_name(vt): vt for vt in PARAMETER_TYPES}
 
 
 def type_numbers(names: Iterable[str]) -> tuple[int, ...]:
-    """Return the numbers of types such as ``VT_R4|VT_ARRAY``, without ``VARIANT``, which allows any type."""
+    """Return the numbers of types such as ``VT_R4|VT_ARRAY``, but not for ``VARIANT``, which allows any
+    type.
+    """
     return tuple(_BY_NAME[name] for name in names if name in _BY_NAME)
 
 
@@ -43,7 +45,7 @@ class CheckedText(NamedTuple):
     """The result of parsing the text of a parameter.
 
     Attributes:
-        value: Parsed value; None if the text does not fit the type.
+        value: Value of the text; None if the text does not fit the type.
         problem: Text that says what is expected; empty if the input is valid.
     """
 
@@ -69,14 +71,16 @@ def expected_input(vt: int) -> str:
 
 
 class CommandHint(NamedTuple):
-    """Types of a command's parameter, the usual type first, and a text on the command."""
+    """Types that a command's parameter may have, the usual type first, and a text that explains the
+    command.
+    """
 
     types: tuple[int, ...]
     text: str
 
 
 def command_hint(function_id: int, name: str) -> CommandHint | None:
-    """Look up a command by its name; return None if it is unknown."""
+    """Look up a command by its name; return None if the command is unknown."""
     known = find_command(function_id, name.strip())
     if known is None:
         return None
@@ -97,11 +101,13 @@ def _hint_text(known: CommandSpec) -> str:
 
 
 class TypedValue(Horizontal):
-    """A list of types and a field; reports a text that does not fit the chosen type."""
+    """A list of types and an input field. The widget reports a text that does not fit the chosen type."""
 
     @dataclass
     class Changed(Message):
-        """The user changed type or text; `problem` says what is wrong, or is "" for valid or empty text."""
+        """The user changed type or text. `problem` says what is wrong with the text; it is "" if the text is
+        valid or empty.
+        """
 
         value: TypedValue
         problem: str

@@ -1,4 +1,4 @@
-"""The process that removes a folder after the screen that uses the folder has ended for any reason.
+"""The process that removes the screen's temporary folder after the screen has ended, for whatever reason.
 
 bcapscope runs this file by its path and without site packages, as ``python -I -S folder_cleanup.py FOLDER``.
 The operating system closes the standard input of this process even if the screen is killed.
@@ -10,7 +10,9 @@ from shutil import rmtree
 from time import sleep
 
 TRIES, PAUSE = 20, 0.25
-"""Attempts to remove the folder, and seconds between them: other processes may still have a file open."""
+"""Number of attempts to remove the folder, and seconds between two attempts. Other processes may still have a
+file in it open.
+"""
 
 if __name__ == "__main__":
     sys.stdin.buffer.read()

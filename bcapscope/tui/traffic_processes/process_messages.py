@@ -1,4 +1,6 @@
-"""Messages between the screen and the processes that read, search and save, and their pipes."""
+"""Messages between the screen and the processes that read, search and save traffic; functions that pass them
+through pipes.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ _LENGTH_PREFIX = struct.Struct("<I")
 T = TypeVar("T")
 
 STOP_READING = b"."
-"""Sent after a job when the source has ended: the reader then finishes with the data that exists."""
+"""Message to the reader that the source has ended. The reader then finishes with the data that exists."""
 
 
 class ReadJob(msgspec.Struct, frozen=True, kw_only=True):
@@ -49,12 +51,12 @@ class ReadJob(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ReadProgress(msgspec.Struct, tag=True, frozen=True):
-    """How far reading has come.
+    """The progress of reading.
 
     Attributes:
         position: Number of bytes that have been read.
         size: Size of the file in bytes; 0 for a live capture.
-        problem: Reason why reading ended early; "" otherwise.
+        problem: Reason why reading ended early; "" if it did not end early.
         clients: Number of conversations so far.
         packets: Name of the capture file with the packets; "" without a file.
         lost: Number of packets that a live capture dropped for lack of buffer space.
@@ -70,7 +72,7 @@ class ReadProgress(msgspec.Struct, tag=True, frozen=True):
 
 
 class ShownFinding(msgspec.Struct, frozen=True):
-    """A finding with escaped strings.
+    """A finding as the screen shows it. All strings are escaped.
 
     Attributes:
         sentence: Text of the finding by language, because the user may choose another language at any time.
@@ -101,10 +103,10 @@ NO_ANALYSIS = TrafficAnalysis((), TrafficTotals(0, 0, 0, 0), [], [])
 
 
 class SearchRequest(msgspec.Struct, frozen=True):
-    """A search.
+    """A request to search the frames or the calls.
 
     Attributes:
-        generation: Number of the search, which its `SearchMatches` repeat.
+        generation: Number of the search. Each `SearchMatches` of the search has the same number.
         kind: What to search, ``frame`` or ``call``.
         expression: Filter expression; "" stops the search.
     """
@@ -144,7 +146,7 @@ class SaveJob(msgspec.Struct, frozen=True):
 
 
 def problem_text(problem: Message | None, job: ReadJob | SaveJob) -> str:
-    """Return why a job failed, escaped and in the job's language; "" without a problem."""
+    """Return why a job failed, escaped and in the job's language; "" if the job did not fail."""
     return "" if problem is None else printable(MessageFormatter(Language(job.language)).text(problem))
 
 
@@ -173,7 +175,9 @@ def lower_priority() -> None:
 
 
 def _read_exactly(stream: BinaryIO | io.RawIOBase, size: int) -> bytes:
-    """Read `size` bytes, or fewer at the end of the stream; a single read of a pipe can return less."""
+    """Read `size` bytes, or fewer at the end of the stream. Several reads may be necessary, because a pipe
+    can return fewer bytes.
+    """
     data = b""
     while len(data) < size and (more := stream.read(size - len(data))):
         data += more

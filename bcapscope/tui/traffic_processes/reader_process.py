@@ -1,4 +1,5 @@
-"""The reader process: writes observations to a journal, calls to a call store, and analyses the traffic.
+"""The reader process, which writes observations to a journal and calls to a call store, and analyses the
+traffic.
 
 Run as ``python -m bcapscope.tui.traffic_processes.reader_process``. The job arrives on standard input;
 reports go to standard output. Any data on standard input after the job means that the capture will not grow
@@ -45,7 +46,9 @@ from bcapscope.tui.traffic_processes.process_messages import (
 from bcapscope.tui.traffic_processes.traffic_publisher import TrafficPublisher
 
 _BATCH_MASK = 0xFF
-"""Mask for frame numbers: the reader checks the clock every 256 frames, several times per ms."""
+"""Mask for frame numbers. With this mask, the reader checks the clock every 256 frames, which is several
+times per ms.
+"""
 
 LIVE_FILE = "live.pcapng"
 
@@ -130,7 +133,7 @@ class TrafficReader:
             raise self._live.problem
 
     def _on_idle(self) -> None:
-        """Expire calls that have waited too long, while no new packets arrive."""
+        """Complete calls that have waited too long for a reply, while no new packets arrive."""
         if self._live is not None and self._live.problem is not None:
             self._source_ended.set()
         if self._publisher.journal.count:
@@ -138,7 +141,9 @@ class TrafficReader:
         self._publisher.report_if_due(self._observer.end_time)
 
     def _capture_time(self) -> int:
-        """Return the present time in ns by the packets' clock, which may be that of another machine."""
+        """Return the present time in ns by the clock of the captured packets, which may be the clock of
+        another machine.
+        """
         latest, now = self._observer.end_time, time.monotonic_ns()
         if latest != self._last_capture_time:
             self._last_capture_time, self._last_capture_seen_at = latest, now
@@ -188,7 +193,8 @@ class _LiveCapture:
 def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the screen uses Ctrl-C as a key
     lower_priority()
-    stdin = io.FileIO(0, closefd=False)  # bypasses sys.stdin, whose lock a thread would still hold at the end
+    # bypasses sys.stdin, because a thread would still hold its lock at the end
+    stdin = io.FileIO(0, closefd=False)
     job = next(receive_messages(stdin, ReadJob), None)
     if job is None:
         return

@@ -36,7 +36,7 @@ class RunningDiagnosis:
 
         Args:
             ended: Time in ns since 1970 at which the traffic is assumed to end.
-            present: Whether silent clients are known to be still connected.
+            present: Whether clients are known to be still connected, even if they are silent.
         """
         statistics, totals = self._statistics.statistics(), self.diagnosis.totals(ended)
         findings = tuple(shown_finding(each, totals) for each in self.diagnosis.findings(ended, present))

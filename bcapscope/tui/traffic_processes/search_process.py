@@ -1,8 +1,8 @@
 """The search process: applies a filter to the records of a journal, and reports the matches.
 
-bcapscope runs it as ``python -m bcapscope.tui.traffic_processes.search_process FOLDER``. Search requests
-arrive on standard input; matches go to standard output. A new request ends the previous search. A search that
-has reached the last row continues when new rows arrive.
+bcapscope runs this process as ``python -m bcapscope.tui.traffic_processes.search_process FOLDER``. Search
+requests arrive on standard input; matches go to standard output. A new request ends the previous search. When
+a search has reached the last row, it waits for new rows and examines them.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ REPORT_INTERVAL = 0.05
 """Seconds between two reports."""
 
 _BATCH = 128
-"""Number of rows between two checks for a new request; examining them takes some milliseconds."""
+"""Number of rows between two checks for a new request. Examining these rows takes some milliseconds."""
 
 
 class TrafficSearch:

@@ -27,11 +27,12 @@ class TemporaryFolderError(BcapError):
 
 
 class TemporaryFolder:
-    """A folder that is removed when the screen ends, even if the screen is killed. It is a context manager.
+    """A folder that is removed when the screen ends, even if the screen is killed. A `TemporaryFolder` is a
+    context manager.
 
-    The files in the folder need names, because several processes open them, such as the proxy's relay.
-    Windows cannot remove a file that is open. A separate process therefore waits until the screen has ended,
-    and then removes the folder.
+    The files in the folder need names, because several processes open the files; one such process is the
+    proxy's relay. Windows cannot remove a file that is open. A separate process therefore waits until the
+    screen has ended, and then removes the folder.
     """
 
     def __init__(self) -> None:
@@ -83,7 +84,9 @@ def _remove_leftovers(root: Path) -> None:
 
 
 def _is_used(folder: Path) -> bool:
-    """Return whether the process that created a folder still runs; the folder's name contains its number."""
+    """Return whether the process that created a folder still runs. The folder's name contains the number of
+    this process.
+    """
     number = folder.name.removeprefix(_PREFIX).partition("-")[0]
     if not number.isdigit() or sys.platform == "win32":  # on Windows, os.kill would end the process
         return True

@@ -30,12 +30,14 @@ from bcapscope.tui.traffic_processes.process_messages import (
 from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder, cache_root
 
 _END_TIMEOUT = 2.0
-"""Maximum time in seconds for a process to end; after that, it is killed."""
+"""Maximum time in seconds that a process may take to end. After this time, the screen kills the process."""
 
 
 @dataclass(frozen=True, slots=True)
 class SourceProblem:
-    """Says why more traffic may not follow; `reason` is "" if an earlier problem is over."""
+    """Report of the reason why the source might send no more traffic. `reason` is "" if an earlier problem is
+    over.
+    """
 
     reason: str
 
@@ -50,7 +52,7 @@ FeedListener = Callable[[FeedUpdate], object]
 
 
 class TrafficFeed:
-    """One source of traffic, which passes reports to a listener in a separate thread.
+    """The traffic of one source. In a separate thread, the feed passes reports to a listener.
 
     Attributes:
         journal: Store of all observations; None before the first observation.
@@ -59,7 +61,8 @@ class TrafficFeed:
     """
 
     def __init__(self, job: ReadJob, reports: BinaryIO | None = None) -> None:
-        """Start a process that reads the traffic; or with `reports`, show what another process reads.
+        """Start a process that reads the traffic. If `reports` is given, show what another process reads
+        instead.
 
         Args:
             job: What to read. Without `reports`, the feed adds a temporary folder and the screen's language.
@@ -87,7 +90,7 @@ class TrafficFeed:
             send_message(_pipe(self._reader.stdin), self.job)
             self._start_thread(self._read_reports, self._reader.stdout)
         else:
-            # This thread ends with the proxy, after `close`.
+            # This thread ends when the proxy ends, which is after `close`.
             threading.Thread(target=self._read_reports, args=(reports,), daemon=True, name="feed").start()
 
     def _start_thread(self, target: Callable[..., None], *arguments: object) -> None:
@@ -108,7 +111,9 @@ class TrafficFeed:
 
     @property
     def display_path(self) -> Path:
-        """Capture file from which names of new files are made; ``live.pcapng`` for a temporary capture."""
+        """Path of the capture file, on which names of new files are based; ``live.pcapng`` for a temporary
+        capture.
+        """
         path = Path(self.job.path)
         lasts = self.job.path and not path.is_relative_to(cache_root())
         return path if lasts else Path("live.pcapng")
@@ -158,7 +163,9 @@ class TrafficFeed:
             listener(message)
 
     def search(self, kind: str, expression: str) -> int:
-        """Start a search for matching rows ("" ends the search); return the number of the search."""
+        """Start a search for the rows that match `expression`; "" ends the search. Return the number of the
+        search.
+        """
         self._generation += 1
         request = SearchRequest(self._generation, kind, expression)
         if self._searcher is not None and self._searcher.poll() is not None:
@@ -169,7 +176,7 @@ class TrafficFeed:
                 return self._generation
             self._searcher = self._start_process("search_process", self.job.folder)
             self._start_thread(self._read_matches, self._searcher)
-        with suppress(OSError):  # the process has just died; the next search starts another
+        with suppress(OSError):  # the process has just died; the next search starts another process
             send_message(_pipe(self._searcher.stdin), request)
         return self._generation
 
@@ -196,9 +203,9 @@ class TrafficFeed:
         return out.decode() if process.returncode == 0 else self._last_error_line()
 
     def stop_reading(self) -> None:
-        """Notify the reader that the source has ended; the reader still processes the data that exists.
+        """Notify the reader that the source has ended. The reader still processes the data that exists.
 
-        The watcher of a proxy ends with its relay, and needs no such message.
+        The watcher of a proxy needs no such message, because it ends when the proxy's relay ends.
         """
         if self._reader is None:
             return
@@ -207,7 +214,8 @@ class TrafficFeed:
             _pipe(self._reader.stdin).flush()
 
     def report_source_problem(self, reason: str) -> None:
-        """Report in one sentence why no more traffic may follow; "" withdraws an earlier report.
+        """Report the reason, one sentence, why the source might send no more traffic. "" withdraws an earlier
+        report.
 
         Any thread may call this method.
         """

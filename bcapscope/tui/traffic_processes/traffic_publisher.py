@@ -1,4 +1,4 @@
-"""Publishes traffic for the screen: writes files of frames and calls, and sends reports."""
+"""Publish traffic for the screen: write files of frames and calls, and send reports."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Publishes traffic from the watcher of a proxy to the screen that started the proxy.
 
 The screen reads the proxy's frames and calls from files, like those of the reader process. The watcher's
-reports go to the standard output of the relay. The relay writes its addresses there before it accepts
-clients, so the addresses come before all reports.
+reports go to the standard output of the relay. The relay writes its addresses to standard output before it
+accepts clients, so the addresses come before all reports.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class ReportSender:
 
     def send(self, report: ReadProgress | TrafficAnalysis) -> None:
         with self._changed:
-            self._waiting.pop(type(report), None)  # so that the new report is sent last
+            self._waiting.pop(type(report), None)  # removed first, so that the new report is sent last
             self._waiting[type(report)] = report
             self._changed.notify()
 
@@ -109,7 +109,9 @@ class WatcherPublisher:
         self._publisher.report_end(end_time)
 
     def _publish(self, action: Callable[..., object], *arguments: object) -> None:
-        """Run an action; after its first error, report the error and publish nothing further."""
+        """Run an action that publishes traffic. After the first error, report the error and publish nothing
+        further.
+        """
         if self._has_ended:
             return
         try:

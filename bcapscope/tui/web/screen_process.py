@@ -12,13 +12,15 @@ from textual_serve.app_service import AppService
 from textual_serve.download_manager import DownloadManager
 
 ENDS_WITHIN = 13.0
-"""Maximum time in seconds for a screen process to end; then the process is killed.
+"""Maximum time in seconds that a screen process may take to end. After this time, the process is killed.
 
 The time is longer than `tui.app.CLOSE_TIMEOUT`, within which the process releases what it opened.
 """
 
 RELOAD_WITHIN = 2.0
-"""Time in seconds that a new viewer waits for a seat: a reloaded page may still occupy its old one."""
+"""Time in seconds that a new viewer waits for a seat. A page that was reloaded may still occupy its old
+seat.
+"""
 
 _KILLED_WITHIN = 2.0
 
@@ -30,7 +32,7 @@ class NoSeat(Exception):
 class ViewerSeats:
     """Limits the viewers of a served screen: each viewer occupies one of a fixed number of seats.
 
-    `ending` is the number of seats that become free soon.
+    `ending` is the number of seats whose screen process is ending, so that they become free soon.
     """
 
     def __init__(self, count: int) -> None:
@@ -73,8 +75,9 @@ class ScreenProcess(AppService):
         """Prepare the process.
 
         Args:
-            write_bytes: Sends drawing data to the page, and never raises: unread output blocks the process.
-            write_str: Sends messages to the page, and never raises.
+            write_bytes: Function that sends drawing data to the page and never raises, because unread output
+                would block the process.
+            write_str: Function that sends messages to the page and never raises.
         """
         super().__init__(
             subprocess.list2cmdline(argv),
@@ -86,7 +89,9 @@ class ScreenProcess(AppService):
         self._argv = tuple(argv)
 
     async def _open_app_process(self, width: int = 80, height: int = 24) -> Process:
-        """Start the command without a shell: textual-serve's shell would forward no signals."""
+        """Start the command without a shell. The shell that textual-serve starts would not forward
+        signals.
+        """
         self._process = process = await asyncio.create_subprocess_exec(
             *self._argv,
             stdin=asyncio.subprocess.PIPE,

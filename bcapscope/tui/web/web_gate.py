@@ -1,9 +1,9 @@
-"""Access check of the served screen: one check for every HTTP request, without I/O.
+"""Access check of the served screen. The module checks every HTTP request, and does no I/O.
 
 The address that bcapscope prints contains a token. The printed address opens a page that sets a cookie and
 forwards to a secret path. All other pages are below the secret path and need the cookie. Browsers send a
-cookie to every port of a host, where a server of another user could collect it. The cookie is limited to the
-secret path, so browsers do not send it to such servers.
+cookie to every port of a host. A server of another user on the same host could collect the cookie. The cookie
+is limited to the secret path, so browsers do not send it to such servers.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ TOKEN = "token"
 
 _HTTP_PORT = 80
 _NOT_FROM_OTHER_PAGES = ("", "none", "same-origin")
-"""Accepted values of Sec-Fetch-Site: a typed address, a bookmark, bcapscope's own page, no header."""
+"""Accepted values of the header Sec-Fetch-Site. The values mean a typed address or a bookmark, bcapscope's
+own page, or a missing header.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +47,7 @@ class WebRequest:
 
 
 class WebGate:
-    """The secrets of one served screen, and the check of requests against them.
+    """The secrets of one served screen, and the check whether a request contains these secrets.
 
     Attributes:
         authority: Host and port of the server, as in Host headers.
@@ -73,7 +75,7 @@ class WebGate:
             return (
                 "" if _equal_in_constant_time(request.token, self._token) else "the token is missing or wrong"
             )
-        # Always compare both secrets, so that the response time does not show which of them was right.
+        # Always compare both secrets, so that the response time does not show which secret was right.
         below = _equal_in_constant_time(request.path[: len(self.base_path) + 1], f"{self.base_path}/")
         allowed = _equal_in_constant_time(request.cookie, self.cookie)
         if not below or not allowed:

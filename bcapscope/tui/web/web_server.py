@@ -25,10 +25,11 @@ from bcapscope.tui.web.screen_process import ENDS_WITHIN, NoSeat, ScreenProcess,
 from bcapscope.tui.web.web_gate import COOKIE, TOKEN, WebGate, WebRequest
 
 PROVES_WITHIN = 10.0
-"""Maximum time in seconds that a connection may last without a request that passes the gate."""
+"""Maximum time in seconds that a connection may last without a request that passes the access check."""
 
 MAX_UNPROVED = 64
-"""Maximum number of connections that have not passed the gate; the oldest is closed first.
+"""Maximum number of connections without a request that passed the access check. The oldest connection is
+closed first.
 
 A browser opens at most six connections.
 """
@@ -161,8 +162,8 @@ class WebServer:
     async def _entry_page(self, request: web.Request) -> web.Response:
         """Set the cookie and forward to the secret path, so that the address bar loses the token.
 
-        The page forwards without a redirect: browsers would not send the cookie with a redirect after a link
-        on another page.
+        The page does not use a redirect. If the user clicked a link on another page, the browser would not
+        send the cookie after a redirect.
         """
         head = f'<meta http-equiv="refresh" content="0; url={self.gate.base_path}/">'
         body = f'<p><a style="color: #9cf" href="{self.gate.base_path}/">Open the screen</a></p>'
@@ -285,7 +286,7 @@ async def _wait_for_end_signal() -> None:
 
 
 class _OneLineHandler(logging.Handler):
-    """Reports each error of the server in one line; ignores errors that clients cause."""
+    """Reports each error of the server in one line, and ignores errors that clients cause."""
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
@@ -294,7 +295,7 @@ class _OneLineHandler(logging.Handler):
 
 
 def _one_line_logger() -> logging.Logger:
-    """Attach the one-line handler to the loggers of aiohttp and asyncio, which may not log the token."""
+    """Attach the one-line handler to the loggers of aiohttp and asyncio, which must not log the token."""
     for name in ("aiohttp", "asyncio", "textual-serve"):
         logger = logging.getLogger(name)
         logger.handlers = [_OneLineHandler(logging.WARNING)]
@@ -303,7 +304,7 @@ def _one_line_logger() -> logging.Logger:
 
 
 class WebConnections:
-    """Creates the protocol object of each connection, and ends connections without the secret."""
+    """Creates the protocol object of each connection, and ends connections that do not send the secret."""
 
     def __init__(self, server: web.Server) -> None:
         self._server = server
@@ -318,7 +319,7 @@ class WebConnections:
         return handler
 
     def mark_proved(self, handler: RequestHandler) -> None:
-        """Keep a connection, because one of its requests has passed the gate."""
+        """Keep a connection, because one of its requests has passed the access check."""
         timer = self._unproved.pop(handler, None)
         if timer is not None:
             timer.cancel()

@@ -1,1 +1,1 @@
-"""Widgets that several screens share. The widgets post messages and do not know each other."""
+"""Widgets that several screens share. The widgets post messages, and do not refer to each other."""

@@ -21,13 +21,13 @@ from bcapscope.tui.reader_language import label
 
 
 class ClickBar(Widget):
-    """Base class of the bars; a subclass renders its texts in the styles that `style_for` returns."""
+    """Base class of the bars. A subclass renders its texts in the styles that `style_for` returns."""
 
     auto_links = var(False)
     """Textual's own link style is off, because it would draw clickable text in other colours."""
 
     def style_for(self, name: str, action: str) -> Style:
-        """Return the style of a component class for a text whose click runs `action`."""
+        """Return the style of the component class `name` for a text. A click on the text runs `action`."""
         return self.get_component_rich_style(name) + Style(meta={"@click": action})
 
 
@@ -43,7 +43,7 @@ class TopBar(ClickBar):
         self.refresh()
 
     def render(self) -> RenderResult:
-        """Render the bar; if there is no room for screens and status, the status takes precedence."""
+        """Render the bar. If there is no room for both screens and status, show the status."""
         app = app_of(self)
         status = Text.assemble(*((text, app.text_styles.get(ink, "")) for text, ink in app.status))
         left = Text(" bcapscope ", style=self.get_component_rich_style("topbar--title"), end="")
@@ -62,7 +62,9 @@ _ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")
 
 
 class KeyBar(ClickBar):
-    """Shows as many keys and actions as fit, those of the focused widget first; a click runs the action."""
+    """Shows as many keys and actions as fit, beginning with those of the focused widget. A click runs the
+    action.
+    """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"keybar--key", "keybar--text"}
 
@@ -100,7 +102,7 @@ class ViewBar(ClickBar):
     COMPONENT_CLASSES: ClassVar[set[str]] = {f"viewbar--{part}" for part in ("here", "there", "key", "state")}
 
     def __init__(self, views: Mapping[str, str], *, id: str | None = None) -> None:
-        """Set the views, each with the label key of its name."""
+        """`views` has the label id of each view's name, by view."""
         super().__init__(id=id)
         self._views = views
         self._current_view = ""
@@ -108,7 +110,9 @@ class ViewBar(ClickBar):
         self._states: Sequence[str] = ()
 
     def show_counts(self, current_view: str, counts: Mapping[str, str], states: Sequence[str]) -> None:
-        """Show which view is visible, the counts by view, and the first of several state texts that fits."""
+        """Show which view is visible, and the count of each view. Of several state texts, show the first that
+        fits.
+        """
         if (current_view, counts, states) != (self._current_view, self._counts, self._states):
             self._current_view, self._counts, self._states = current_view, counts, states
             self.refresh()

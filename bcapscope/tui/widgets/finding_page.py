@@ -1,4 +1,6 @@
-"""Shows findings, each consequence below its cause; choosing a finding leads to the frames that prove it."""
+"""Show findings, each consequence below its cause. If the user chooses a finding, the screen shows the frames
+that prove it.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,7 @@ class FindingPage(ItemList[tuple[str, int]]):
 
     @property
     def _columns(self) -> int:
-        """Number of columns for text; before the first layout, the expected number."""
+        """Number of columns for text. Before the first layout, this is the expected number of columns."""
         return self.size.width or self.app.size.width - self.scrollbar_size_vertical
 
     def _update_lines(self) -> None:

@@ -1,4 +1,4 @@
-"""Lists of any length that render a line only when it is shown."""
+"""Lists of any length. A list renders a line only when the line is visible."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from bcapscope.tui.reader_language import label
 from bcapscope.tui.themes import readable_style
 
 _MAX_STRIPS = 500
-"""Maximum number of cached strips, which are enough for several screens."""
+"""Maximum number of rendered lines in the cache, enough for several screens."""
 
 _SIDEWAYS_COLUMNS = 8
 
@@ -35,7 +35,7 @@ class Lines(ScrollView, can_focus=True):
     """A list with a cursor; a subclass defines `count` and `line`.
 
     A subclass calls `reset_lines` when its lines have changed, and `lines_added` when it has new lines. The
-    list has neither border nor padding, because `render_lines` would not draw them.
+    list has no border and no padding, because `render_lines` would not draw them.
 
     Attributes:
         cursor: Index of the line under the cursor; 0 if the list is empty.
@@ -103,7 +103,9 @@ class Lines(ScrollView, can_focus=True):
         self._post_moved()
 
     def lines_added(self) -> None:
-        """Show new lines; if `follows_end` is set, a cursor on the last line moves to the new last line."""
+        """Show new lines. If `follows_end` is set and the cursor is on the last line, move it to the new last
+        line.
+        """
         before, count = self._known_count, self.count
         if count == before:
             return
@@ -187,7 +189,9 @@ class Lines(ScrollView, can_focus=True):
         return strip
 
     def line_state(self, index: int) -> str:
-        """Return state that changes the look of a line without `reset_lines` or `repaint`; "" for none."""
+        """Return a text that changes when a line must look different, although neither `reset_lines` nor
+        `repaint` was called.
+        """
         return ""
 
     def _draw_line(self, line: str, x: int, width: int, is_cursor: bool) -> Strip:
@@ -204,10 +208,10 @@ class Lines(ScrollView, can_focus=True):
         return Strip(drawn, max(length, x + width)).crop(x, x + width)
 
     def _line_styles(self, cursor_state: str) -> Styles:
-        """Return the styles for pieces of a line by style name, "" for the line itself.
+        """Return the styles for pieces of a line, by style name. The style of the whole line has the name "".
 
         Args:
-            cursor_state: "cursor" or "blurred" for the line under the cursor, "" for others.
+            cursor_state: "cursor" or "blurred" for the line under the cursor, "" for any other line.
         """
         if cursor_state not in self._styles:
             own, inks = self._line_style(cursor_state), app_of(self).text_styles
@@ -291,7 +295,7 @@ class ItemList(Lines, Generic[T]):
     """A list of items; when the items change, the cursor remains on the same item."""
 
     def __init__(self, empty: str = "", *, id: str | None = None) -> None:
-        """Create an empty list; `empty` is the label key of the line that an empty list shows."""
+        """Create an empty list; `empty` is the label id of the line that an empty list shows."""
         super().__init__(id=id)
         self.items: list[T] = []
         self._empty = empty
@@ -301,7 +305,7 @@ class ItemList(Lines, Generic[T]):
         """Return the line of an item, rendered with `ink.INK`."""
 
     def key_of(self, item: T) -> object:
-        """Return what identifies an item; None if only its position does."""
+        """Return what identifies an item; None if only its position identifies the item."""
         return None
 
     def show_items(self, items: Sequence[T]) -> None:

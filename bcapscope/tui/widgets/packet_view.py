@@ -1,4 +1,6 @@
-"""Shows a frame as a tree and as bytes, side by side; the selected field is highlighted in both."""
+"""Show a frame as a tree and as bytes, side by side. The selected field is highlighted in the tree and in the
+bytes.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ MAX_ROWS = 20_000
 _NAME_WIDTH = 18
 _NARROW_NAME, _NARROW_TREE = 14, 44
 _FOLDED_AT_FIRST = 6
-"""Maximum number of rows in a branch that is folded at first; its own row shows its content."""
+"""A branch with at most this number of rows is folded at first, because the branch's own row shows the
+content.
+"""
 
 
 class _Entry(NamedTuple):
@@ -56,7 +60,7 @@ class FieldTree(Lines):
 
     @dataclass
     class FieldSelected(Message):
-        """The cursor moved to a row for the bytes from `begin` to `end` (exclusive) of a section."""
+        """The cursor moved to a row that shows the bytes from `begin` to `end` (exclusive) of a section."""
 
         section: int
         begin: int
@@ -76,7 +80,9 @@ class FieldTree(Lines):
         self._rebuild()
 
     def select_field_at(self, section: int, offset: int) -> tuple[int, int]:
-        """Select the innermost field at a byte without posting a message; return its start and end."""
+        """Select the innermost field that contains a byte, and return the field's start and end. Post no
+        message.
+        """
         found = None
         for index, entry in enumerate(self._entries):
             row = entry.row
@@ -95,7 +101,7 @@ class FieldTree(Lines):
 
     @property
     def offset_in_frame(self) -> int:
-        """Offset in the frame of the first byte of the field under the cursor; 0 without field."""
+        """Offset in the frame of the first byte of the field under the cursor; 0 if there is no field."""
         row = self._entries[self._visible[self.cursor]].row if self._visible else None
         return 0 if row is None else row.start
 
@@ -140,7 +146,7 @@ class FieldTree(Lines):
         self.reset_lines()
 
     def _is_short_branch(self, at: int) -> bool:
-        """Return whether a branch starts folded: if it is short and contains no problem."""
+        """Return whether a branch is folded at first, because it is short and contains no problem."""
         _, row, stop = self._entries[at]
         if row is None or row.depth or row.kind is not FieldRowKind.FIELD or stop - at - 1 > _FOLDED_AT_FIRST:
             return False
@@ -160,7 +166,9 @@ class FieldTree(Lines):
         self.reset_lines(self._visible.index(at))
 
     def action_fold(self) -> None:
-        """Fold the branch under the cursor; if it is folded or a leaf, select its parent."""
+        """Fold the branch under the cursor. If the branch is already folded, or the cursor is on a leaf,
+        select the parent.
+        """
         if not self._visible:
             return
         at = self._visible[self.cursor]
@@ -188,7 +196,7 @@ class FieldTree(Lines):
 
 
 def _make_entries(section: int, found: list[FieldRow], first: int) -> list[_Entry]:
-    """Return tree entries for rows; `first` is the index of the first new entry."""
+    """Return tree entries for the rows of a section. `first` is the index of the first new entry."""
     stops = [0] * len(found)
     open_rows: list[int] = []
     for index, row in enumerate(found):
@@ -363,20 +371,28 @@ def _byte_at(column: int, per_line: int) -> int | None:
 
 
 _TREE_AT_LEAST = 48
-"""Minimum width in columns of a tree beside 16 bytes per line; narrower views show eight bytes."""
+"""Minimum width in columns of the tree if 16 bytes per line are shown. In a narrower view, eight bytes per
+line are shown.
+"""
 
 
 class PacketView(Horizontal, PlainContainer):
-    """Shows one frame, or bytes that are not a frame, in two linked halves."""
+    """Shows one frame, or bytes that are not a frame, as a tree and as bytes. The tree and the bytes
+    highlight the same field.
+    """
 
     def compose(self) -> ComposeResult:
-        """Put the tree and the bytes side by side. The line between them is a widget, drawn only once."""
+        """Put the tree and the bytes side by side. The line between tree and bytes is a widget, which Textual
+        draws only once.
+        """
         yield FieldTree(id="fields")
         yield Container(classes="edge")
         yield HexView(id="bytes")
 
     def show_packet(self, observation: Observation | None, call_kind: CallKind | None = None) -> None:
-        """Show an observation, or nothing; `call_kind` is what a reply answers."""
+        """Show an observation, or nothing; `call_kind` is the function and command of the request that a
+        reply answers.
+        """
         found = () if observation is None else frame_sections(observation, call_kind)
         self.query_one(HexView).show_sections(found)
         with self.prevent(Lines.Moved):

@@ -12,8 +12,8 @@ from textual.widgets import ContentSwitcher
 class PlainContainer(Widget):
     """A container without border, padding and scroll bars, of which only the children are visible.
 
-    Textual draws each line of an ordinary container, even if children cover the line. Drawing these lines
-    took a third of the time of a terminal resize. A subclass must name another base before this class,
+    Textual draws each line of an ordinary container, even if children cover the line. Drawing the covered
+    lines took a third of the time of a terminal resize. A subclass must name another base before this class,
     because Textual takes styles from the first base only.
     """
 

@@ -1,4 +1,6 @@
-"""Lists of frames and of calls: every row is drawn only when it is shown, so that a million rows are fast."""
+"""Lists of frames and of calls: a row is drawn only when it is visible, so that a list with a million rows is
+fast.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,7 @@ def client_and_arrow(flow: Flow) -> str:
 
 
 class RecordList(Lines):
-    """Shows all records, or the records that match a filter, as far as the search has found them.
+    """Shows all records, or the records that match a filter and that the search has already found.
 
     Attributes:
         clock: Format of the times in the lines.
@@ -53,10 +55,10 @@ class RecordList(Lines):
 
     @abstractmethod
     def use_format(self, clock: TimeFormat, write_endpoints: EndpointWriter, origin: int) -> None:
-        """Render later lines in a format; `origin` is the zero of relative times."""
+        """Choose the format of lines that are rendered from now on. Relative times count from `origin`."""
 
     def set_line_format(self, clock: TimeFormat, with_client: bool, origin: int) -> None:
-        """Set the format of times, whether lines show the client, and the zero of relative times."""
+        """Set the format of times, and whether lines show the client. Relative times count from `origin`."""
         if (clock, with_client, origin) != (self.clock, self._shows_client, self._origin):
             self.clock, self._shows_client, self._origin = clock, with_client, origin
             self.use_format(clock, client_and_arrow if with_client else direction_arrow, origin)
@@ -85,7 +87,9 @@ class RecordList(Lines):
         return row if self.matches is None or number in self.matches[row : row + 1] else None
 
     def nearest_row(self, number: int) -> int:
-        """Return the row of a record; if the filter hides it, the row of the next record that is shown."""
+        """Return the row of a record; if the filter hides the record, return the row of the next record that
+        the filter shows.
+        """
         return number - 1 if self.matches is None else bisect_left(self.matches, number)
 
 
@@ -100,7 +104,9 @@ def right_aligned(text: str, width: int) -> str:
 
 
 MARKED, RELATED, EVIDENCE = "●", "┃", "◆"
-"""Marks before a frame: marked by the user, part of the call under the cursor, proof of a finding."""
+"""Marks before a frame. The marks mean: marked by the user, part of the call under the cursor, and proof of a
+finding.
+"""
 
 
 class FrameList(RecordList):
@@ -138,7 +144,7 @@ class FrameList(RecordList):
 
     @property
     def frame_number(self) -> int | None:
-        """Number of the frame under the cursor; None if there is none."""
+        """Number of the frame under the cursor; None if the cursor is not on a frame."""
         return self.record_at(self.cursor) if self.cursor < self.count else None
 
     def read_frame(self, number: int) -> AnnotatedFrame:
@@ -157,7 +163,7 @@ class FrameList(RecordList):
         return f"{self._gutter(number)}{self._renderer.line(frame, call_kind, comments)}"
 
     def line_state(self, index: int) -> str:
-        """Return the marks before a line, because they change the look of the line."""
+        """Return the marks before a line, which change the line's look."""
         return self._gutter(self.record_at(index))
 
     def _gutter(self, number: int) -> str:
@@ -167,7 +173,9 @@ class FrameList(RecordList):
         return f"{mark}{INK.good}{RELATED}{INK.reset}" if number in self.related else f"{mark} "
 
     def show_related(self, related: Collection[int]) -> None:
-        """Mark the given frames as part of the call under the cursor, and remove earlier such marks."""
+        """Mark the frames `related` as part of the call under the cursor, and remove the marks of the
+        previous call.
+        """
         if related != self.related:
             changed = [self.row_of(number) for number in {*related, *self.related}]
             self.related = related
@@ -216,12 +224,14 @@ class CallList(RecordList):
         return self.row_count(len(self._calls)) if self._calls is not None else 0
 
     def show_rows(self) -> None:
-        """Redraw the list after `matches` has changed, with all calls folded."""
+        """Fold all calls and redraw the list, after `matches` has changed."""
         self._unfolded.clear()
         self.reset_lines()
 
     def _locate_line(self, index: int) -> tuple[int, int]:
-        """Return the position of the call at a line, and the number of its frame there (0 for none)."""
+        """Return the position of the call that a line belongs to, and which frame of the call the line shows
+        (0 for none).
+        """
         above = 0
         for position, extra in self._unfolded:
             line = position + above
@@ -241,7 +251,7 @@ class CallList(RecordList):
 
     @property
     def current_call(self) -> tuple[StoredCall, int] | None:
-        """The call under the cursor, and the number of the frame under the cursor; None in an empty list."""
+        """The call under the cursor, with the number of the frame under the cursor; None in an empty list."""
         if self.cursor >= self.count:
             return None
         position, part = self._locate_line(self.cursor)

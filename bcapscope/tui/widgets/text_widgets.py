@@ -1,4 +1,6 @@
-"""Rendered text in the colours of the theme, and an input line that shows what is wrong with its text."""
+"""A widget for rendered text in the colours of the theme, and an input line that shows what is wrong with its
+text.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,7 @@ class InkedText(Static):
         self._source_text = ""
 
     def show_text(self, text: str, *, layout: bool = True) -> None:
-        """Show a text with ink marks; `layout` says whether the size of the text may have changed."""
+        """Show a text with ink marks. `layout` must be True if the size of the text may have changed."""
         self._source_text = text
         self.update(styled_text(text, app_of(self).text_styles), layout=layout)
 
@@ -40,7 +42,7 @@ class CheckedInput(Vertical):
 
     @dataclass
     class Typed(Message):
-        """The user typed valid text, or emptied the line; for an empty line, `parsed` is None."""
+        """The user typed valid text, or emptied the line. If the line is empty, `parsed` is None."""
 
         line: CheckedInput
         text: str
@@ -57,11 +59,11 @@ class CheckedInput(Vertical):
         """
 
     def __init__(self, name: str, parse: Callable[[str], object], hint: str, caption: str = "") -> None:
-        """Configure the line.
+        """Configure the input line.
 
         Args:
             name: Id of the input field. The id of this widget is the name followed by ``-line``.
-            parse: Function that parses text that is not empty. For invalid text, `parse` raises a
+            parse: Function that parses the text if the text is not empty. For invalid text, `parse` raises a
                 `ValueError`, whose text the widget shows.
         """
         super().__init__(id=f"{name}-line")

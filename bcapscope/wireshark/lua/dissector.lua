@@ -75,6 +75,8 @@ end
 
 local known_results, known_result_count = {}, 0
 
+local function is_failure(code) return code >= 0x80000000 or code >= 0x1000 and code <= 0xFFFF end
+
 -- Return the name of a result code, and its meaning.
 local function describe_result(code)
     local known = RESULTS[code] or known_results[code]
@@ -102,8 +104,7 @@ local function describe_result(code)
         end
         text = message("hresult.not-listed", { meaning = text })
     else
-        local is_failure = code >= 0x80000000 or code >= 0x1000 and code <= 0xFFFF
-        text = TEXTS[is_failure and "hresult.failure" or "hresult.success"]
+        text = TEXTS[is_failure(code) and "hresult.failure" or "hresult.success"]
     end
     known_results[code], known_result_count = { name, text }, known_result_count + 1
     return name, text
@@ -334,12 +335,28 @@ local function argument_name(kind, is_request, index)
     return index > 1 and "arg" .. index or kind and kind.result or "pVal"
 end
 
+local MAX_LABEL_NUMBERS = 12
+local NUMBER_TEXTS = { -- by type: VT_I2, VT_I4, VT_R4, VT_R8
+    [2] = function(range) return ("%d"):format(range:le_int()) end,
+    [3] = function(range) return ("%d"):format(range:le_int()) end,
+    [4] = function(range) return ("%.7g"):format(range:le_float()) end,
+    [5] = function(range) return ("%.12g"):format(range:le_float()) end,
+}
+
+local function numbers_text(tvb, offset, node)
+    local text_of, width, texts = NUMBER_TEXTS[node.base], WIDTHS[node.base], {}
+    if not text_of or not node.numbers or node.numbers.count == 0 then return "" end
+    for index = 1, math.min(node.numbers.count, MAX_LABEL_NUMBERS) do
+        texts[index] = text_of(tvb(offset + node.numbers.at + (index - 1) * width, width))
+    end
+    if node.numbers.count > MAX_LABEL_NUMBERS then texts[#texts + 1] = "…" end
+    return " " .. table.concat(texts, ", ")
+end
+
 local function value_text(tvb, offset, raw, node)
     if node.text then return ' "' .. printable(string_text(raw, node.text)) .. '"' end
-    if not node.is_array and (node.base == 2 or node.base == 3) and node.numbers then
-        return " " .. tvb(offset + node.numbers.at, WIDTHS[node.base]):le_int()
-    end
-    return node.is_array and (" [%d]"):format(node.count) or ""
+    local count = node.is_array and (" [%d]"):format(node.count) or ""
+    return count .. numbers_text(tvb, offset, node)
 end
 
 local function add_argument(tree, tvb, offset, frame, node, name)
@@ -391,7 +408,8 @@ local function add_call(tree, tvb, offset, frame, links)
         tree:add(function_field, code_range, kind.name):set_generated()
     else
         local name, text = describe_result(frame.code)
-        tree:add_le(hresult_field, code_range):append_text((" %s: %s"):format(name, text))
+        local shown = sub(name, 1, 2) == "0x" and "" or " " .. name
+        tree:add_le(hresult_field, code_range):append_text(shown .. ": " .. text)
         tree:add(hresult_name_field, code_range, name):set_generated()
         tree:add(hresult_text_field, code_range, text):set_generated()
         if kind then
@@ -434,8 +452,10 @@ end
 local function frame_summary(frame, links)
     local label, text = links.kind and links.kind.label
     if not links.is_request then
-        text = "Reply " .. frame.serial .. " " .. describe_result(frame.code)
+        local name, meaning = describe_result(frame.code)
+        text = "Reply " .. frame.serial .. " " .. name
         if label then text = text .. " to " .. label end
+        if is_failure(frame.code) then text = text .. " (" .. meaning .. ")" end
     elseif links.first then
         text = "Retry " .. frame.serial .. " of " .. links.first.serial .. " " .. label
     else

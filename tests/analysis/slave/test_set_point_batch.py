@@ -10,11 +10,19 @@ from bcapscope.analysis.slave.set_point_batch import LARGE_FRAME, LATEST_TIME, F
 from bcapscope.analysis.slave.set_point_table import table_of
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PORT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    Transport,
+)
 from bcapscope.traffic.tracker import Tracker
 from tests.analysis.driving import Plan, joints
 
-CONVERSATION = Conversation(Endpoint("10.0.0.2", 1), Endpoint("10.0.0.1", 5007), Transport.UDP, "port 5007")
+CONVERSATION = Conversation(Endpoint("10.0.0.2", 1), Endpoint("10.0.0.1", 5007), Transport.UDP, SERVER_PORT)
 
 
 @given(

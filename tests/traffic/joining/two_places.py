@@ -5,7 +5,7 @@ from __future__ import annotations
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.joining.joiner import Joiner
-from bcapscope.traffic.observation import Conversation, Endpoint, Observation, Transport
+from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, Observation, Transport
 from bcapscope.traffic.pipeline import CallCollector, Pipeline
 from tests.traffic.playbook import Client, Script, text
 
@@ -22,8 +22,8 @@ class ProxiedScript(Script):
     """Observations of clients whose traffic goes through a proxy."""
 
     def proxied_client(self, port: int = 50001, transport: Transport = Transport.UDP) -> ProxiedClient:
-        near = Conversation(Endpoint("10.0.0.2", port), PROXY, transport, "test")
-        far = Conversation(Endpoint("10.0.0.3", port + 10_000), CONTROLLER, transport, "port 5007")
+        near = Conversation(Endpoint("10.0.0.2", port), PROXY, transport, SERVER_PORT)
+        far = Conversation(Endpoint("10.0.0.3", port + 10_000), CONTROLLER, transport, SERVER_PORT)
         return ProxiedClient(Client(self, near), Client(self, far))
 
     def in_order(self) -> list[Observation]:

@@ -6,11 +6,18 @@ import pytest
 
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PARTICIPANT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Transport,
+)
 from bcapscope.tui.proxy_display import edited_message, proposed_edit
 
 ENDS = Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007)
-FLOW = Flow(Conversation(*ENDS, Transport.UDP, "the proxy"), Direction.REQUEST)
+FLOW = Flow(Conversation(*ENDS, Transport.UDP, SERVER_PARTICIPANT), Direction.REQUEST)
 HANDLE, COMMAND, MODE = Variant(VT.I4, 2), Variant(VT.BSTR, "slvChangeMode"), Variant(VT.I4, 258)
 MESSAGE = encode_frame(9, 0, 64, [HANDLE, COMMAND, MODE])
 

@@ -1,0 +1,391 @@
+# SPDX-License-Identifier: GPL-2.0-or-later
+"""b-CAP as a layer of scapy: `BCAP` dissects and builds frames with the codec of bcapscope.
+
+No field of a frame distinguishes a request from a reply. The controller's port does. Without that port, a
+frame whose code is the number of a function counts as a request.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from itertools import pairwise, zip_longest
+from typing import Any, ClassVar
+
+from scapy.config import conf
+from scapy.fields import (
+    ConditionalField,
+    FieldLenField,
+    LEIntEnumField,
+    LEShortField,
+    RawVal,
+    StrField,
+    XByteField,
+)
+from scapy.layers.inet import TCP, UDP
+from scapy.packet import Packet, bind_bottom_up, bind_layers
+
+from bcapscope.errors import InputError, LocalProtocolError
+from bcapscope.messages import Message
+from bcapscope.messages.message import foreign_text
+from bcapscope.protocol.codec.frame import (
+    EOT,
+    HEADER_SIZE,
+    SMALLEST_FRAME,
+    SOH,
+    Frame,
+    Framing,
+    parse_datagram,
+)
+from bcapscope.protocol.codec.stream_splitter import LARGEST_UNCONFIRMED, StreamSplitter
+from bcapscope.protocol.codec.variant import VT, Variant, encode_argument, vt_name
+from bcapscope.protocol.tables.command_catalogue import command_name
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, function_by_name, function_name
+from bcapscope.protocol.tables.hresult import CODE_BY_NAME, S_EXECUTING, hresult_name
+from bcapscope.protocol.variant_values import argument_of, variant_of
+from bcapscope.traffic.filter.tokens import with_nearest
+
+__all__ = ["BCAP"]
+
+PORT = 5007
+
+_HEADER = struct.Struct("<BIHHIH")
+
+_MAX_LAYERS = 64
+"""Maximum number of frames from one TCP segment that become layers of one packet. The other frames become one
+raw layer. scapy builds and copies layers by recursion, and a segment of 64 KiB can hold 4096 frames."""
+
+
+def _function_id(name: str) -> int:
+    function = function_by_name(name)
+    if function is None:
+        raise InputError(with_nearest(Message("frame.no-such-function", name=ascii(name)), name, ID))
+    return function.id
+
+
+def _result_code(name: str) -> int:
+    code = CODE_BY_NAME.get(name.upper())
+    if code is None:
+        raise InputError(with_nearest(Message("filter.no-such-code", name=ascii(name)), name, CODE_BY_NAME))
+    return code
+
+
+class _CodeField(LEIntEnumField):  # type: ignore[misc] # mypy skips scapy
+    """A number with a name: the function of a request, or the result code of a reply."""
+
+    __slots__ = ("_find", "_name_of")
+
+    def __init__(
+        self, name: str, default: int, find: Callable[[str], int], name_of: Callable[[int], str]
+    ) -> None:
+        """`find` returns the number of a name or raises InputError, and `name_of` returns the name."""
+        self._find = find
+        self._name_of = name_of
+        super().__init__(name, default, {})
+
+    def any2i_one(self, pkt: Packet | None, x: Any) -> Any:
+        """Accept a name, or a number, signed or unsigned."""
+        if isinstance(x, str):
+            return self._find(x)
+        return x & 0xFFFFFFFF if isinstance(x, int) and -(2**31) <= x < 0 else x
+
+    def i2repr_one(self, pkt: Packet | None, x: Any) -> str:
+        """Return the name; None for the function in a reply, and for the result code in a request."""
+        if isinstance(pkt, BCAP) and pkt.is_response is not (self.name == "hresult"):
+            return "None"
+        return self._name_of(x) if isinstance(x, int) else repr(x)
+
+
+class _FunctionField(_CodeField):
+    """The function of a request. Its value is the name, as in filters and JSON."""
+
+    __slots__ = ()
+
+    def i2h(self, pkt: Packet | None, x: Any) -> Any:
+        if isinstance(x, list):
+            return [self.i2h(pkt, each) for each in x]
+        return self._name_of(x) if isinstance(x, int) else x
+
+
+class _ArgumentsField(StrField):  # type: ignore[misc] # as above
+    """The arguments of a frame: values of Python and `Variant`. Programs read all of them as `Variant`."""
+
+    islist = 1
+
+    def any2i(self, pkt: Packet | None, x: Any) -> Any:
+        # A list, since scapy takes a tuple of two or three numbers for a range of packets.
+        values = list(x) if isinstance(x, list | tuple) and not isinstance(x, Variant) else [x]
+        for value in values:
+            variant_of(value)  # raises for a value without a type
+        return values
+
+    def i2h(self, pkt: Packet | None, x: Any) -> Any:
+        """Give the values the types that `encode` gives them: those of the function, else those of Python."""
+        if isinstance(x, RawVal):
+            return x
+        function = _function_of(pkt)
+        if function is None:
+            return tuple(map(variant_of, x))
+        return tuple(
+            variant_of(value) if param is None else argument_of(function, param, value)
+            for value, param in zip_longest(x, function.params[: len(x)])
+        )
+
+    def i2m(self, pkt: Packet | None, x: Any) -> bytes:
+        return b"".join(map(encode_argument, self.i2h(pkt, x or ())))
+
+    def i2len(self, pkt: Packet | None, x: Any) -> int:
+        return len(x if isinstance(x, RawVal) else self.i2m(pkt, x))
+
+    def i2count(self, pkt: Packet | None, x: Any) -> int:
+        return 1 if isinstance(x, RawVal) else len(x or ())
+
+    def i2repr(self, pkt: Packet | None, x: Any) -> str:
+        """Return types, values and names of the arguments; non-ASCII and control characters are escaped."""
+        if isinstance(x, RawVal):
+            return repr(x)
+        variants = self.i2h(pkt, x or ())
+        function = _function_of(pkt)
+        params = function.params[: len(variants)] if function is not None else ()
+        shown = (
+            _shown(variant) if param is None else f"{param.name}: {_shown(variant)}"
+            for variant, param in zip_longest(variants, params)
+        )
+        return f"[{', '.join(shown)}]"
+
+
+class BCAP(Packet):  # type: ignore[misc] # as above
+    """One b-CAP frame.
+
+    Requests have the field `function`, replies have `hresult`. If you set one of them, the frame becomes a
+    request or a reply. An unchanged frame keeps its bytes, even if they are damaged.
+
+    Attributes:
+        soh, eot: First and last byte.
+        length, argc: Size in bytes, and number of arguments. None when you build a frame: computed.
+        serial, reserved: Numbers of the header.
+        function: Name of the function of a request. Set the name or the number.
+        hresult: Result code of a reply, unsigned. Set the name or the number.
+        args: Arguments, as a tuple of `Variant`. Set a list of Python values or of `Variant`.
+        trailer: Bytes between the arguments and EOT: the CRC of a serial line, the mode of a version 1 frame,
+            or bytes that belong to no argument.
+    """
+
+    name = "b-CAP"
+    fields_desc: ClassVar[list[Any]] = [
+        XByteField("soh", SOH),
+        FieldLenField(
+            "length",
+            None,
+            fmt="<I",
+            length_of="args",
+            adjust=lambda packet, size: size + SMALLEST_FRAME + len(packet.trailer),
+        ),
+        LEShortField("serial", 1),
+        LEShortField("reserved", 0),
+        ConditionalField(
+            _FunctionField("function", 1, _function_id, function_name),
+            lambda packet: not packet.is_response,
+        ),
+        ConditionalField(
+            _CodeField("hresult", 0, _result_code, hresult_name),
+            lambda packet: packet.is_response,
+        ),
+        FieldLenField("argc", None, fmt="<H", count_of="args"),
+        _ArgumentsField("args", ()),
+        StrField("trailer", b""),
+        XByteField("eot", EOT),
+    ]
+    deprecated_fields = {"function_id": ("function", "0.2")}  # noqa: RUF012 - scapy declares no ClassVar
+
+    @classmethod
+    def dispatch_hook(cls, _pkt: bytes | None = None, *_: Any, **__: Any) -> Any:
+        """Select this layer for bytes that begin like a frame, and scapy's raw layer for all others."""
+        if _pkt is None or (_pkt[:1] == bytes((SOH,)) and len(_pkt) >= HEADER_SIZE):
+            return cls
+        return conf.raw_layer
+
+    @classmethod
+    def tcp_reassemble(cls, data: bytes, metadata: dict[str, Any], session: dict[str, Any]) -> Packet | None:
+        """Return the complete frames of a stream, with the following bytes as padding; None without one.
+
+        Bytes outside any frame become raw layers. For `TCPSession`, the result holds all complete frames,
+        because scapy 2.8 loses its place in the stream if an unfinished frame follows two frames. For a
+        socket, the result holds the first frame, so that `sr1` can match it.
+        """
+        packet = metadata.get("original")
+        size = 0 if packet is not None else _whole_frame_size(data)
+        if size:
+            return _with_payloads([cls(data[:size])], data[size:])
+        pieces = StreamSplitter().feed(data)
+        if not pieces:
+            return None
+        split = pieces[: 1 if packet is None else _MAX_LAYERS]
+        tcp = None if packet is None else packet.getlayer(TCP)
+        layers = [
+            cls(piece.item.raw, _underlayer=tcp)
+            if isinstance(piece.item, Frame)
+            else conf.raw_layer(piece.item.raw)
+            for piece in split
+        ]
+        stop = split[-1].stop
+        if packet is not None and stop < pieces[-1].stop:
+            layers.append(conf.raw_layer(data[stop : pieces[-1].stop]))
+            stop = pieces[-1].stop
+        return _with_payloads(layers, data[stop:])
+
+    @property
+    def is_response(self) -> bool:
+        """Whether the frame is a reply, or the notice S_EXECUTING."""
+        if "hresult" in self.fields or "function" in self.fields:
+            return "hresult" in self.fields
+        return self._is_from_controller() is True
+
+    def _is_from_controller(self) -> bool | None:
+        """Return whether the ports show that the controller sent the frame; None if they show nothing."""
+        ports = (getattr(self.underlayer, "sport", None), getattr(self.underlayer, "dport", None))
+        return ports[0] == PORT if ports.count(PORT) == 1 else None
+
+    @property
+    def function_id(self) -> int | None:
+        """The number of the function; None in a reply."""
+        number: int | None = None if self.is_response else self.getfieldval("function")
+        return number
+
+    @property
+    def command_name(self) -> str | None:
+        """The command of an ..._Execute request, such as `slvMove`; None for all other frames."""
+        function_id = self.function_id
+        return None if function_id is None else command_name(function_id, self.args) or None
+
+    @property
+    def retry_of(self) -> int | None:
+        """Serial of an earlier attempt, if the frame is a retry; None for all other frames."""
+        if self.is_response or self.reserved in (0, self.serial) or isinstance(self.underlayer, TCP | BCAP):
+            return None
+        is_version_1 = self.frame.framing in (Framing.VERSION_1, Framing.VERSION_1_ZLIB)
+        return None if is_version_1 else self.reserved
+
+    @property
+    def frame(self) -> Frame:
+        """The frame, as `bcapscope.decode` returns it; its `problems` list the damage."""
+        return Frame(self.self_build())
+
+    def do_dissect(self, s: bytes) -> bytes:
+        """Parse the frame at the beginning of `s` and return the bytes after it."""
+        frame = parse_datagram(s)[0]
+        assert isinstance(frame, Frame)  # by `dispatch_hook`
+        size = len(frame.raw)
+        soh, length, serial, reserved, _, _ = _HEADER.unpack_from(s)
+        from_controller = self._is_from_controller()
+        is_reply = frame.code not in FUNCTIONS if from_controller is None else from_controller
+        code_name = "hresult" if is_reply else "function"
+        arguments = frame.arguments
+        self.fields.update(soh=soh, length=length, serial=serial, reserved=reserved, argc=frame.argc)
+        self.fields[code_name] = frame.code
+        self.fields["args"] = list(frame.variants)
+        self.fields["trailer"] = s[arguments[-1].stop if arguments else HEADER_SIZE : size - 1]
+        if frame.framing is Framing.VERSION_1_ZLIB:  # built without compression if you change a field
+            self.fields.update(length=None, trailer=b"\0")
+        if size > HEADER_SIZE:
+            self.fields["eot"] = s[size - 1]
+        self.raw_packet_cache_fields: dict[str, Any] = {}
+        self.raw_packet_cache = frame.raw
+        self.explicit = 1
+        return s[size:]
+
+    def extract_padding(self, s: bytes) -> tuple[bytes, bytes]:
+        """Return all bytes as padding, since a frame has no payload."""
+        return b"", s
+
+    def setfieldval(self, attr: str, val: Any) -> None:
+        """Set a field. `function` makes the frame a request, and `hresult` makes it a reply."""
+        super().setfieldval(attr, val)
+        if attr in ("function", "function_id"):
+            self.fields.pop("hresult", None)
+        elif attr == "hresult":
+            self.fields.pop("function", None)
+
+    def hide_defaults(self) -> None:
+        """Remove fields with default values, except the one that makes the frame a request or a reply."""
+        kept = {name: self.fields[name] for name in ("function", "hresult") if name in self.fields}
+        super().hide_defaults()
+        self.fields.update(kept)
+
+    def self_build(self) -> bytes:
+        """Return the bytes of the frame.
+
+        Raises:
+            LocalProtocolError: A value does not fit its field.
+        """
+        if self.raw_packet_cache is None:
+            args = self.getfieldval("args")
+            self.get_field("args").i2len(self, args)  # scapy cannot pass on an exception of bcapscope
+        try:
+            raw: bytes = super().self_build()
+        except ValueError as error:
+            raise LocalProtocolError(foreign_text(str(error))) from error
+        return raw
+
+    def hashret(self) -> bytes:
+        """Return the serial as bytes, by which scapy finds the reply to a request."""
+        return struct.pack("<H", self.serial)
+
+    def answers(self, other: Packet) -> bool:
+        """Return whether this frame is the reply to the request `other`.
+
+        The notice S_EXECUTING is not a reply.
+        """
+        if not isinstance(other, BCAP) or not self.is_response or other.is_response:
+            return False
+        return bool(self.serial == other.serial and self.hresult != S_EXECUTING)
+
+    def mysummary(self) -> str:
+        if self.is_response:
+            text = f"b-CAP {hresult_name(self.hresult)} serial {self.serial}"
+        else:
+            command = self.command_name
+            what = self.function if command is None else f"{self.function} {command!a}"
+            text = f"b-CAP {what} serial {self.serial}"
+            text += "" if self.retry_of is None else f" retry of {self.retry_of}"
+        is_damaged = self.raw_packet_cache is not None and bool(self.frame.problems)
+        return f"{text} [damaged]" if is_damaged else text
+
+
+def _function_of(packet: Packet | None) -> Function | None:
+    """Return the function of a request; None for other packets, and for several or unknown functions."""
+    function_id = packet.function_id if isinstance(packet, BCAP) else None
+    return FUNCTIONS.get(function_id) if isinstance(function_id, int) else None
+
+
+def _whole_frame_size(data: bytes) -> int:
+    """Return the size of the whole frame at the start of a stream; 0 if only `StreamSplitter` can tell."""
+    length = int.from_bytes(data[1:5], "little")
+    is_whole = SMALLEST_FRAME <= length <= min(len(data), LARGEST_UNCONFIRMED)
+    return length if is_whole and data[0] == SOH and data[length - 1] == EOT else 0
+
+
+def _with_payloads(layers: list[Packet], padding: bytes) -> Packet:
+    """Return the first layer. Each following layer is the payload of the one before; padding is the last."""
+    if padding:
+        layers.append(conf.padding_layer(padding))
+    for outer, inner in reversed(list(pairwise(layers))):
+        outer.add_payload(inner)
+    return layers[0]
+
+
+def _shown(variant: Variant) -> str:
+    """Return the type and value of an argument, as ASCII text."""
+    if variant.vt in (VT.EMPTY, VT.NULL):
+        return vt_name(variant.vt)
+    values = variant.value
+    if isinstance(values, tuple):
+        items = (_shown(each) if isinstance(each, Variant) else ascii(each) for each in values)
+        return f"{vt_name(variant.vt)} ({', '.join(items)})"
+    return f"{vt_name(variant.vt)} {values!a}"
+
+
+for _transport in (UDP, TCP):
+    bind_bottom_up(_transport, BCAP, sport=PORT)
+    bind_bottom_up(_transport, BCAP, dport=PORT)
+    bind_layers(_transport, BCAP, sport=PORT, dport=PORT)
