@@ -4,7 +4,10 @@
 with all worlds of the capture up to then. Later frames are of no use to a reader of live traffic.
 
 Vague verdicts are `cannot tell`, `not captured` and `capture ended`. `not followed` depends on memory, not on
-the capture.
+the capture. `cannot tell` is right only if each of `request lost`, `reply lost` and `reply late` is wrong in
+some world. `not captured` is right only if the client has a reply, or still waits, in some world. `capture
+ended` is right only if the client still waits in some world. A definite verdict must be right in some world;
+`test_captured_sessions` checks that it is the truth.
 """
 
 from __future__ import annotations
@@ -16,17 +19,21 @@ from typing import NamedTuple
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.traffic.call import Call
+from bcapscope.protocol.codec.frame import Malformed
+from bcapscope.traffic.call import Call, FrameRole
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.joining.joined_observation import sighting_numbers
 from bcapscope.traffic.joining.joiner import Joiner
-from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.observation import Direction, Observation, Transport
 from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
-from tests.traffic.capture_evidence import Evidence
+from bcapscope.traffic.tracker import Tracker
+from tests.traffic.capture_evidence import SHORTEST_TIMEOUT, Evidence
 from tests.traffic.captured_sessions import CapturedSession, KnownCall, Surroundings
+from tests.traffic.playbook import MS, POSE, START, Script, calls_of, slv_move
 from tests.traffic.possible_worlds import Claim, PossibleWorlds
+from tests.traffic.sessions import Capture, Profile, Session
 from tests.traffic.test_captured_sessions import SEEDS, place_of
 
 AROUND = st.builds(
@@ -140,3 +147,59 @@ def test_two_places(around: Surroundings, seed: int, width: float) -> None:
     session = CapturedSession(around, CALLS, seed)
     for each in judged(session, None):
         check(each, session.by_serial[each.call.request.item.serial])
+
+
+@given(st.sampled_from(["tcp0", "tcp1", "same"]), st.sampled_from([0.0, 0.1]), SEEDS)
+def test_a_stream_loses_nothing_that_a_verdict_could_leave_open(
+    convention: str, slow: float, seed: int
+) -> None:
+    session = Session(Profile(convention=convention, timeout=5, slow=slow), CALLS, seed)
+    capture = Capture([(session.profile, session.records)])
+    pairing = Tracker()
+    settled = [item for seen in capture.observations for item in pairing.observe(seen)]
+    for call in calls_of([*settled, *pairing.close()]):
+        assert call.verdict not in (CallVerdict.CANNOT_TELL, CallVerdict.NOT_CAPTURED)
+        times = [seen.time for seen in capture.observations if seen.flow.direction is Direction.REQUEST]
+        later = [time for time in times if time >= waited_since(call) + SHORTEST_TIMEOUT]
+        assert call.verdict is not CallVerdict.CAPTURE_ENDED or not later
+
+
+def waited_since(call: Call) -> int:
+    return max(seen.time for role, seen in call.frames if role in (FrameRole.REQUEST, FrameRole.NOTICE))
+
+
+@given(st.lists(st.tuples(*[st.booleans()] * 3, st.sampled_from([0.5, 1.5, 3.0, 20.0])), max_size=12))
+def test_a_gap_leaves_open_only_the_calls_whose_reply_it_may_hold(
+    calls: list[tuple[bool, bool, bool, float]],
+) -> None:
+    """Each tuple says whether the reply was captured, and whether it and its notice left a gap."""
+    script = Script()
+    client = script.client(transport=Transport.TCP)
+    at, gaps, replies = 0.0, list[float](), dict[int, float]()
+    for serial, (is_captured, leaves_gap, is_first_gap, pause) in enumerate(calls, 1):
+        client.ask(at, serial, 0, slv_move(float(serial)))
+        if is_first_gap:
+            gaps.append(at + 0.1)
+            client.see(gaps[-1], Direction.RESPONSE, Malformed(b"", (), 16))
+        if is_captured:
+            replies[serial] = at + 0.2
+            client.reply(at + 0.2, serial, 0, 0, POSE)
+        elif leaves_gap:
+            gaps.append(at + 0.2)
+            client.see(gaps[-1], Direction.RESPONSE, Malformed(b"", (), 44))
+        at += pause
+    for call in calls_of(script.track()):
+        serial, asked = call.request.item.serial, (call.request.time - START) / MS
+        until = min((time for other, time in replies.items() if other > serial), default=at)
+        may_be_in_gap = any(asked < time < until for time in gaps)
+        gone_on = any(
+            (seen.time - START) / MS - asked >= SHORTEST_TIMEOUT / MS
+            for seen in script.seen
+            if seen.flow.direction is Direction.REQUEST
+        )
+        if serial in replies:
+            assert call.outcome is Outcome.ANSWERED
+        elif may_be_in_gap:
+            assert call.outcome is Outcome.NOT_CAPTURED
+        elif gaps or replies:
+            assert call.outcome is Outcome.UNANSWERED or not gone_on
