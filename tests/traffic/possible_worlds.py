@@ -72,6 +72,10 @@ class Fate(Enum):
     NO_REPLY_YET = 5
 
 
+TIMED = (Fate.ACCEPTED, Fate.REPLY_LATE)
+"""The fates of attempts whose reply reached the client."""
+
+
 @dataclass(frozen=True)
 class World:
     """A course of a call that gives the same capture."""
@@ -118,15 +122,19 @@ class PossibleWorlds:
                 [fate for fate in self._fates(course, number) if fate is not excluded]
                 for number in range(len(course.attempts))
             ]
+            are_possible: dict[tuple[Fate | None, ...], bool] = {}  # by the fates that matter to the times
             for fates in product(*choices):
-                if not keeps_order(course, fates) or not have_times(
-                    course, fates, self._round_trip, self._wait
-                ):
+                claims = claims_of(course, fates)
+                if without in claims or not keeps_order(course, fates):
+                    continue
+                timed = tuple(fate if fate in TIMED else None for fate in fates)
+                if timed not in are_possible:
+                    are_possible[timed] = have_times(course, fates, self._round_trip, self._wait)
+                if not are_possible[timed]:
                     continue
                 is_accepted = fates[-1] is Fate.ACCEPTED
-                claims = claims_of(course, fates)
                 for ending in [set()] if is_accepted else self._endings(course):
-                    if without not in claims | ending:
+                    if without not in ending:
                         accepted = course.attempts[-1].serial if is_accepted else None
                         yield World(frozenset(claims | ending), accepted)
 
@@ -185,7 +193,7 @@ def have_times(course: Course, fates: Sequence[Fate], round_trip: int, wait: int
             bounds.at_most("", sent[number], round_trip - time)
     for number, (attempt, fate) in enumerate(zip(attempts, fates, strict=True)):
         reply = attempt.reply[0]
-        if fate not in (Fate.ACCEPTED, Fate.REPLY_LATE):
+        if fate not in TIMED:
             continue
         assert reply is not None
         came = f"came {number}"
