@@ -257,6 +257,13 @@ class Call:
         return len(self.unseen_serials)
 
     @property
+    def latest_serial(self) -> int:
+        """Serial of the latest attempt, captured or not."""
+        last = self.last_attempt.item.serial
+        unseen = self.unseen_serials[-1] if self.unseen_serials else last
+        return unseen if (unseen - last) & 0xFFFF < 0x8000 else last
+
+    @property
     def all_unseen_serials(self) -> tuple[int, ...]:
         """Serials of the attempts that were not captured, with that of the first attempt if a retry names
         it."""

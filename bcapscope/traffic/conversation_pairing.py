@@ -330,7 +330,7 @@ class ConversationPairing:
         first = call.request.item
         origin = first.serial if call.first_attempt_seen else first.reserved
         self._reserved_usage = self._reserved_usage.after_retry(
-            origin, call.last_attempt.item.serial, frame.reserved, self._first_reserved == 0
+            origin, call.latest_serial, frame.reserved, self._first_reserved == 0
         )
 
     def _replace_request(self, call: Call, observation: FrameObservation) -> None:
