@@ -1,5 +1,5 @@
-"""Rules about errors that a client does not clear, or clears before it has read them. Also the rule for all
-errors that have no rule of their own.
+"""Rules about errors that a client does not clear, or clears before it has read them. This module also has
+the rule for all errors without a rule of their own.
 """
 
 from __future__ import annotations
@@ -186,7 +186,7 @@ def _went_on(calls: _CallsAfterError, first: Call) -> Occurrence:
 
 def _shuts_down(call: Call, client: ClientState) -> bool:
     """Return whether a call only stops something, switches the motor off, gives back the arm or releases an
-    object. A client may make such calls after an error."""
+    object. After an error, a client may still make these calls."""
     if call.kind.folded_command == "givearm":
         return True
     target = "" if client.target_object is None else client.target_object.name
