@@ -262,7 +262,7 @@ def _is_cut_by_closing(observation: Observation | FrameObservation, problems: Se
 
 
 def _problem_message(problems: Sequence[Problem]) -> Message | str:
-    """Return one message with the reasons of the first problems."""
+    """Return one message that names the first of these problems."""
     *firsts, text = [problem.reason for problem in problems[:_MAX_PROBLEMS_NAMED]]
     more = len(problems) - _MAX_PROBLEMS_NAMED
     message: Message | str = text
