@@ -101,8 +101,8 @@ class ControllerState:
         return builder
 
     def claim_unanswered_entry(self) -> CallFact | None:
-        """Return the slvChangeMode call without a captured reply, and forget this call. Call this method when
-        a set point shows that the slvChangeMode call succeeded.
+        """Return `unanswered_entry`, and set it to None. Call this method when a set point shows that the
+        slvChangeMode call succeeded.
         """
         entry, self.unanswered_entry = self.unanswered_entry, None
         if entry is None:
