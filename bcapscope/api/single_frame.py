@@ -35,9 +35,9 @@ def encode(code: str | int, arguments: Sequence[object] = (), *, serial: int = 1
     Args:
         code: For a request, the name of a function, such as ``"Robot_Execute"``, or its number. For a reply,
             the name of a result code, such as ``"S_OK"``, or its number, signed or unsigned.
-        arguments: Python values. After the name of a function, all its arguments are required, and get their
-            types from the function. After a number or a result code, None becomes VT_EMPTY, bool VT_BOOL, int
-            VT_I4 (or VT_I8 if it is too large), float VT_R8, str VT_BSTR, bytes an array of VT_UI1, and a
+        arguments: Python values. If `code` is the name of a function, all arguments of the function are
+            required, and the function determines their types. If not, None becomes VT_EMPTY, bool VT_BOOL,
+            int VT_I4 (or VT_I8 if it is too large), float VT_R8, str VT_BSTR, bytes an array of VT_UI1, and a
             list an array. A `Variant` keeps its type.
         serial: Serial of the frame, from 0 to 65535.
         reserved: Reserved field; in a retry, the serial of an earlier attempt.

@@ -30,7 +30,7 @@ _OTHER_FORMATS = {
 
 
 class CaptureFile:
-    """A capture that is read once, from beginning to end. As a context manager, it closes the file.
+    """A capture that is read once, from beginning to end. The context manager closes the file.
 
     Attributes:
         size: Size of the file on disk in bytes; None for a stream without a size, such as a pipe.
