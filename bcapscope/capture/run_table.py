@@ -6,13 +6,13 @@ from array import array
 from bisect import bisect_right
 
 MAX_RUNS = 2_000_000
-"""Maximum number of runs of packets or frames in a table, which then takes 40 MB. For packets and frames
-after the last run, the table cannot tell in which capture they are.
+"""Maximum number of runs in a table; a table of this size takes 40 MB. The table does not know the source of
+packets and frames after the last run.
 """
 
 
 class RunTable:
-    """A table of runs. Each run maps successive numbers to successive numbers of one source, such as a
+    """A table of runs. Each run maps successive numbers to successive numbers in one source, such as a
     capture.
     """
 
