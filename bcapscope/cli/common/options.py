@@ -133,8 +133,8 @@ taken_at = click.option(
     type=click.Choice([point.value for point in CapturePoint]),
     callback=lambda context, parameter, value: None if value is None else CapturePoint(value),
     help="Where you captured: on the client's computer, at the controller, or between. If a reply was "
-    "captured shortly before a retry, the place shows whether the reply was lost or late. By default, bcapscope "
-    "infers the place from the traffic, if possible.",
+    "captured shortly before a retry, the place shows whether the reply was lost or late. By default, "
+    "bcapscope infers the place from the traffic, if possible.",
 )
 
 color = click.option(
