@@ -238,8 +238,8 @@ class _Problems:
 
 
 def _check_filter(expression: str) -> None:
-    """Raise an error if an expression is invalid both as a filter for frames and as a filter for calls. Raise
-    the error whose position in the expression is further right.
+    """Raise an error if an expression is invalid both as a filter for frames and as a filter for calls. Of
+    the two errors, raise the error that is further right in the expression.
     """
     errors = []
     for kind in RecordKind:

@@ -90,7 +90,7 @@ def open_capture(path: str | os.PathLike[str]) -> CaptureFile:
 
 
 def is_capture(path: str) -> bool:
-    """Return whether the first bytes of a file are those of a readable capture, compressed with gzip or not.
+    """Return whether a file begins like a readable capture, compressed with gzip or not.
 
     A file that cannot be opened counts as a capture, so that the user gets an error.
     """

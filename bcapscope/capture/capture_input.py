@@ -56,7 +56,7 @@ class CaptureInput:
 
         Args:
             paths: Paths of captures and of folders with captures.
-            ports: Ports of controllers; the usual ports if it is empty.
+            ports: Ports of controllers; if empty, the usual ports.
             on_problem: Receives the path and the error of a capture that cannot be read to its end. Reading
                 continues with the next capture.
             open_file: Opens a capture by its path.

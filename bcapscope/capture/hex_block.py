@@ -105,8 +105,8 @@ class HexBlock:
         """Cut the block at a byte offset, and return the bytes after the cut as a new block. Further rows
         belong to the new block.
 
-        If `offset` is 0 or the new block would have too many rows, the new block holds only the last row, and
-        a note says that it continues the block above.
+        If `offset` is 0 or the new block would have too many rows, the new block holds only the last row. A
+        note then says that the new block continues the block above.
         """
         first = bisect_right(self._rows, 2 * offset, key=itemgetter(0)) - 1
         note = None
@@ -161,8 +161,8 @@ class HexBlock:
             return None
 
     def _fill_gap(self, count: int, line: int) -> bool:
-        """Fill a gap of `count` bytes with copies of the last row if an asterisk stands for them; otherwise
-        only note the gap. Return False if the gap is too large.
+        """Fill a gap of `count` bytes with copies of the last row if an asterisk stands for them. If there is
+        no asterisk, only note the gap. Return False if the gap is too large.
         """
         if count <= self.asterisk_bytes:
             row = self._digits[self._rows[-1][0] :]

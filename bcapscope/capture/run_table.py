@@ -24,8 +24,8 @@ class RunTable:
     def add(self, start: int, source: int, number: int) -> None:
         """Begin a run: the numbers from `start` on belong to the numbers from `number` on in `source`.
 
-        If the new run begins at the same number as the latest run, it replaces the latest run. If the new run
-        only continues the latest run, nothing is added.
+        If the new run begins at the same number as the latest run, the new run replaces the latest run. If
+        the new run only continues the latest run, nothing is added.
         """
         if len(self._starts) > MAX_RUNS:
             return

@@ -2,7 +2,7 @@
 
 scapy is under the GPL, version 2 only. Filters use google-re2, whose wheel contains code under the Apache
 License 2.0. The two licences do not permit both libraries in one program. Therefore scapy runs in a separate
-process that loads nothing else but Python's standard library. The process sends packets through a pipe.
+process that loads only scapy and Python's standard library. The process sends packets through a pipe.
 
 The process writes records to standard output: a `RECORD_HEADER` with kind, time and length, then `length`
 bytes of data.

@@ -61,7 +61,7 @@ def _in_gre(payload: bytes) -> IPPacket | None:
     offset = 4 + 4 * sum(bool(flags & flag) for flag in (_GRE_CHECKSUM, _GRE_KEY, _GRE_SEQUENCE))
     if kind in _IP_TYPES:
         return _ip_at(payload, offset)
-    # ERSPAN type I has no sequence number and no header of its own
+    # ERSPAN type I has neither a sequence number nor an ERSPAN header
     if kind == _ERSPAN and flags & _GRE_SEQUENCE:
         offset += _ERSPAN_2_SIZE
     elif kind == _ERSPAN_3:

@@ -45,8 +45,8 @@ _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 _SEED = "DENSO Wave 2009, How to use the Slave mode"
 _LONG_CALL_NS = SECOND
 _SOON_NS = SECOND // 20
-"""If a reply arrives within this time (in ns) after the latest attempt of a long call, packets of earlier
-attempts were lost, and the controller itself was fast.
+"""If the reply to a long call arrives within this time (in ns) after an attempt, earlier packets were lost,
+and the controller was fast.
 """
 
 _SILENT_NS = 10 * SECOND

@@ -45,7 +45,7 @@ MALFORMED_REPLY = DiagnosisRule(
 CAPTURE_GAP = DiagnosisRule(
     "capture-gap",
     Severity.NOTE,
-    "how captures work: the other end acknowledged these bytes, or these bytes follow a gap",
+    "how captures work: the other end acknowledged the missing bytes, or damaged bytes follow a gap",
 )
 CAPTURE_CUT = DiagnosisRule(
     "capture-cut", Severity.NOTE, "the original length of the packet in the capture file"
@@ -63,7 +63,7 @@ SERVER_GUESSED = DiagnosisRule(
 DUPLICATE_FRAMES = DiagnosisRule(
     "duplicate-frames",
     Severity.NOTE,
-    "retries have a serial of their own in all known clients (orin_bcap C, C#, Java)",
+    "each retry has its own serial in all known clients (orin_bcap C, C#, Java)",
 )
 
 CHECKED_FROM_BYTES = 480

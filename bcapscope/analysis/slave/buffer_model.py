@@ -294,8 +294,8 @@ class BufferModel:
         _append_bounded(self._overflows, frame)
 
     def _update_levels(self, slacks: NDArray[np.int64], frames: NDArray[np.int64]) -> None:
-        """Update the buffer levels and the smallest slack with these set points, without the very first set
-        point of the session.
+        """Update the buffer levels and the smallest slack. The very first set point of the session does not
+        count.
         """
         first = 0 if self._last_frame else 1
         found = slacks[first:]

@@ -42,9 +42,9 @@ class NumberPicker:
 
     Attributes:
         pick: Function that returns the pose and the time stamp in an argument; it returns () for a missing
-            pose, and None for a missing time stamp. The function must not depend on the values of the
-            numbers, because the reader learns a template from an argument in which each number is replaced by
-            its index.
+            pose, and None for a missing time stamp. To learn a template, the reader passes an argument with
+            indexes in place of the numbers. The function must therefore not depend on the values of the
+            numbers.
     """
 
     argument: int

@@ -40,7 +40,7 @@ _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
 ENOUGH_TO_OBJECT = _FAIR
-"""If a clue is at least this strong, a set point with the number type of another generation counts as
+"""If a clue is at least this strong, a set point whose number type belongs to another generation counts as
 unusual.
 """
 

@@ -322,8 +322,8 @@ class SlaveSessionDetector:
             builder.mode = controller.reported_mode
 
     def _on_disconnect(self, call: Call, handle: bytes | None) -> None:
-        """End all slave-mode sessions of the client that made `call`; with `handle`, only those of the robot
-        with this handle.
+        """End all slave-mode sessions of the client that made `call`; with `handle`, only the sessions of the
+        robot with this handle.
         """
         pending = self._controller(call).pending_sessions
         for builder in (*self._active.values(), *pending.values()):

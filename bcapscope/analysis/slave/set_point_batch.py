@@ -70,7 +70,7 @@ class FrameBytes:
         return found
 
     def clear(self) -> None:
-        """Remove all frames. The common size stays the same for the next frames."""
+        """Remove all frames. The next frames keep the common size."""
         self.data = bytearray()
         self.odd_sized = {}
 

@@ -39,7 +39,9 @@ OTHER_KINDS = CallKind(0, None)
 """Represents all kinds of call beyond `MAX_KINDS`. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
-"""Represents all clients that appear after twice `MAX_KINDS` pairs of client and call kind were counted."""
+"""Represents all clients that appear after the statistics hold twice `MAX_KINDS` pairs of client and call
+kind.
+"""
 
 _FLUSH_AT = 512
 _MILLISECOND = 1_000_000
