@@ -37,8 +37,8 @@ _CLASSES = tuple(ObjectClass)
 
 _ObjectRecord = tuple[int, int, bytes, bytes, int, bool]
 _JoinedRecord = tuple[int, int, int, bool, bool, bytes]
-"""A frame that was captured at two places. Fields: the frame's number, the number of its sighting at the
-client's side (0 if none), the same for the controller's side, `is_missed`, `is_relayed`, `note`.
+"""A frame that was captured at two places. Fields: the frame's number, the numbers of its sightings at the
+client's side and at the controller's side (0 if there is no sighting), `is_missed`, `is_relayed`, `note`.
 """
 
 

@@ -57,7 +57,7 @@ class CaptureSequence:
     """Several captures that are read as one.
 
     Files are read in the order of their first packets. If files overlap in time, their packets are merged by
-    time. A stream is read where it stands in the list of paths, because its first packet can be read only
+    time. A stream is read at its position in the list of paths, because its first packet can be read only
     once.
 
     Attributes:
@@ -196,7 +196,9 @@ class PacketOrigins(Protocol):
     """Knows where packets are found."""
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return where a packet is found, by its number among all packets; None if it is not known."""
+        """Return the capture that holds a packet, and the packet's number there; None if not known. `packet`
+        is the packet's number among the packets of all captures.
+        """
 
 
 def _add_next(reading: list[_Reading], index: int, packets: Iterator[Packet]) -> None:

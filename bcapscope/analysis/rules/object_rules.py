@@ -96,8 +96,8 @@ class ObjectChecker(RuleChecker):
             self.report_occurrence(_leak(tally.leak_call, kind, name, tally.most, is_update))
 
     def _least_relevant(self) -> tuple[Conversation, ObjectClass, str]:
-        """Return the key of the oldest object with at most one open handle. If all objects have more, return
-        the key of the oldest object.
+        """Return the key of the oldest object with at most one open handle. If every object has more than one
+        open handle, return the key of the oldest object.
         """
         single = (key for key, tally in self._tallies.items() if tally.open <= 1)
         return next(single, next(iter(self._tallies)))

@@ -89,7 +89,7 @@ class PacingChecker(RuleChecker):
 
     def on_call(self, call: Call, client: ClientState) -> None:
         """Find the pause that explains why the controller reported an empty buffer. `session_occurrences`
-        could not find this pause, because it has no details of the set points around the pause.
+        cannot find this pause, because a session has no details of the set points around the pause.
         """
         pair = _longest_pause(call, client) if call.hresult in _EMPTY_CODES else None
         if pair is None:
@@ -150,8 +150,8 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
         return
     grid_ms = session.timing.grid_ms
     keeps_grid = abs(pace.cycle_ms / grid_ms - 1) <= _TOLERANCE
-    # Skipped cycles matter only if the client sends at the controller's period.
-    # From a client that sends faster, the controller still gets enough set points.
+    # Skipped cycles matter only if the client sends at the controller's period. If the client sends faster
+    # and skips a cycle, the controller still gets enough set points.
     skips = grid_ms == PERIOD_MS and keeps_grid and pace.skipped > pace.cycles * _MAX_SKIPPED_SHARE
     is_slow = pace.cycle_ms / PERIOD_MS - 1 > _TOLERANCE or skips
     if pace.long_cycle_ms / grid_ms - 1 < -_TOLERANCE:

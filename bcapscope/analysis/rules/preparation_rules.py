@@ -249,7 +249,7 @@ def _explain_task(client: ClientState) -> RefusalReason | None:
 
 
 def _latest_robslave_start(client: ClientState) -> Call | None:
-    """Return the latest Task_Start of RobSlave, from any client, that the controller accepted."""
+    """Return the latest Task_Start of RobSlave that the controller accepted; any client may have sent it."""
     starts = [each.robslave_start for each in (client, *client.other_clients())]
     return max(
         (each for each in starts if each is not None), key=lambda each: each.request.time, default=None
@@ -325,16 +325,14 @@ def _explain_arm_missing(call: Call, client: ClientState) -> RefusalReason | Non
 
 
 def _error_since(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the number of the client's latest failed call that reported an error, if that call was made
-    after `call`.
-    """
+    """Return the call number of the client's latest error; () if this error occurred before `call`."""
     error = client.latest_error
     return (error.number,) if error is not None and error.number > call.number else ()
 
 
 def _unsuccessful(reason: str, attempt: Call) -> RefusalReason:
-    """Return a reason for a refusal which says that the earlier call `attempt` was refused or not answered.
-    `reason` is the id of the message that names the reason.
+    """Return a reason for a refusal: the earlier call `attempt` was refused or not answered. `reason` is the
+    id of the message with this text.
     """
     code = attempt.hresult
     if code is None:

@@ -297,8 +297,8 @@ class _Grouping(TypedDict, total=False):
 
 
 def _grouped_by_place(call: Call) -> _Grouping:
-    """Return arguments for `report_call`. They give calls that were captured at two places a finding of their
-    own, with its own advice.
+    """Return arguments for `report_call`, so that calls that two places captured get a separate finding with
+    separate advice.
     """
     advice = advice_by_place(call)
     return {} if advice is None else {"group_key": group_by_place(call), "advice": advice}
@@ -387,9 +387,9 @@ def _controller_silent(first: Call, last: Call, calls: int, ended_at: int) -> Oc
 def _waited_for_room(call: Call, client: ClientState) -> bool:
     """Return whether the controller answered a set point late because it waited until its buffer had room.
 
-    The controller delays replies only in modes in which it sets the pace. For these modes, DENSO recommends a
-    timeout of 2 ms, so the client retries while the controller waits. These retries do no harm: if some
-    attempts are lost, the set point still arrives.
+    The controller delays replies only in modes in which it sets the pace. With the timeout of 2 ms that DENSO
+    recommends for these modes, the client retries while the controller waits. Retries during this wait do no
+    harm: if some attempts are lost, the set point still arrives.
     """
     mode, latency = client.slave_mode, call.latency
     if mode is None or not mode.paces_client or latency is None:

@@ -52,8 +52,8 @@ MIXED_CONVENTIONS = DiagnosisRule(
 )
 
 _FIRST_FUNCTIONS = (ID["Service_Start"], ID["Controller_Connect"])
-"""Functions with which a session begins. If the first captured call has serial 0 and another function, the
-capture began in the middle of a session.
+"""Functions with which a session begins. If the first captured call has serial 0 but none of these functions,
+the capture began in the middle of a session.
 """
 
 
@@ -151,7 +151,7 @@ class RetryChecker(RuleChecker):
         if frame.raw[9:] != earlier.raw[9:] or _answered_before(before, call):
             return
         if frame.reserved in skipped_serials(earlier.serial, frame.serial):
-            return  # the reserved field names an attempt that was not captured
+            return  # the reserved field has the serial of an attempt that was not captured
         fact = Message(
             "finding.wrong-reserved",
             at=Moment(call.request.time),
@@ -225,7 +225,7 @@ def _may_hold_position(client: ClientState) -> bool:
 
 
 def _answered_before(before: Call, call: Call) -> bool:
-    """Return whether call `before` was answered, or may have been answered, before `call` was sent."""
+    """Return whether the call `before` was answered, or may have been answered, when `call` was sent."""
     if before.evicted or before.reply_not_captured:
         return True
     return before.reply is not None and before.reply.time <= call.request.time

@@ -45,8 +45,8 @@ _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 _SEED = "DENSO Wave 2009, How to use the Slave mode"
 _LONG_CALL_NS = SECOND
 _SOON_NS = SECOND // 20
-"""Minimum time in ns from an attempt of a long call to the reply. If the reply arrives sooner than this,
-earlier packets were lost, and the controller itself was fast.
+"""If the reply to a long call arrives within this time (in ns) after an attempt, earlier packets were lost,
+and the controller was fast.
 """
 
 _SILENT_NS = 10 * SECOND
@@ -102,8 +102,8 @@ WDT_TOO_SMALL = DiagnosisRule("wdt-too-small", Severity.ERROR, _SERVER)
 _OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
 
 _NOT_STARTED_CODES = (E_NOT_CONNECTED, E_HANDLE, E_FAIL, E_UNEXPECTED, E_ACCESSDENIED, 0x80000903)
-"""Result codes with which a controller may refuse a call because the client has not started a session. All
-other codes name another reason.
+"""Result codes with which a controller may refuse a call because the client has not started a session. Every
+other code shows that the reason is not a missing session.
 """
 
 
@@ -149,7 +149,9 @@ class SessionChecker(RuleChecker):
         conversation = client.conversation
         stays_connected = conversation.transport is Transport.TCP and conversation.connection_end is None
         if stays_connected and follower is None:
-            return  # the client program still runs, or its computer would have closed the TCP connection
+            # the client program still runs: if it had ended, its computer would have closed the TCP
+            # connection
+            return
         quiet = max((last_frame_time(each.last_call) for each in self.clients), default=silent) - silent
         patience = max(_SILENT_NS, _USUAL_PAUSES * client.longest_pause_ns)
         if quiet < (_REPLACED_AFTER_NS if follower is not None else patience):
@@ -214,8 +216,8 @@ class SessionChecker(RuleChecker):
 
 
 def _may_have_left(session: SlaveSession) -> bool:
-    """Return whether the client may have left slave mode. This is so if the capture lacks the reply to a
-    slvChangeMode call after its last set point.
+    """Return whether the client called slvChangeMode after its last set point, and the capture lacks the
+    reply.
     """
     last = session.last_set_point
     return any(
@@ -363,8 +365,9 @@ def _share_call_slot(one: Call, other: Call) -> bool:
 
 
 def _running_call(client: ClientState, call: Call) -> Call | None:
-    """Return the client's latest slow call, if the controller may have been executing that call when `call`
-    was sent."""
+    """Return the client's latest slow call; None if the controller cannot have been executing it when `call`
+    was sent.
+    """
     slow = client.slow_call
     return slow if slow is not None and _may_have_run(slow, call) else None
 

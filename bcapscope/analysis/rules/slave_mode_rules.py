@@ -192,8 +192,8 @@ def _explain_outside(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _explain_mode_change(latest: Call) -> RefusalReason:
-    """Return the reason for a refusal, if this reason is that the client's latest slvChangeMode was refused
-    or got no captured reply.
+    """Return the reason for a refusal: the client's latest slvChangeMode was refused, or its reply was not
+    captured.
     """
     case = "unanswered" if latest.reply is None else "refused"
     return RefusalReason(

@@ -45,7 +45,7 @@ MALFORMED_REPLY = DiagnosisRule(
 CAPTURE_GAP = DiagnosisRule(
     "capture-gap",
     Severity.NOTE,
-    "how captures work: the other end acknowledged these bytes, or these bytes follow a gap",
+    "how captures work: the other end acknowledged the missing bytes, or damaged bytes follow a gap",
 )
 CAPTURE_CUT = DiagnosisRule(
     "capture-cut", Severity.NOTE, "the original length of the packet in the capture file"
@@ -63,7 +63,7 @@ SERVER_GUESSED = DiagnosisRule(
 DUPLICATE_FRAMES = DiagnosisRule(
     "duplicate-frames",
     Severity.NOTE,
-    "retries have a serial of their own in all known clients (orin_bcap C, C#, Java)",
+    "each retry has its own serial in all known clients (orin_bcap C, C#, Java)",
 )
 
 CHECKED_FROM_BYTES = 480
@@ -262,7 +262,7 @@ def _is_cut_by_closing(observation: Observation | FrameObservation, problems: Se
 
 
 def _problem_message(problems: Sequence[Problem]) -> Message | str:
-    """Return one message with the reasons of the first problems."""
+    """Return one message that names the first of these problems."""
     *firsts, text = [problem.reason for problem in problems[:_MAX_PROBLEMS_NAMED]]
     more = len(problems) - _MAX_PROBLEMS_NAMED
     message: Message | str = text
