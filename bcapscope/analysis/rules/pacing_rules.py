@@ -18,6 +18,7 @@ from bcapscope.analysis.rules.rule_checker import (
     OccurrenceSink,
     RuleChecker,
 )
+from bcapscope.analysis.rules.rule_sources import GUIDE
 from bcapscope.analysis.slave.buffer_model import DEFAULT_SLOTS, PredictedUnderflow, slack_ms
 from bcapscope.analysis.slave.motion_pace import MotionPace
 from bcapscope.analysis.slave.slave_session import SlaveSession
@@ -29,7 +30,6 @@ from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLO
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 
-_SEED = "DENSO Wave 2009, How to use the Slave mode"
 _SAMPLES = "documentation of ShoheiKobata/orin_bcap_python_samples (table of slave modes)"
 
 SET_POINT_GAP = DiagnosisRule(
@@ -62,10 +62,10 @@ OVERFLOW = DiagnosisRule(
 OFF_GRID = DiagnosisRule(
     "off-grid",
     Severity.WARNING,
-    "DENSORobot/denso_robot_ros2 issue 17; d-yui-hub/denso_robot_ros2_neo; " + _SEED,
+    "DENSORobot/denso_robot_ros2 issue 17; d-yui-hub/denso_robot_ros2_neo; " + GUIDE,
 )
-SLOW_SET_POINTS = DiagnosisRule("slow-set-points", Severity.NOTE, f"{_SAMPLES}; {_SEED}")
-REPLIES_DO_NOT_PACE = DiagnosisRule("replies-do-not-pace", Severity.NOTE, f"{_SAMPLES}; {_SEED}")
+SLOW_SET_POINTS = DiagnosisRule("slow-set-points", Severity.NOTE, f"{_SAMPLES}; {GUIDE}")
+REPLIES_DO_NOT_PACE = DiagnosisRule("replies-do-not-pace", Severity.NOTE, f"{_SAMPLES}; {GUIDE}")
 
 _EMPTY_CODES = with_rc7_forms((E_SLAVE_UNDERFLOW, 0x84400503, 0x83201684))
 _FEWEST_CYCLES = 50

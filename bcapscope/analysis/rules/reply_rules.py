@@ -22,6 +22,7 @@ from bcapscope.analysis.rules.rule_checker import (
     frame_numbers,
     last_frame_time,
 )
+from bcapscope.analysis.rules.rule_sources import C_CLIENT, GUIDE, guide
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, Duration, Moment, Times
@@ -33,26 +34,24 @@ from bcapscope.traffic.client_timeout import gives_up_at, waits_in_vain
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
-_SEED = "DENSO Wave 2009, How to use the Slave mode"
-_C_CLIENT = "orin_bcap C/src/bCAPClient/bcap_client.c"
 _ROS_12 = "DENSORobot/denso_robot_ros issues 8 and 12"
 
 LATE_REPLY = DiagnosisRule(
     "late-reply",
     Severity.WARNING,
-    f"{_SEED}, Retry sequence in UDP connection; {_ROS_12}",
+    f"{guide('Retry sequence in UDP connection')}; {_ROS_12}",
     ("long-call-without-wdt", "malformed-request"),
 )
 CLIENT_GAVE_UP = DiagnosisRule(
     "client-gave-up",
     Severity.ERROR,
-    f"{_ROS_12}; {_C_CLIENT}",
+    f"{_ROS_12}; {C_CLIENT}",
     ("long-call-without-wdt", "malformed-request"),
 )
 NO_REPLY = DiagnosisRule(
     "no-reply",
     Severity.ERROR,
-    f"{_C_CLIENT}; {_ROS_12}",
+    f"{C_CLIENT}; {_ROS_12}",
     (
         "controller-hung-up",
         "malformed-request",
@@ -67,14 +66,14 @@ NO_REPLY = DiagnosisRule(
 CLIENT_STOPPED = DiagnosisRule(
     "client-stopped",
     Severity.ERROR,
-    f"{_C_CLIENT}; {_ROS_12}",
+    f"{C_CLIENT}; {_ROS_12}",
     ("malformed-request", "oversize-datagram", "no-reply", "controller-silent", "long-call-without-wdt"),
     60 * SECOND,
 )
 CONTROLLER_SILENT = DiagnosisRule(
     "controller-silent",
     Severity.ERROR,
-    f"{_SEED}, Setting up your RC7; DENSORobot/denso_robot_ros2 issues 3, 8 and 50",
+    f"{guide('Setting up your RC7')}; DENSORobot/denso_robot_ros2 issues 3, 8 and 50",
     ("malformed-request", "oversize-datagram"),
     60 * SECOND,
 )
@@ -84,16 +83,16 @@ EXECUTED_TWICE = DiagnosisRule(
     "orin_bcap C/src/bCAPServer/bcap_server.c",
     ("late-reply", "reply-lost", "retried"),
 )
-REPLY_LOST = DiagnosisRule("reply-lost", Severity.WARNING, _SEED)
+REPLY_LOST = DiagnosisRule("reply-lost", Severity.WARNING, GUIDE)
 RETRIED = DiagnosisRule(
     "retried",
     Severity.WARNING,
-    f"{_SEED}, Retry sequence in UDP connection",
+    guide("Retry sequence in UDP connection"),
     ("malformed-request", "malformed-reply", "reply-to-nothing", "no-reply"),
 )
-VERY_LATE_REPLY = DiagnosisRule("very-late-reply", Severity.WARNING, _C_CLIENT)
+VERY_LATE_REPLY = DiagnosisRule("very-late-reply", Severity.WARNING, C_CLIENT)
 REPLY_TO_NOTHING = DiagnosisRule(
-    "reply-to-nothing", Severity.WARNING, f"{_SEED}, Retry sequence in UDP connection"
+    "reply-to-nothing", Severity.WARNING, guide("Retry sequence in UDP connection")
 )
 
 _TURN_NS = PERIOD_MS * MS + 2 * MS

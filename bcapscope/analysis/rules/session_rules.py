@@ -20,6 +20,7 @@ from bcapscope.analysis.rules.rule_checker import (
     RuleChecker,
     last_frame_time,
 )
+from bcapscope.analysis.rules.rule_sources import C_SERVER, guide
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
@@ -41,8 +42,6 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Transport
 
-_SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
-_SEED = "DENSO Wave 2009, How to use the Slave mode"
 _LONG_CALL_NS = SECOND
 _SOON_NS = SECOND // 20
 """If the reply to a long call arrives within this time (in ns) after an attempt, earlier packets were lost,
@@ -78,26 +77,26 @@ NAME_IN_USE = DiagnosisRule(
 UNCLEAN_QUIT = DiagnosisRule(
     "unclean-quit",
     Severity.WARNING,
-    f"{_SEED}, Setting up your RC7; start-jsk/denso issue 93; {_SERVER}",
+    f"{guide('Setting up your RC7')}; start-jsk/denso issue 93; {C_SERVER}",
     ("client-stopped", "no-reply", "client-gave-up"),
     60 * SECOND,
 )
 QUIT_IN_SLAVE_MODE = DiagnosisRule(
     "quit-in-slave-mode",
     Severity.WARNING,
-    f"{_SEED}, Quitting or stopping your client application",
+    guide("Quitting or stopping your client application"),
     ("controller-hung-up", "client-stopped", "no-reply", "client-gave-up"),
 )
 BUSY = DiagnosisRule(
     "busy",
     Severity.ERROR,
-    _SERVER,
+    C_SERVER,
     ("executing-forever", "no-reply", "client-gave-up", "long-call-without-wdt", "late-reply"),
     600 * SECOND,
 )
-EXECUTING_FOREVER = DiagnosisRule("executing-forever", Severity.ERROR, _SERVER)
-LONG_CALL_WITHOUT_WDT = DiagnosisRule("long-call-without-wdt", Severity.WARNING, _SERVER)
-WDT_TOO_SMALL = DiagnosisRule("wdt-too-small", Severity.ERROR, _SERVER)
+EXECUTING_FOREVER = DiagnosisRule("executing-forever", Severity.ERROR, C_SERVER)
+LONG_CALL_WITHOUT_WDT = DiagnosisRule("long-call-without-wdt", Severity.WARNING, C_SERVER)
+WDT_TOO_SMALL = DiagnosisRule("wdt-too-small", Severity.ERROR, C_SERVER)
 
 _OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
 

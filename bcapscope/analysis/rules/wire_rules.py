@@ -15,6 +15,7 @@ from bcapscope.analysis.rules.rule_checker import (
     OccurrenceSink,
     RuleChecker,
 )
+from bcapscope.analysis.rules.rule_sources import C_SERVER
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, FramePlace, Moment
@@ -32,13 +33,11 @@ from bcapscope.traffic.observation import (
     Transport,
 )
 
-_SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
-
 OVERSIZE_DATAGRAM = DiagnosisRule("oversize-datagram", Severity.ERROR, "orin_bcap C/include/dn_udp.h")
 NEAR_DATAGRAM_LIMIT = DiagnosisRule(
     "near-datagram-limit", Severity.NOTE, "orin_bcap C/include/dn_udp.h; DENSORobot/denso_robot_ros issue 9"
 )
-MALFORMED_REQUEST = DiagnosisRule("malformed-request", Severity.ERROR, _SERVER)
+MALFORMED_REQUEST = DiagnosisRule("malformed-request", Severity.ERROR, C_SERVER)
 MALFORMED_REPLY = DiagnosisRule(
     "malformed-reply", Severity.WARNING, "orin_bcap C/src/bCAPClient/bcap_client.c"
 )
