@@ -29,8 +29,8 @@ from bcapscope.traffic.observation import Observation
 R = TypeVar("R", bound=control.DoneResponse)
 
 _INDENTED = re.compile(r"\n(?=  )")
-"""Matches each line break before an indented line of an error message. Indented lines show the position of
-the error in a rule.
+"""Matches each line break before an indented line of an error message. Such a message quotes a rule and marks
+the error with indented lines.
 """
 
 _NAME = click.argument("name")
