@@ -37,7 +37,7 @@ _ASYNC = 0x100
 _TRY_ONCE = RetryPolicy(_MS, 0)
 
 HALT_RETRY_POLICY = RetryPolicy(16_000_000, 60)
-"""Retry policy of a Robot_Halt call: one attempt every 16 ms, for about a second."""
+"""Retry policy for calls of Robot_Halt: one attempt every 16 ms, for about a second."""
 
 _MAX_CALLS, _BUSY_PAUSE = 50, 10_000_000
 
