@@ -124,7 +124,9 @@ class WireMessage:
         return _only_frames([each.observation.item for each in self.annotated_frames])
 
     def annotate_with_attempts(self, requests: RecentRequests, counter: AttemptCounter) -> None:
-        """Find function, command and attempt of each frame. Callers must annotate every message, in order."""
+        """Find the function, the command and the attempt of each frame. Call this method for every message,
+        in the order of the messages.
+        """
         self.annotate(requests)
         self.attempt_numbers = tuple(
             counter.attempt_number(self.flow, each.observation.item)
@@ -134,7 +136,9 @@ class WireMessage:
         )
 
     def annotate(self, requests: RecentRequests) -> None:
-        """Find function and command of each frame. The caller must annotate every message, in order."""
+        """Find the function and the command of each frame. Call this method for every message, in the order
+        of the messages.
+        """
         self._annotated = tuple(AnnotatedFrame(seen, requests.kind_of(seen)) for seen in self._observations())
 
     def _observations(self) -> Iterator[Observation]:
@@ -152,10 +156,10 @@ class FaultedMessage:
         delay: Sum of all delays, in ns.
         is_lost: True if the message is not forwarded.
         is_final: True if later faults are skipped.
-        copy_delays: For each copy, the time in ns by which it is sent after the message itself.
-        held_behind: Number of messages that are to overtake this message, and the maximum time in ns to wait
-            for them; None if no message is to overtake it.
-        replies: Replies that faults made for the client. Each is a delay from now in ns, and the bytes of the
+        copy_delays: For each copy, the time in ns from sending the message to sending the copy.
+        held_behind: Number of messages that must overtake this message, and the maximum time in ns to wait
+            for them. None if the message is not reordered.
+        replies: Replies that faults made for the client. Each entry has a delay in ns and the bytes of the
             reply.
         close_mode: How to close the connection; None to keep it open.
         half_open: True if the conversation is blocked from now on.
@@ -175,7 +179,9 @@ class FaultedMessage:
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """Frames in the current bytes; empty if the bytes also contain something that is not a frame."""
+        """Frames in the current bytes. If the bytes also contain anything that is not a frame, the result is
+        empty.
+        """
         if self.data is self.original.data:
             return self.original.frames
         return _only_frames(parse_datagram(self.data))

@@ -26,8 +26,8 @@ class _ProxySide:
 
     Attributes:
         begun: Whether the recording contains the start of the TCP connection.
-        endpoints: Source and target of packets. Index 0 is for packets toward the client, index 1 for packets
-            toward the controller.
+        endpoints: Source and target of packets. The first pair is for packets to the client, the second pair
+            for packets to the controller.
     """
 
     __slots__ = ("begun", "endpoints", "interface", "is_client_side", "is_stream")
@@ -52,8 +52,7 @@ class _ProxySide:
 
 
 _RecordStep: TypeAlias = tuple[int, _ProxySide, RingRecord, int]
-"""A packet to write: its time in ns since 1970, its leg, the ring record that it comes from, and the record's
-number.
+"""A packet to write: time in ns since 1970, leg, record of the ring buffer, and number of that record.
 """
 
 _step_time: Callable[[_RecordStep], int] = itemgetter(0)
@@ -65,7 +64,9 @@ the cache is full, it is emptied.
 
 
 class ProxyRecorder:
-    """Turns the relay's records into packets, orders the packets by time, and adds them to a recording."""
+    """Converts the relay's records into packets, sorts the packets by time, and writes them to a
+    recording.
+    """
 
     def __init__(self, recorder: Recorder, *, keeps_packet_numbers: bool = False) -> None:
         """Create a recorder that knows no clients yet. If `keeps_packet_numbers` is True, the caller must
