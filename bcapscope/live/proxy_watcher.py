@@ -170,8 +170,9 @@ class RecorderTask:
         self._yield_cpu = yield_function(reader)
 
     def record_available(self) -> None:
-        """Record what the relay has written so far. The first call may only learn how much this is, and record
-        nothing.
+        """Record what the relay has written so far.
+
+        The first call may only learn how much this is, and record nothing.
         """
         until = self.reader.bytes_written
         while self.reader.position < until:
