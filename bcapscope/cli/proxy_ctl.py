@@ -29,8 +29,8 @@ from bcapscope.traffic.observation import Observation
 R = TypeVar("R", bound=control.DoneResponse)
 
 _INDENTED = re.compile(r"\n(?=  )")
-"""Matches each line break before an indented line of an error message. Such a message quotes a rule and marks
-the error with indented lines.
+"""Matches each line break before an indented line of an error message. Indented lines quote a rule and mark
+the error in this rule.
 """
 
 _NAME = click.argument("name")

@@ -135,9 +135,9 @@ def command(
     """Play one side of a recording: make the client's calls to HOST, or give clients the controller's
     replies.
 
-    As client, `replay` first opens the objects that the recorded calls use without opening them. It makes
-    each call at its recorded time, with the handles of HOST, and compares the results. Recorded retries are
-    not repeated. At the end, `replay` leaves slave mode and releases open objects.
+    As client, `replay` first opens the objects that the recorded calls use without opening them. `replay`
+    makes each call at its recorded time, with the handles of HOST, and compares the results. Recorded retries
+    are not repeated. At the end, `replay` leaves slave mode and releases open objects.
 
     Before `replay` sends anything, it checks the set points as the pre-flight check of `play` does. A
     recording that may energise or move a robot needs --arm or your confirmation, except with bcapscope's own
@@ -145,8 +145,8 @@ def command(
     if the robot is at the first set point; --anywhere skips this check.
 
     As server, `replay` answers each call with the reply that the next equal call got in the recording. Ctrl-C
-    ends it. In a script, end `replay` with SIGTERM, as in kill $!: shells start background jobs of scripts
-    with Ctrl-C (SIGINT) ignored.
+    ends the server. In a script, end `replay` with SIGTERM, as in kill $!: shells start background jobs of
+    scripts with Ctrl-C (SIGINT) ignored.
 
     Exit codes: 0: all results were as recorded; 2: invalid command line; 3: the capture is damaged and
     contains no calls to play; 4: the capture cannot be read, or replay cannot listen on the address; 5: there

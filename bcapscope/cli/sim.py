@@ -247,7 +247,7 @@ class _TypedCommands:
 
 
 def _can_be_read() -> bool:
-    """Return whether stdin can be polled. Windows and background jobs cannot poll it."""
+    """Return whether stdin can be polled. Programs on Windows and background jobs cannot poll stdin."""
     if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
         return False
     try:

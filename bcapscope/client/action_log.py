@@ -140,13 +140,15 @@ class LoggedConnection(NamedTuple):
 
     @classmethod
     def of_target(cls, target: ControllerTarget) -> LoggedConnection:
-        """Describe the connection to a target. Its host is the text that the user typed."""
+        """Describe the connection to a target. The host of the connection is the text that the user typed."""
         transport = Transport.TCP if target.tcp else Transport.UDP
         return cls(target.host, target.port, transport.value)
 
     @classmethod
     def of_conversation(cls, conversation: Conversation) -> LoggedConnection:
-        """Describe the connection of a conversation. Its host is the address of the controller."""
+        """Describe the connection of a conversation. The host of the connection is the address of the
+        controller.
+        """
         server = conversation.server
         return cls(server.host, server.port, conversation.transport.value, conversation.client.port)
 

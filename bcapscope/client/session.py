@@ -68,8 +68,9 @@ class BaseCaller(Protocol):
 class Session:
     """Makes calls to a controller, and keeps the handles of the objects that these calls opened.
 
-    On TCP, a call has one attempt. Its timeout is the sum of the timeouts of all attempts on UDP. slvMove on
-    TCP has the timeout of other calls, because TCP needs longer than a cycle time to retransmit lost data.
+    On TCP, a call has one attempt. The timeout of this attempt is the sum of the timeouts of all attempts on
+    UDP. slvMove on TCP has the timeout of other calls, because TCP needs longer than a cycle time to
+    retransmit lost data.
 
     Attributes:
         retry_policies: Retry policies for all further calls.

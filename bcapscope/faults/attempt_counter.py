@@ -26,8 +26,8 @@ class AttemptedCall:
     """A call. Two `AttemptedCall` objects are equal only if they are the same object.
 
     Attributes:
-        content: Bytes of a request from the function id on, which are the same in all attempts. If there are
-            many bytes, their hash.
+        content: Bytes of a request from the function id on, which are the same in all attempts. A hash
+            replaces these bytes if there are more than 512.
         attempts: Number of attempts so far.
     """
 
@@ -89,8 +89,8 @@ class AttemptCounter:
         )
 
     def find_same_request(self, flow: Flow, request: Frame) -> AttemptedCall | None:
-        """Return the call of an earlier request with the same serial and content. This does not count an
-        attempt.
+        """Return the call of an earlier request with the same serial and content. This method does not count
+        an attempt.
         """
         serials = self._conversations.get(flow.conversation)
         known = serials.find(request.serial) if serials else None

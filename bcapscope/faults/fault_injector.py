@@ -181,8 +181,8 @@ class FaultInjector:
         )
 
     def needs_frames(self, now: int) -> bool:
-        """Return whether TCP streams must be split into frames. If not, `process_message` accepts pieces of a
-        stream of any size.
+        """Return whether TCP streams must be split into frames. If no stream needs to be split,
+        `process_message` accepts pieces of any size.
         """
         return any(active.fault.needs_frames for active in self.active_faults if active.can_hit(now))
 
@@ -229,8 +229,8 @@ class FaultInjector:
 
     @property
     def is_full(self) -> bool:
-        """Whether faults hold more than `MAX_WAITING` bytes. In this case, the proxy should not read from TCP
-        streams.
+        """Whether faults hold more than `MAX_WAITING` bytes. While this limit is exceeded, the proxy should
+        not read from TCP streams.
         """
         return self._queued_bytes > MAX_WAITING
 

@@ -1,4 +1,4 @@
-"""Reads faults in the notation of one line: ``delay=3ms±1ms request times 5 if command == slvMove``.
+"""Write a fault in one line: ``delay=3ms±1ms request times 5 if command == slvMove``.
 
 Write the action first, with its main value after ``=``:
 

@@ -96,7 +96,7 @@ class Share(float):
 
 
 class Rate(float):
-    """A bandwidth in bytes per second. Its text is ``64kbit/s`` or ``8kB/s``."""
+    """A bandwidth in bytes per second, which users write as ``64kbit/s`` or ``8kB/s``."""
 
     @classmethod
     def read(cls, written: object) -> Self:

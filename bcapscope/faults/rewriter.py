@@ -68,8 +68,8 @@ def with_header(
 ) -> bytes:
     """Return a frame's bytes with a new serial, reserved field and code; None leaves a number unchanged.
 
-    In other frames, only the bytes of these fields change, even if the frame is damaged. If an undamaged
-    frame has a checksum or compressed contents, the whole frame is encoded again.
+    Only the bytes of these fields change, even in a damaged frame. However, if an undamaged frame has a
+    checksum or compressed contents, the whole frame is encoded again.
     """
     numbers = (
         frame.serial if serial is None else serial,
@@ -127,8 +127,8 @@ class Rewriter:
     def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
         """Limit how much numbers change from the previous message of the series to this message.
 
-        A retry gets the same values as the first attempt. Otherwise, the controller would execute the retry
-        as a new call.
+        A retry gets the same values as the first attempt. With other values, the controller would execute the
+        retry as a new call.
         """
         key = flow.conversation, flow.direction, _series_key(frame)
         last = self._last_messages.get(key)

@@ -5,9 +5,9 @@ A virtual machine's processor needs tens of microseconds to wake from any sleep,
 round trip through the proxy contains two wake-ups, or four if client and controller run on the proxy's
 machine.
 
-Linux lets a program limit the time that a processor may need to wake (power/pm_qos_interface). Such a limit
-applies to all processors of the machine. It costs electricity, or, in a virtual machine, processor time of
-the host. The proxy therefore sets the limit only while there is much traffic, and removes it if the host
+Linux lets a program limit the time that a processor may need to wake (power/pm_qos_interface). The limit
+applies to all processors of the machine. The limit costs electricity or, in a virtual machine, processor time
+of the host. The proxy therefore sets the limit only while there is much traffic, and removes it if the host
 gives the virtual machine less processor time.
 """
 

@@ -46,7 +46,7 @@ class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
     after the reply to the previous frame.
 
     `open_state` is an encoded message (see `encode_message`). The message says what the client left open
-    besides handles, such as slave mode. If there are only handles, `open_state` is b"".
+    besides handles, such as slave mode. If the client left only handles open, `open_state` is b"".
     """
 
     client: int
@@ -99,8 +99,8 @@ class WatcherSubscriber(Protocol):
         """
 
     def report_if_due(self, client_count: int) -> None:
-        """Send the reports whose time has come. Called also without traffic. `client_count` is the number of
-        clients so far.
+        """Send the reports whose time has come. The watcher calls this method even without traffic.
+        `client_count` is the number of clients so far.
         """
 
     def close(self, end_time: int) -> None:

@@ -148,8 +148,8 @@ class ProxyRecorder:
         return written
 
     def next_packet_numbers(self, count: int) -> list[int]:
-        """For each of the next `count` records, return the number of its last packet on the leg to the
-        client, or 0 if it has no such packet.
+        """For each of the next `count` records, return the number of its last packet on the client's leg.
+        Return 0 for a record without such a packet.
 
         The numbers are valid only for a recording in one file.
         """

@@ -222,7 +222,7 @@ class ProxySupervisor:
                 self._print_totals()
 
     def _print_totals(self) -> None:
-        """Print the totals of the traffic. This is necessary only if the watcher has ended, so that it cannot
+        """Print the totals of the traffic. The relay prints totals only if the watcher has ended and cannot
         print a summary.
         """
         from bcapscope.live.relay_figures import losses, totals  # imports NumPy
@@ -263,7 +263,7 @@ class ProxySupervisor:
 
     def _check_recording(self, code: int | None) -> None:
         self.is_recording_incomplete = self._options.record is not None and code != 0
-        # The watcher reports this itself, unless it ended too early.
+        # The watcher reports an incomplete recording itself, unless it ended too early.
         if self.is_recording_incomplete and code != INCOMPLETE:
             name = printable(str(self._options.record))
             print_stderr(self._words("recording.incomplete", name=name))
@@ -382,8 +382,8 @@ class ProxySupervisor:
 
 
 def _has_other_end(descriptor: int) -> bool:
-    """Return whether a file descriptor is a pipe, a socket or a terminal. Only these report when their other
-    end closes.
+    """Return whether a file descriptor is a pipe, a socket or a terminal. Only pipes, sockets and terminals
+    report that their other end was closed.
     """
     mode = os.fstat(descriptor).st_mode
     return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or os.isatty(descriptor)

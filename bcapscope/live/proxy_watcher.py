@@ -172,7 +172,7 @@ class RecorderTask:
     def record_available(self) -> None:
         """Record what the relay has written so far.
 
-        The first call may only learn how much this is, and record nothing.
+        The first call may record nothing, because it may only learn how much the relay has written.
         """
         until = self.reader.bytes_written
         while self.reader.position < until:
@@ -264,8 +264,8 @@ class ProxyWatcher:
         )
 
     def _may_rest(self) -> bool:
-        """Return whether undecoded records may wait. This is so if new traffic arrives, the ring has enough
-        space, and the oldest undecoded record is not too old.
+        """Return whether undecoded records may wait. Records may wait if new traffic arrives, the ring has
+        enough space, and the oldest undecoded record is not too old.
         """
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written

@@ -48,8 +48,8 @@ class DelayStatistics:
                 self._worst_ns = max(self._worst_ns, *delays)
 
     def pop_warning(self) -> Message | None:
-        """When the relay has first delayed data for longer than set points permit, return a warning. After
-        that, return None.
+        """Return a warning when the relay has first delayed data for longer than set points permit. At all
+        other times, return None.
         """
         if self._has_warned or not self._slow_count:
             return None

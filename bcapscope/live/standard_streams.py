@@ -39,7 +39,7 @@ def choose_palette(color: str) -> Palette:
 def discard_stdout() -> None:
     """Discard output that is still in Python's buffer, because stdout did not accept it.
 
-    Otherwise, Python would try to write this output again at exit.
+    If the output were not discarded, Python would try to write it again at exit.
     """
     _redirect_to_null(sys.stdout)
 
@@ -47,7 +47,7 @@ def discard_stdout() -> None:
 def discard_unwritable_output() -> None:
     """Flush stdout and stderr. If a terminal is closed, discard its output.
 
-    Otherwise, Python would try to write the output again at exit, and would exit with 120.
+    If the output were not discarded, Python would try to write it again at exit, and would exit with 120.
     """
     for stream in (sys.stdout, sys.stderr):
         try:

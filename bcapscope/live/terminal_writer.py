@@ -99,7 +99,7 @@ class TerminalWriter:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Write the remaining lines, then the remaining messages. Each has a time limit."""
+        """Write the remaining lines, then the remaining messages. Both steps have a time limit."""
         with self._changed:
             self._no_more_lines = True
             self._changed.notify_all()

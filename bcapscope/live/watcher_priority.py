@@ -6,8 +6,8 @@ priority. A client and a server ran on the same two processors. When another pro
 interrupts a process of idle priority at once. A process of any other priority may first finish its time slice
 of about 3 ms.
 
-Yet Linux may also interrupt a process of idle priority late. Linux updates the run time of a process, and
-decides which process runs, only at a tick every 1 to 10 ms (sched(7), EEVDF). The watcher therefore also
+However, Linux sometimes interrupts a process of idle priority late. Linux updates the run time of a process,
+and decides which process runs, only at a tick every 1 to 10 ms (sched(7), EEVDF). The watcher therefore also
 yields the processor after each 0.1 or 0.2 ms of work, so that Linux chooses the next process.
 
 If other programs are always busy, a process of idle priority gets almost no processor time, and each yield
@@ -141,7 +141,7 @@ def idle_priority_switch(process: int) -> Callable[[bool], None]:
         with suppress(OSError):  # the process, or one of its threads, may have ended
             for thread in Path(f"/proc/{process}/task").iterdir():
                 os.sched_setscheduler(int(thread.name), policy, os.sched_param(0))
-                # This call may need more rights than the call before it.
+                # `setpriority` may need more rights than `sched_setscheduler`.
                 with suppress(PermissionError):
                     os.setpriority(os.PRIO_PROCESS, int(thread.name), ours)
 

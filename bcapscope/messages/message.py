@@ -142,8 +142,8 @@ class MessageFormatter:
     Attributes:
         language: Language of the reader.
         start: Start of the traffic in ns since 1970. Sentences show times relative to the start.
-        only_client: Whether the traffic has a single client. In this case, sentences leave out the client's
-            address.
+        only_client: Whether the traffic has a single client. Sentences then leave out the address of this
+            client.
         find_frame: Function that takes the number of a frame. The function returns the name of the frame's
             capture and the number of the packet in this capture, or None if the frame is unknown. Without
             this function, sentences show only the numbers of frames.

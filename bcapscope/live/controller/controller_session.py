@@ -58,7 +58,7 @@ CLOSE_TIMEOUT = 8.0
 _CLEANUP_RETRY_POLICY = RetryPolicy(300_000_000, 2)
 """Timeout in ns and maximum number of retries of each call that releases an object.
 
-Both are small, so that `close` is fast if the controller does not respond.
+The timeout and the number of retries are small, so that `close` is fast if the controller does not respond.
 """
 
 

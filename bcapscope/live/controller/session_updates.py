@@ -69,8 +69,8 @@ class SessionStatus:
         robot: Robot to which the session sends robot commands; None if no robot is selected.
         slave_mode: Number of the robot's slave mode, derived from this client's own calls; 0 if slave mode is
             off.
-        holds_arm: Whether TakeArm succeeded, without a later GiveArm. Even if this is True, the controller
-            may have released the arm after an error.
+        holds_arm: Whether TakeArm succeeded, without a later GiveArm. After an error, the controller may have
+            released the arm, even if `holds_arm` is True.
         round_trip: Round trip in ns of the last answered call.
     """
 
