@@ -1,9 +1,10 @@
-"""Limits of an arm for each axis. Speed and acceleration of set points, and how much of these limits they
-use.
+"""Limits of an arm for each axis. Computes the speed and acceleration of set points, as values and as shares
+of these limits.
 
-An arm is identified by the type name that the controller reports. No public document lists the limits of all
-arms, so the user gives the limits of a real arm. bcapscope knows only the simulator's arm. If a speed limit
-is unknown, `MAX_ARM_SPEED` is used. No arm of DENSO Wave is faster, so a larger step is an error in the file.
+The type name that the controller reports identifies the arm. No public document lists the limits of all arms,
+so the user gives the limits of a real arm. bcapscope knows only the simulator's arm. If the speed limit of an
+axis is unknown, `MAX_ARM_SPEED` is used. No arm of DENSO Wave is faster, so faster set points are an error in
+the file.
 """
 
 from __future__ import annotations
@@ -29,8 +30,7 @@ from bcapscope.simulator.machine import ROBOT_TYPE
 ToJoints: TypeAlias = Callable[[PoseType, tuple[float, ...]], tuple[float, ...]]
 
 MAX_ARM_SPEED = {"deg": 1500.0, "mm": 15_000.0}
-"""Highest plausible speed of an axis, in degrees per second or mm per second, depending on the unit of the
-axis.
+"""Highest plausible speed of an axis: in degrees per second or mm per second, by the unit of the axis.
 """
 
 _NAMES = tuple(dict.fromkeys(axis.name for kind in AXES.values() for axis in kind if axis.unit))
