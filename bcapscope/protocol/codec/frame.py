@@ -1,4 +1,4 @@
-"""The b-CAP frame. Its header is decoded at once, the arguments when they are first used.
+"""The b-CAP frame. `Frame` decodes the header at once, and the arguments when they are first used.
 
 Offsets, all numbers little-endian (orin_bcap C/src/bcap_common.c; DENSO Wave 2009, "How to use the Slave
 mode"):
@@ -57,8 +57,9 @@ __all__ = [
 ]
 
 LARGEST_UDP_FRAME = 503
-"""Largest whole frame over UDP and serial line, in bytes (orin_bcap C/include/dn_udp.h). `Requester` rejects
-longer frames instead of sending them over UDP."""
+"""Size in bytes of the largest frame over UDP or a serial line (orin_bcap C/include/dn_udp.h). Over UDP,
+`Requester` refuses to send a longer frame.
+"""
 
 _SERIAL_RESERVED_CODE = struct.Struct("<5xHHI").unpack_from
 _SERIAL_RESERVED = struct.Struct("<HH")
@@ -66,18 +67,18 @@ _HEADER = struct.Struct("<BIHHIH").pack
 _SIGNED_HEADER = struct.Struct("<BIHHiH").pack
 
 _PLAIN = Framing.PLAIN
-# longest row, in numbers, for which a packer is cached; longer rows vary too much in length
+# maximum length of a row of numbers for which a packer is cached; longer rows vary too much in length
 _LONGEST_PACKED_ROW = 64
 
 
 @dataclass(frozen=True, slots=True)
 class Malformed:
-    """Bytes that are not a frame, or a hole in a stream where bytes are missing.
+    """Bytes that are not a frame, or a hole where bytes of a stream are missing.
 
     Attributes:
         raw: The bytes that belong to no frame; empty for a hole.
         problems: Reasons why the bytes are not a frame.
-        missing: Number of bytes that are missing in the stream at a hole; 0 if this is not a hole.
+        missing: Number of bytes that a hole lacks; 0 for bytes that are not a frame.
     """
 
     raw: bytes
@@ -92,15 +93,15 @@ class Frame:
     a function number; in a frame from the controller, `code` is a result code.
 
     A frame holds only its bytes, so that many stored frames need little memory. `arguments` and `variants`
-    decode the bytes each time. The frames of a capture share one `FrameTemplates` object, which makes the
-    decoding fast.
+    decode the bytes each time. Decoding is fast because the frames of a capture share one `FrameTemplates`
+    object.
 
     Attributes:
         raw: The bytes of the frame as received.
         serial: Serial that the client chose; the controller copies it into the reply.
-        reserved: Reserved field; over UDP, clients mark retries with it.
+        reserved: Reserved field, with which clients mark retries over UDP.
         code: Function id of a request, or HRESULT of a reply; unsigned.
-        external_problem: A problem that the bytes of the frame do not show, such as a packet that the capture
+        external_problem: A problem that the frame's bytes do not show, such as a packet that the capture
             truncated; None for nearly all frames.
     """
 
@@ -115,9 +116,9 @@ class Frame:
     ) -> None:
         """Read the header of `raw`, which holds at least `HEADER_SIZE` bytes.
 
-        If similar frames share `templates`, only one of them is decoded in full. Without `templates`, the
-        frame creates its own `FrameTemplates` when you first read its arguments. Without `templates`, the
-        frame also keeps the decoded arguments.
+        If similar frames share `templates`, only one of these frames is decoded in full. Without `templates`,
+        the frame creates its own `FrameTemplates` when you first read its arguments, and keeps the decoded
+        arguments.
         """
         self._templates = templates
         self.raw = raw
@@ -155,9 +156,8 @@ class Frame:
     def template_match(self) -> tuple[FrameTemplate, FrameNumbers] | None:
         """The template of this frame and the frame's own numbers; None for a frame without a template.
 
-        Frames with problems and frames longer than `LARGEST_TEMPLATE_FRAME` have no template. To process
-        millions of frames, use this property: `arguments` has the same values but creates an object for each
-        value.
+        Frames with problems and frames longer than `LARGEST_TEMPLATE_FRAME` have no template. Use this
+        property to process millions of frames, because `arguments` creates an object for each value.
         """
         if self.external_problem is not None:
             return None
@@ -166,7 +166,7 @@ class Frame:
 
     @property
     def arguments(self) -> tuple[Argument, ...]:
-        """The arguments that the frame holds; their positions are offsets in `body`."""
+        """The arguments of the frame, with their positions as offsets in `body`."""
         inner = (self._templates or self._own_templates()).decode(self.raw)
         return inner[0].fill_arguments(inner[1]) if isinstance(inner, tuple) else inner.arguments
 
@@ -180,7 +180,7 @@ class Frame:
 
     @property
     def problems(self) -> tuple[Problem, ...]:
-        """Deviations of the frame from b-CAP; empty for a sound frame."""
+        """Violations of b-CAP in the frame; empty for a valid frame."""
         inner = (self._templates or self._own_templates()).decode(self.raw)
         own = () if isinstance(inner, tuple) else inner.problems
         return own if self.external_problem is None else (*own, self.external_problem)
