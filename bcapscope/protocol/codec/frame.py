@@ -193,7 +193,7 @@ class Frame:
 
     @property
     def body(self) -> bytes:
-        """The bytes of the frame; in a compressed frame, unpacked content replaces the compressed bytes."""
+        """The bytes of the frame, with unpacked content instead of compressed bytes."""
         inner = (self._templates or self._own_templates()).decode(self.raw)
         return self.raw if isinstance(inner, tuple) else inner.body
 
@@ -201,8 +201,8 @@ class Frame:
 def parse_datagram(raw: bytes, templates: FrameTemplates | None = None) -> tuple[Frame | Malformed, ...]:
     """Split a datagram into its frames, or into bytes that are not a frame.
 
-    Bytes that begin with SOH and hold a header become a `Frame`, even if it is damaged. If a frame ends with
-    EOT before the datagram ends, the bytes after the frame become further items.
+    Bytes that begin with SOH and hold a header become a `Frame`, even if they are damaged. If a frame ends
+    with EOT before the datagram ends, the result has further items for the bytes after the frame.
     """
     if len(raw) >= HEADER_SIZE and raw[0] == SOH and int.from_bytes(raw[1:5], "little") == len(raw):
         return (Frame(raw, None, templates),)
@@ -221,11 +221,12 @@ def parse_datagram(raw: bytes, templates: FrameTemplates | None = None) -> tuple
 def parse_captured_datagram(
     raw: bytes, templates: FrameTemplates | None = None
 ) -> tuple[Frame | Malformed, ...]:
-    """Split a captured datagram into its frames, and mark the first frame if more bytes follow it.
+    """Split a captured datagram into its frames. If bytes follow the first frame, add a problem to this
+    frame.
 
     A valid datagram holds exactly one frame. DENSO's C server and client compare the length of the frame with
-    the number of bytes received. The official C server stops its UDP service if the length and the number of
-    bytes differ (orin_bcap C/src/bCAPServer/bcap_server.c).
+    the number of received bytes. If these differ, the C server stops its UDP service (orin_bcap
+    C/src/bCAPServer/bcap_server.c).
     """
     items = parse_datagram(raw, templates)
     if len(items) == 1:
@@ -236,7 +237,7 @@ def parse_captured_datagram(
 
 
 def parse_single_frame(raw: bytes, templates: FrameTemplates | None = None) -> Frame | Malformed:
-    """Return `raw` as one frame if `raw` begins with SOH and holds a header, otherwise as `Malformed`."""
+    """Return `raw` as a `Frame` if it begins with SOH and holds a header, otherwise as `Malformed`."""
     if len(raw) >= HEADER_SIZE and raw[0] == SOH:
         return Frame(raw, None, templates)
     if raw[:1] != b"\x01":
@@ -287,8 +288,9 @@ def encode_frame(
 
 
 def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
-    """Return the bytes of a frame whose only argument is a short row of numbers, such as the reply to
-    slvMove; None for other frames."""
+    """Return the bytes of a frame with one argument, a short row of numbers, such as the reply to slvMove;
+    None for other frames.
+    """
     vt, values, count = row
     if (
         vt not in NUMBER_ARRAYS
@@ -305,14 +307,15 @@ def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> b
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> tuple[Callable[..., bytes], int, int]:
-    """Return a function that packs frames with `count` numbers; also the sizes of the frame and its
-    argument."""
+    """Return a function that packs frames with `count` numbers, the size of the frame, and the size of its
+    argument.
+    """
     whole = struct.Struct(f"<BIHHIHIHI{count}{NUMBER_FORMATS[vt & ~ARRAY]}B")
     return whole.pack, whole.size, whole.size - SMALLEST_FRAME - 4
 
 
 def with_serial_and_reserved(raw: bytes, serial: int, reserved: int) -> bytes:
-    """Return a copy of a frame of `Framing.PLAIN` with another serial and reserved field."""
+    """Return a copy of a frame, which must be `Framing.PLAIN`, with another serial and reserved field."""
     return raw[:5] + _SERIAL_RESERVED.pack(serial, reserved) + raw[9:]
 
 

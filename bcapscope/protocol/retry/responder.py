@@ -2,8 +2,8 @@
 
 A client that gets no reply in time sends its request again with a new serial. The reserved field of the retry
 names an earlier attempt (DENSO Wave 2009, How to use the Slave mode, Retry sequence in UDP connection). The
-client accepts only a reply with its newest serial. The responder therefore sends a stored reply again with
-the serial of the retry.
+client accepts only a reply with its newest serial, so the responder sends the stored reply again with the
+serial of the retry.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ from bcapscope.protocol.retry.reserved_convention import ReplyReserved, Reserved
 from bcapscope.protocol.tables.hresult import S_EXECUTING, S_OK
 
 REMEMBERED_ANSWERS = 32
-"""Number of replies that a responder stores for its client. One stored reply is enough if the network keeps
-packets in order, because a client makes one call at a time. The responder stores more replies for retries
-that arrive late. A UDP reply has at most 503 bytes."""
+"""Number of replies that a responder stores for its client. A client makes one call at a time, so one stored
+reply is enough if the network keeps packets in order. The other stored replies are for retries that arrive
+late. A UDP reply has at most 503 bytes.
+"""
 
 _SERVICE_START = 1
 _SERIAL_COUNT = 0xFFFF
@@ -32,8 +33,7 @@ _SERIAL_COUNT = 0xFFFF
 
 _MAX_ATTEMPTS = 16
 """Assumed maximum number of attempts of one call: serials that differ by more belong to different calls.
-Known clients send at most half this number of attempts per call, except for one client that never stops
-retrying.
+Known clients send at most half as many attempts per call, except for one client that retries without end.
 """
 
 
@@ -45,24 +45,26 @@ class Defect(Flag):
 
     NONE = 0
     FORGETS_FIRST = 1
-    """The server stores only its last reply, with the serial of the attempt that arrived. The server does not
-    compare the contents of requests. If the first attempt is lost, the second retry names a serial that the
-    server never received, so the server executes the call again. If a client restarts with the serial of its
-    last call, the server sends the old reply."""
+    """The server stores only its last reply, with the serial of the first attempt that arrived. The server
+    does not compare the contents of requests. If the first attempt is lost, the second retry names a serial
+    that the server never received, so the server executes the call again. If a client restarts with the
+    serial of its last call, the server sends the old reply.
+    """
     SERIAL_ZERO = 2
     """If the first frame of a new client has serial 0, the server answers S_OK without executing the call."""
 
 
 class RequestKind(Enum):
-    """How the responder classifies a request."""
+    """What a request is for the responder: a new call or a retry, and of which call."""
 
     NEW = "new"
     """A new call: execute it, then call `Responder.answer_call`."""
     REPEAT = "repeat"
     """A retry of a completed call: send the stored reply again."""
     RUNNING = "running"
-    """A retry of the running call; the reply to this call will carry the serial of the retry. A retry of an
-    abandoned call also has this kind; such a call never gets a reply."""
+    """A retry of the running call. The reply to this call will carry the serial of the retry. A retry of an
+    abandoned call has this kind too, but never gets a reply.
+    """
     BUSY = "busy"
     """A new call while another call is running. The caller may refuse the new call with
     `Responder.reply_unremembered`."""
@@ -73,7 +75,7 @@ class RequestDecision:
     """What the controller must do with a request.
 
     Attributes:
-        kind: How the responder classified the request.
+        kind: Whether the request is a new call or a retry.
         reply: Stored reply to send now; None unless `kind` is `REPEAT`.
     """
 
@@ -105,15 +107,15 @@ class _Call:
 
 
 def _is_ahead(serial: int, other: int) -> bool:
-    """Return whether `serial` equals `other` or follows it, modulo the wrap from 65535 to 1."""
+    """Return whether `serial` equals or follows `other`; after 65535, serials continue at 1."""
     return (serial - other) % _SERIAL_COUNT < _SERIAL_COUNT // 2
 
 
 def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
     """Return whether no known call has a serial between those of `call` and `serial`.
 
-    `calls` lists the newest call first. The function examines only calls that were executed after `call`. An
-    older call with a higher serial comes from an earlier program on the same port.
+    `calls` lists the newest call first. The function ignores calls before `call`: if such a call has a higher
+    serial, it comes from an earlier program on the same port.
     """
     later = takewhile(lambda other: other is not call, calls)
     return not any(
