@@ -126,34 +126,33 @@ def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool
 class Responder:
     """Decides for one client whether each request is a new call or a retry.
 
-    The responder executes nothing. `receive_request` classifies a request, and `answer_call` ends the call
-    that `receive_request` classified as new. On UDP, a client is one address and port; on TCP, one
-    connection. A controller executes the requests of one client strictly one after another.
+    The responder executes nothing. `receive_request` classifies a request, and `answer_call` ends a call that
+    `receive_request` classified as new. Over UDP, an address and port count as one client; over TCP, a
+    connection does. A controller executes the calls of a client one after another.
 
     In a first attempt, the reserved field is 0 or the frame's own serial. Any other value in the reserved
     field is the serial of the first or the previous attempt of the same call. A request belongs to a
     remembered call if its reserved field names an attempt of this call, and function and arguments are the
-    same. The responder then adds the request's serial and the named serial to the call. If a known serial
-    arrives with other contents, the client has restarted.
+    same. The responder then adds both serials of the request to the call. If a known serial arrives with
+    other contents, the client has restarted.
 
-    In two cases, a request does not show whether the client sent a new call or a retry:
+    In two cases, a request does not show whether it is a new call or a retry:
 
     * A retry from a client of the old C library (`ReservedConvention.CHAIN`) names the previous attempt. If
-      the previous attempt was lost, its serial is unknown. The request may then be a retry of the known call,
-      or a retry of a new, equal call.
-    * A program that uses the port of an earlier program may start with the same serial. A call of the new
-      program may equal a call of the earlier program with the same or a slightly higher serial. The new call
-      then looks like a delayed attempt of the earlier call.
+      the previous attempt was lost, its serial is unknown. The request may then be a retry of a known call,
+      or a retry of a new call with the same contents.
+    * A new program on the port of an earlier program may start with the same serial. A call of the new
+      program may have the contents of an earlier call whose serial is the same or slightly higher. The new
+      call then looks like a delayed attempt of the earlier call.
 
     If it is unclear whether a request is a retry, the responder assumes a retry, so that no call runs twice.
-    If the known call has neither the request's serial nor the serial in its reserved field, the responder
-    assumes a retry only while the convention is `CHAIN` or unknown. A new call that is mistaken for a retry
-    is not executed, and its client gets the earlier reply. The earlier reply may hold an old value, or report
-    a motion as done that the robot did not make for the new call.
+    If neither serial of the request is known, the responder assumes a retry only while the convention is
+    `CHAIN` or unknown. If the responder mistakes a new call for a retry, the controller does not execute the
+    call, and the client gets the earlier reply. The earlier reply may hold an old value, or report a motion
+    that the robot made for the earlier call.
 
-    The responder forgets the calls of an earlier program when the new program reuses one of their serials for
-    a different call. At the latest, the responder forgets the calls of an earlier program after `remembered`
-    further calls.
+    The responder forgets the calls of an earlier program when the new program uses one of their serials for a
+    different call, or at the latest after `remembered` further calls.
     """
 
     def __init__(
@@ -169,9 +168,10 @@ class Responder:
 
         Args:
             expects_retries: True for UDP; False for TCP, where every request is a new call.
-            reply_reserved: Convention for the reserved field of replies; `UNKNOWN` acts as `ZERO`.
+            reply_reserved: Convention for the reserved field of replies; `UNKNOWN` has the same effect as
+                `ZERO`.
             remembered: Maximum number of replies to store.
-            largest_answer: Size in bytes of the largest reply that may be sent.
+            largest_answer: Maximum size of a reply in bytes.
             defects: Defects of DENSO's C server to imitate.
         """
         self.convention = ReservedConvention.UNKNOWN
@@ -181,7 +181,7 @@ class Responder:
         self._defects = defects
         self._forgets_first = Defect.FORGETS_FIRST in defects
         self._calls: deque[_Call] = deque(maxlen=1 if self._forgets_first else remembered)
-        # Serials and contents of all known calls, and of some calls that were forgotten.
+        # Serials and contents of all known calls, and of some forgotten calls.
         self._known_keys: set[int | bytes] = set()
         self._known_keys_limit = 8 * remembered
         self._running: _Call | None = None
@@ -192,7 +192,7 @@ class Responder:
         return self._running is not None
 
     def receive_request(self, frame: Frame) -> RequestDecision:
-        """Classify a request. A call classified as `NEW` runs until `answer_call` or `abandon_call`."""
+        """Classify a request. A `NEW` call runs until `answer_call` or `abandon_call` ends it."""
         had_received, self._has_received = self._has_received, True
         content = frame.raw[9:]
         call = self._find_call(frame, content) if self._retries else None
@@ -256,7 +256,7 @@ class Responder:
         return encode_frame(frame.serial, frame.reserved if self._echoes_reserved else 0, code)
 
     def reset(self) -> None:
-        """Forget the client, so that the next request counts as the first of a new client.
+        """Forget the client, so that the next request counts as the first request of a new client.
 
         The running call gets no reply.
         """
@@ -266,8 +266,9 @@ class Responder:
         self._has_received = False
 
     def _remember_keys(self, call: _Call) -> None:
-        """Add a call's serials and contents to the set. If the set is too large, first drop the serials and
-        contents of forgotten calls."""
+        """Add a call's serials and contents to the set of known keys. If the set is too large, first drop the
+        serials and contents of forgotten calls.
+        """
         keys = self._known_keys
         if len(keys) > self._known_keys_limit:
             keys.clear()
@@ -286,7 +287,7 @@ class Responder:
             self.convention = ReservedConvention.UNKNOWN
         if frame.reserved and self.convention is ReservedConvention.UNKNOWN:
             self._detect_convention(frame)
-        # Two look-ups in a set decide for most requests; a scan of all calls would be slow.
+        # For most requests, two look-ups in a set are enough; a scan of all calls would be slow.
         if frame.serial not in self._known_keys and content not in self._known_keys:
             return None
         return self._find_among_known(frame, content)
@@ -296,11 +297,12 @@ class Responder:
         return [self._running, *self._calls] if self._running else self._calls
 
     def _find_among_known(self, frame: Frame, content: bytes) -> _Call | None:
-        """Return the known call to which a request belongs; None if the request is a new call."""
+        """Return the known call to which a request belongs; None for a new call."""
         calls = self._known_calls()
         serial, named = frame.serial, frame.reserved or frame.serial
         alike = [call for call in calls if serial in call.serials or call.content == content]
-        # If the old C client's serial wraps to 0 in a retry, the next attempt has 0 in the reserved field.
+        # If a retry of the old C client has serial 0 after 65535, the next attempt has 0 in the reserved
+        # field.
         after_zero = serial == 1 and frame.reserved == 0
         equal, is_known = [], False
         for call in alike:
@@ -319,19 +321,19 @@ class Responder:
         return chained
 
     def _forget_earlier_program(self, serial: int) -> None:
-        """Forget the calls of an earlier program. One of these calls had the `serial` that a new, different
-        call now has.
+        """Forget the calls of an earlier program, which used `serial` for a different call.
 
-        Calls that were executed later and have smaller serials belong to the present program. The responder
-        keeps the calls of the present program, because their retries may still arrive.
+        Later calls with smaller serials belong to the present program. The responder keeps these calls,
+        because their retries may still arrive.
         """
         later = list(takewhile(lambda call: serial not in call.serials, self._calls))
         self._calls.clear()
         self._calls.extend(call for call in later if not _is_ahead(call.newest, serial))
 
     def _find_in_chain(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
-        """Return the call to which a `CHAIN` retry belongs if attempts between them were lost or overtaken,
-        or None."""
+        """Return the call to which a `CHAIN` retry belongs although earlier attempts were lost or overtaken;
+        None if there is no such call.
+        """
         if self.convention not in _CHAIN_CONVENTIONS:
             return None
         serial, is_retry = frame.serial, frame.reserved not in (0, frame.serial)
@@ -342,7 +344,7 @@ class Responder:
         return None
 
     def _detect_convention(self, frame: Frame) -> None:
-        """Derive the convention from a retry: only in `CHAIN` does each retry name the previous attempt."""
+        """Derive the convention from a retry. Only a `CHAIN` retry names the previous attempt."""
         if frame.reserved == frame.serial:
             self.convention = ReservedConvention.OWN
         elif (frame.serial - frame.reserved) % _SERIAL_COUNT > 1:
