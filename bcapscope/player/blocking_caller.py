@@ -147,8 +147,7 @@ class Channel:
         now = self.arrival_time = time.monotonic_ns()
         self._has_kernel_times = bool(control)
         if abs(time.time_ns() - now - self._epoch_offset) > _CLOCK_TOLERANCE:
-            # The difference between the clocks changed: the system's clock was set, or this thread was
-            # delayed.
+            # The clocks' difference changed: the system's clock was set, or this thread was delayed.
             self._epoch_offset = _measure_epoch_offset()
         elif control:
             self.arrival_time = min(now, kernel_timestamp(control, 0) - self._epoch_offset)

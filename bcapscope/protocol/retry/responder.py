@@ -301,8 +301,7 @@ class Responder:
         calls = self._known_calls()
         serial, named = frame.serial, frame.reserved or frame.serial
         alike = [call for call in calls if serial in call.serials or call.content == content]
-        # If a retry of the old C client has serial 0 after 65535, the next attempt has 0 in the reserved
-        # field.
+        # If a retry of the old C client has serial 0 after 65535, the next attempt has the reserved value 0.
         after_zero = serial == 1 and frame.reserved == 0
         equal, is_known = [], False
         for call in alike:

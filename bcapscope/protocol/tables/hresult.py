@@ -65,9 +65,8 @@ programs, pendant.
 """
 
 
-@dataclass(
-    frozen=True
-)  # no slots, because `text` is cached, which makes the JSON of a million replies faster
+# No slots, because `text` is cached, which makes the JSON of a million replies faster.
+@dataclass(frozen=True)
 class HresultInfo:
     """Everything known about a result code.
 
