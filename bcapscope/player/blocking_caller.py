@@ -2,7 +2,7 @@
 
 No event loop is used, because it could delay a set point. One thread drives the requester and waits for data
 of the channel. `begin_call`, `send_due` and `wait_for_outcome` are the steps of a call, for code that has a
-deadline between two steps. `perform_call` makes a whole call, for a `Session`. All these methods share a
+deadline between two steps. `perform_call` makes a whole call, for a `Session`. These four methods share a
 requester, and therefore one sequence of serials.
 """
 
@@ -43,8 +43,8 @@ from bcapscope.transport.receive_timestamps import (
 from bcapscope.transport.socket_link import preferred_address
 
 SPIN_TIME = 200_000
-"""Time in ns before a deadline at which the thread stops sleeping and watches the clock. The operating system
-ends a sleep less than this time too late.
+"""Time in ns before a deadline at which the thread stops sleeping and watches the clock. Sleeps end too late,
+but by less than this time.
 """
 
 _DATAGRAM_SIZE = 4096
@@ -190,7 +190,7 @@ def _connect_datagrams(host: str, port: int, local_port: int) -> socket.socket:
 R = TypeVar("R")
 
 FrameCallback: TypeAlias = Callable[[bool, bytes, int], None]
-"""Function that is called for every frame. Its arguments are whether the frame was sent, its bytes, and its
+"""Function that is called for every frame. The arguments say whether the frame was sent, its bytes, and its
 time in ns on the channel's clock.
 """
 
@@ -285,7 +285,7 @@ class BlockingCaller:
         Sleeping helps because the scheduler delays a program that used the processor shortly before a reply
         wakes it. In a test, busy programs ran beside the player, which sent a set point every 1 ms without
         real-time priority (Linux 6.18, sched-eevdf). Without this sleep, 3 % of the set points were 2 ms
-        late; with it, 0.3 %.
+        late; with this sleep, 0.3 %.
         """
         due, now = self._requester.deadline, self.link.now()
         end = max(now, min(until, until if due is None else due) - READ_RESERVE)

@@ -82,7 +82,7 @@ class PreflightContext:
         """Number of joints of a known arm, or the number that the controller reports; None if unknown.
 
         Most controllers report eight joints, with 0 for joints that the robot lacks. Eight reported joints
-        therefore do not show how many the robot has.
+        therefore do not show how many joints the robot has.
         """
         if self.limits.axis_count is not None or self.current_pose is None:
             return self.limits.axis_count

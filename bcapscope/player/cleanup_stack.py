@@ -15,8 +15,8 @@ from bcapscope.player.robot_adapter import RobotAdapter
 from bcapscope.protocol.tables.hresult import E_BUSY
 
 _BUSY_TIMEOUT = 5_000_000_000
-"""Maximum time in ns for which a controller, still busy with a call that the player gave up, may refuse other
-calls.
+"""Maximum time in ns to wait while a controller is still busy with a call that the player gave up, and
+therefore refuses other calls.
 """
 
 _BUSY_PAUSE = 20_000_000
@@ -40,8 +40,8 @@ class CleanupStack:
     async def run_and_push(self, task: CleanupTask, step: Callable[[], Awaitable[None]]) -> None:
         """Push a cleanup task, then run the step that the task undoes.
 
-        Push the task first, because the reply to the call of the step may be lost. If the controller refuses
-        the call, remove the task.
+        Push the task first, because the reply to the step's call may be lost. If the controller refuses the
+        call, remove the task.
         """
         self.push(task)
         try:

@@ -3,7 +3,7 @@
 Known titles are the titles that `bcapscope extract` writes, names of axes and joints, and the titles in a
 controller's log, also in English: `[J1 - 指令値]`, `[FIG - 指令値]` (ShoheiKobata/orin_bcap_python_samples
 others/Get_Syslog.py and DrawLineDemo). The reader ignores a column with an unknown word in its title, so that
-it never takes a force or a distance for a position.
+the reader never mistakes a force or a distance for a position.
 """
 
 from __future__ import annotations
@@ -368,8 +368,8 @@ def read_title(text: str) -> ColumnTitle | None:
 
 
 def _words(text: str) -> list[str]:
-    """Split a title between letters, digits and Japanese, but keep a word for "joint" and its number
-    together.
+    """Split a title between letters, digits and Japanese, but never between a word for "joint" and its
+    number.
     """
     plain = unicodedata.normalize("NFKC", text[:_LONGEST]).casefold()
     words: list[str] = []

@@ -50,7 +50,7 @@ def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
         yield file
     finally:
         is_empty = not file.tell()
-        with suppress(OSError):  # the code that wrote the file has flushed it, and handled any error
+        with suppress(OSError):  # the code that wrote the file has already flushed it and handled errors
             file.close()
         if is_empty:
             Path(path).unlink(missing_ok=True)

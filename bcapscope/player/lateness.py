@@ -9,8 +9,8 @@ import msgspec
 import numpy as np
 
 _BINS_PER_OCTAVE = 16
-"""Number of bins between one power of two and the next. With 16 bins, an estimated percentile is at most 7 %
-from the exact percentile.
+"""Number of bins between one power of two and the next. With 16 bins, an estimated percentile differs by at
+most 7 % from the exact percentile.
 """
 
 _BINS = 64 * _BINS_PER_OCTAVE
@@ -55,7 +55,9 @@ class Lateness:
         self._maximum = max(self._maximum, late)
 
     def estimated_spread(self) -> Spread:
-        """Return estimated percentiles fast: the upper edge of the bin of each percentile."""
+        """Return estimated percentiles, which is fast. The estimate is the upper edge of the bin that holds
+        the percentile.
+        """
         if not self._count:
             return Spread()
         wanted = [_rank(share, self._count) for share in _PERCENTILES]
@@ -72,8 +74,8 @@ class Lateness:
         return tuple(sorted(edges))
 
     def exact_spread(self) -> Spread:
-        """Return exact percentiles, or estimated percentiles if there were too many values to keep. This is
-        slow.
+        """Return exact percentiles, which is slow. If there were too many values to keep, return estimated
+        percentiles.
         """
         if not 0 < self._count <= self._capacity:
             return self.estimated_spread()

@@ -42,7 +42,8 @@ _SLOW, _CRAWL = 0.1, 1.0
 
 
 class AxisFigures(NamedTuple):
-    """How far and how fast an axis moves, in seconds and the unit of the axis. An unknown limit is infinite.
+    """How far and how fast an axis moves, in the unit of the axis and in seconds. An unknown limit is
+    infinite.
 
     Attributes:
         step: Largest step from one set point to the next.
@@ -62,8 +63,8 @@ class AxisFigures(NamedTuple):
 
 
 def axis_figures(context: PreflightContext) -> tuple[AxisFigures, ...]:
-    """Return the figures of the trajectory's axes, then those of the joints if bcapscope can compute the
-    joints.
+    """Return the figures of the trajectory's axes, then the figures of the joints if bcapscope can compute
+    the joints.
     """
     if context.step is None:
         return ()
@@ -258,7 +259,7 @@ def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def _mark_set_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
-    """Mark the set points of the violations; rows after the last point belong to the start of the next
+    """Return which set points have a violation. Rows after the last set point belong to the start of the next
     round.
     """
     at = where[:count].copy()

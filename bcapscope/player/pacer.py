@@ -13,9 +13,8 @@ Slave mode; table of slave modes in ShoheiKobata/orin_bcap_python_samples):
 * **Sync, mode 2**: the controller sets the pace by answering only when its buffer has room. The next set
   point is due `_PREPARATION` after the reply, so that this delay is always the same. Without a reply the
   requester retries every `RetryPolicy.timeout`, and discards replies to earlier attempts. After the last
-  attempt, the pacer only waits, because a controller with a full buffer needs no set point yet. After the
-  last attempt, the pacer accepts a reply to any attempt. After `SILENCE_TIMEOUT` without a reply, the pacer
-  treats the controller as gone.
+  attempt, the pacer only waits, and accepts a reply to any attempt. A controller with a full buffer needs no
+  set point yet. After `SILENCE_TIMEOUT` without a reply, the pacer treats the controller as gone.
 * **Mode 0**: player and controller set the pace together. S_BUF_FULL asks for a pause of one period. S_OK
   means that the buffer has room, so the next set point follows at once. 83201483 means that the buffer had no
   room, so the pacer sends the same set point again.
@@ -77,8 +76,8 @@ _MOTION_ERRORS = 0x8420
 """Upper 16 bits of the result codes that late set points can cause: the buffer ran empty, or an axis was too
 fast."""
 _GAPS_KEPT = 8
-"""Number of recent gaps between set points that the pacer keeps, to explain a refused set point. The buffers
-of controllers hold fewer set points.
+"""Number of recent gaps between set points that the pacer keeps, to explain a refused set point. No
+controller's buffer holds more set points.
 """
 _ROBOT_EXECUTE = 64
 _NAME = "Robot_Execute slvMove"
@@ -319,8 +318,8 @@ class Pacer:
         late.clear()
 
     def _adjusted_deadline(self, due: int, sent: int) -> int:
-        """Return the time to which the pacer adds a period for the next deadline: `due`, or `sent` if this is
-        much later.
+        """Return `due`, or `sent` if this time is much later. The next deadline is one period after the
+        returned time.
         """
         if sent - due <= self._move.period // 2:
             return due
@@ -343,10 +342,10 @@ class Pacer:
 class _Throttle:
     """Limits how fast a controller that sets the pace can request set points.
 
-    At first, the pacer may send two set points more than the buffer holds. Afterwards, it sends at most one
-    set point per period on average. A controller that confuses two slave modes may answer at once, although
-    its reply should wait for room in the buffer. Without the limit, the pacer would then send the whole
-    trajectory in an instant.
+    At first, the pacer may send two set points more than the buffer holds. Afterwards, the pacer sends at
+    most one set point per period on average. A controller that confuses two slave modes may answer at once,
+    although its reply should wait for room in the buffer. Without the limit, the pacer would then send the
+    whole trajectory in an instant.
     """
 
     def __init__(self, period: int, burst: int) -> None:

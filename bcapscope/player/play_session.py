@@ -69,7 +69,7 @@ YES, NO, CLEAR, AGAIN = "yes", "no", "clear", "again"
 """Answers to questions."""
 
 _ROBOT_EXECUTE = 64
-# for this number of set points, the pacer keeps the lateness: two hours at 8 ms
+# number of set points for which the pacer keeps the lateness: two hours at 8 ms
 _LATENESS_CAPACITY = 1_000_000
 
 

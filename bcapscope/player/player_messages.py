@@ -30,7 +30,7 @@ SetPointValues: TypeAlias = tuple[float, ...]
 
 
 TYPE_NAME_FACT = "type name"
-"""Key, among the facts about the controller, of the name of the robot's type."""
+"""Key of the robot's type name in the facts about the controller."""
 
 
 class SlaveModePacing(StrEnum):
@@ -182,8 +182,8 @@ class PlayCounts(msgspec.Struct, frozen=True):
     """Counts of set points.
 
     Attributes:
-        sent: Set points sent, without retries. If the player repeats a set point because the buffer was full,
-            it counts again.
+        sent: Set points sent, without retries. A set point that the player repeats because the buffer was
+            full counts again.
         late: Late replies.
         unanswered: Set points that got no reply.
         repeated: Set points sent again because the controller's buffer was full (83201483).

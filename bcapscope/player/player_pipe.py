@@ -103,7 +103,7 @@ class PlayerPipe:
             return False
         self._unwritten = data
         if not self._flush():
-            # the pipe is full; it took no part of the message, because the message is short
+            # the pipe is full, and took no part of the message, because pipes never split short messages
             self._unwritten = b""
             return False
         return True

@@ -42,8 +42,8 @@ from bcapscope.player.player_messages import (
 from bcapscope.protocol.codec.frame import Frame
 
 _LEAVE_TIMEOUT = 20.0
-"""If the player should end but sends no message for this time in seconds, the parent kills it. While the
-player waits for a silent controller, its messages come more often than this.
+"""Seconds without a message after which the parent kills a player that should end. Even a player that waits
+for a silent controller sends messages more often.
 """
 
 _SERIAL_MARGIN = 5000
@@ -82,8 +82,7 @@ class PlayerProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                # no buffer, because a signal handler may interrupt `_send` and write an order to the same
-                # pipe
+                # no buffer, because a signal handler may interrupt `_send` and write to the same pipe
                 bufsize=0,
                 start_new_session=True,  # so that Ctrl-C reaches only the parent, which then stops the player
             )

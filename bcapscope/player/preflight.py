@@ -67,7 +67,9 @@ class PreflightResult:
 
     @property
     def seconds(self) -> float:
-        """Duration according to the file's times. If the file has no times, set points are `period` apart."""
+        """Duration according to the file's times, or with `period` between set points if the file has no
+        times.
+        """
         trajectory = self.trajectory
         if trajectory.period is None and trajectory.times is not None:
             return float(trajectory.times[-1])

@@ -26,9 +26,9 @@ DEFAULT_RAMP = 0.25
 """Seconds that a start or a stop takes by default."""
 
 _SHORTEST_STOP, _LONGEST_STOP = 0.1, 2.0  # seconds
-_STOP_GROWTH = 1.5  # factor from the duration of one tried stop to the duration of the next
+_STOP_GROWTH = 1.5  # each stop that is tried takes longer than the previous stop by this factor
 _DEFAULT_STOP = 0.5  # shortest stop, in seconds, if no acceleration limit is known
-_ROUNDING = 1e-9  # through rounding, a computed number of cycles can be too large by this share of a cycle
+_ROUNDING = 1e-9  # rounding can make a computed number of cycles too large by this share of a cycle
 
 
 def resample(
@@ -91,8 +91,8 @@ def stop_after(
 
     The function tries longer and longer stops, from 0.1 s to 2 s, until a stop keeps within the limits. If
     the trajectory itself exceeds a limit, the stop may exceed this limit by the same factor. If an
-    acceleration limit is unknown, the stop takes at least 0.5 s. If the trajectory ends before a stop could,
-    the result is the remaining points of the trajectory. `period` is in seconds. With `loop`, the first point
+    acceleration limit is unknown, the stop takes at least 0.5 s. If the trajectory ends before a stop would
+    end, return the remaining points of the trajectory. `period` is in seconds. With `loop`, the first point
     follows the last point.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
@@ -146,6 +146,6 @@ def _knots(trajectory: Trajectory, period: float) -> Array:
 
 
 def _ramp_integral(part: Array) -> Array:
-    """Return how far the robot gets in the first share `part` of a start: 0 for part 0, 0.5 for part 1."""
+    """Return how far the robot gets in the share `part` of a start: 0 if `part` is 0, 0.5 if `part` is 1."""
     gained: Array = part**4 * (2.5 - part * (3.0 - part))
     return gained

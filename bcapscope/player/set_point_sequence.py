@@ -51,8 +51,8 @@ class SetPointSequence:
         return next(self._remaining)
 
     def stop(self) -> None:
-        """Replace the remaining set points with points that bring the robot to rest; do nothing if this was
-        done before.
+        """Replace the remaining set points with points that bring the robot to rest; further calls of this
+        method change nothing.
         """
         if not self.is_stopping:
             self.is_stopping = True

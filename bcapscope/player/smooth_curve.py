@@ -1,13 +1,13 @@
 """A smooth curve through set points, from which the player computes intermediate points and stops on the
 path.
 
-Between two points, each axis follows a polynomial of fifth degree (quintic Hermite interpolation), which has
-the position, speed and acceleration of both points at its ends. Each point has the speed and acceleration of
-the parabola through it and its two neighbours. The first and the last point have the speed and acceleration
-of the straight line to their neighbour. The curve therefore goes through every point, and position, speed and
-acceleration are continuous (C2). A wrong point changes only the two pieces of the curve before it and the two
-pieces after it. For points at equal intervals, the speed never exceeds 1.75 times the speed of the fastest
-straight line between two points.
+Between two points, each axis follows a polynomial of fifth degree (quintic Hermite interpolation). At each
+end, the polynomial has the position, speed and acceleration of the point. Each point has the speed and
+acceleration of the parabola through it and its two neighbours. The first and the last point have the speed
+and acceleration of the straight line to their neighbour. The curve therefore goes through every point, and
+position, speed and acceleration are continuous (C2). A wrong point changes only the two pieces of the curve
+before it and the two pieces after it. For points at equal intervals, the speed never exceeds 1.75 times the
+speed of the fastest straight line between two points.
 """
 
 from __future__ import annotations

@@ -120,8 +120,8 @@ class Trajectory:
         """Add the axes that the file lacks, with the values of the robot's current pose, so that these axes
         do not move.
 
-        The result has 7 columns for P type, 8 for J type, 10 for T type. If the current pose lacks an axis
-        too, its value is 0.
+        The result has 7 columns for P type, 8 for J type, 10 for T type. Axes that the current pose lacks too
+        get the value 0.
         """
         have, width = self.points.shape[1], len(AXES[self.kind])
         missing = np.zeros(width - have)

@@ -54,8 +54,8 @@ def read_documents(
 ) -> tuple[Trajectory, ...]:
     """Read trajectories from the documents of a parsed file, or raise TrajectoryError if there are none.
 
-    A JSON file is one document. An option applies to a ROS message only if the message does not say itself
-    what the option says.
+    A JSON file is one document. An option applies to a ROS message only if the message does not state the
+    same fact.
     """
     only = documents[0] if len(documents) == 1 else None
     if isinstance(only, dict) and only.get("format") == EXTRACT_FORMAT:
@@ -168,8 +168,8 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
 
 
 def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[Message, ...]]:
-    """Return where the message has J1, J2 and so on, and notes. The joints are ordered by the numbers in
-    their names. If the names have no such numbers, the order of the message applies.
+    """Return the indices of J1, J2 and so on in `names`, and notes. The joints are ordered by the numbers in
+    their names. If the names have no suitable numbers, the joints stay in the order of the message.
     """
     numbers = [_LAST_NUMBER.search(name) for name in names]
     by_number = {int(found[1]): place for place, found in enumerate(numbers) if found and len(found[1]) < 3}

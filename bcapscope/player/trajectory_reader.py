@@ -124,7 +124,7 @@ def _read_file(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
 
 
 def _open_regular_file(path: Path) -> BinaryIO:
-    """Open a file, but no pipe or device, because reading these could block."""
+    """Open a file. Refuse pipes and devices, because reading them could block."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             raise TrajectoryError(Message("trajectory.no-file"))
@@ -200,9 +200,9 @@ def _is_project(path: Path) -> bool:
 def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
     """Read every control log in a project, given as its folder or file.
 
-    The function stops after the file with which it reaches `MAX_TRAJECTORIES` trajectories. The function
-    skips tables without titles, because their meaning is unknown. It also skips captures, because WINCAPS III
-    exports no captures.
+    The function reads no further file once it has at least `MAX_TRAJECTORIES` trajectories. The function
+    skips tables without titles, because their meaning is unknown. The function also skips captures, because
+    WINCAPS III exports no captures.
 
     Raises:
         TrajectoryError: There is no control log; the message lists the files and says what to export.

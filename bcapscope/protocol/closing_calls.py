@@ -1,6 +1,6 @@
 """The calls that close a session.
 
-A client makes these calls when it ends. The proxy makes them for a client that crashed or is gone.
+A client makes these calls when it ends. The proxy makes these calls for a client that crashed or is gone.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, Ob
 RELEASES: Mapping[ObjectClass, Function] = {
     function.releases: function for function in FUNCTIONS.values() if function.releases is not None
 }
-"""For each class, the function that releases an object of this class. Service_Stop releases the service,
-which has a class here too.
+"""For each class, the function that releases an object of this class. The service is such an object, and
+Service_Stop releases it.
 """
 
 ClosingCall = tuple[int, tuple[Variant, ...]]

@@ -40,8 +40,8 @@ from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 HOOKS = ("request", "reply", "settled", "connected", "gone", "done")
 
 SLOW_HOOK_NS = 2_000_000
-"""A hook that takes longer than this, in ns, counts as slow. A set point may not take longer either (DENSO
-Wave 2009, How to use the Slave mode).
+"""A hook that takes longer than this time in ns counts as slow. A set point may take no longer than this time
+(DENSO Wave 2009, How to use the Slave mode).
 """
 
 

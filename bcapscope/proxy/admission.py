@@ -22,13 +22,13 @@ MAX_CLIENTS = 256
 """Maximum number of clients per transport; DENSO's C server has 20 (orin_bcap C/src/bcap_server.c)."""
 
 MAX_PER_SOURCE = 192
-"""Maximum number of clients per address. It is high because a whole plant may share one address behind NAT.
-The other 64 slots are enough for the clients of three controllers.
+"""Maximum number of clients per address. This number is high, because a whole plant may share one address
+behind NAT. The remaining 64 slots are enough for the clients of three controllers.
 """
 
 RESERVED_SLOTS = 4
 """Number of additional slots per transport for clients that send a stop. If these slots are full, a new
-client that sends a stop replaces the oldest of their clients.
+client that sends a stop replaces the oldest client in these slots.
 """
 
 REPLACE_INTERVAL_NS = 5_000_000

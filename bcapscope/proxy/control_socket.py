@@ -151,12 +151,11 @@ class _Connection:
             self.last_command_at = time.monotonic()
             reply = self._api.handle_line(line, time.monotonic_ns())
             self._backlog += reply.line
-            # Close after other data than JSON: a web page can make a browser send HTTP here, followed by
-            # malicious JSON.
+            # Close if the line is not JSON: a web page can make a browser send HTTP and then malicious JSON.
             self._closes_after_send = not reply.is_json
 
     def _send(self) -> None:
-        """Send as many pending bytes as possible. Then close the connection or wait for the next event."""
+        """Send as many pending bytes as possible, then close the connection or wait for the next event."""
         with suppress(BlockingIOError):
             while self._backlog:
                 del self._backlog[: self._socket.send(self._backlog)]

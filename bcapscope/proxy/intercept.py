@@ -19,7 +19,7 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow, Transpo
 from bcapscope.traffic.pairing_windows import RETRY_WITHIN_NS
 
 MAX_HELD = 1000
-"""Maximum number of held messages. Above this limit, the proxy forwards messages and adds a note for the
+"""Maximum number of held messages. Above this limit, the proxy forwards messages at once, with a note for the
 user.
 """
 

@@ -40,7 +40,7 @@ class MessageSender:
         self._replies.close_conversation(conversation)
 
     def send(self, state: DirectionState, data: bytes, note: Message | None, work: DecisionBuilder) -> None:
-        """Forward a message. If it is a request, the guard checks it first."""
+        """Forward a message. The guard checks a request before the proxy forwards it."""
         direction = state.flow.direction
         if self.guard is not None and direction is Direction.REQUEST:
             data = self._apply_guard(self.guard, state, data, work)
@@ -51,7 +51,9 @@ class MessageSender:
     def refuse_motion(
         self, state: DirectionState, message: WireMessage, note: Message, work: DecisionBuilder
     ) -> bytes:
-        """Refuse the frames of a request that may move the robot. Return the bytes of the other frames."""
+        """Refuse the frames of a request that may move the robot. Return the bytes of the frames that the
+        method did not refuse.
+        """
         items = [each.observation.item for each in message.annotated_frames]
         refused = [item for item in items if isinstance(item, Frame) and _may_move(item)]
         if not refused:

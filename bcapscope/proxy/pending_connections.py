@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bcapscope.proxy.relay import Relay
 
 Admit: TypeAlias = Callable[[socket.socket, SocketAddress, bytes, int], None]
-"""Function that admits a client. Its arguments are the socket, the address, the bytes received so far, and
+"""Function that admits a client. The arguments are the socket, the address, the bytes received so far, and
 the time of the last bytes in ns since 1970.
 """
 

@@ -105,7 +105,9 @@ class Policy(Protocol):
     def on_stream_end(
         self, client: int, direction: Direction, now: int
     ) -> Sequence[SendAction | CloseAction]:
-        """Handle the end of one direction of a stream. Return what to do with an incomplete last frame."""
+        """Handle the end of one direction of a stream. Return what the relay must do with an incomplete last
+        frame.
+        """
 
     def hides_end(self, client: int) -> bool:
         """Return whether the proxy must hide the FIN or RST of client and controller from each other."""

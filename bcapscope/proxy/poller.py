@@ -22,7 +22,7 @@ class DescriptorWatcher(Protocol):
         """Call `handler` for every event of a descriptor."""
 
     def change(self, descriptor: int, mask: int) -> None:
-        """Change for which events of a descriptor to wait."""
+        """Set which events of a descriptor to wait for."""
 
     def pause(self, descriptor: int) -> None:
         """Ignore events of a descriptor for about a second."""

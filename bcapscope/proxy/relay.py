@@ -25,7 +25,7 @@ from bcapscope.traffic.observation import Direction, Endpoint, Transport
 from bcapscope.transport.descriptors import SpareDescriptors
 
 Handler: TypeAlias = Callable[[int], None]
-"""Function that handles the events of a file descriptor. Its argument has a bit such as `READ` for each
+"""Function that handles the events of a file descriptor. The argument has a bit such as `READ` for each
 event.
 """
 
@@ -295,8 +295,8 @@ class Relay:
         return True
 
     def release_held(self, session: RelaySession) -> bool:
-        """Send the held messages that the proxy's rules release when a client ends. Return whether there were
-        such messages.
+        """Send the held messages that the proxy's rules release when a client ends. Return whether the relay
+        sent any message.
         """
         if self.policy is None or session.number not in self.sessions:
             return False

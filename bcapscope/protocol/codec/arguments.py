@@ -136,7 +136,7 @@ class ArgumentReader:
         self._position_lost = True
 
     def _read_argument(self) -> bool:
-        """Read an argument. Return False if the reader does not know where the next argument starts."""
+        """Read an argument. Return False if it is unknown where the next argument starts."""
         start = self.pos
         (claimed,) = _U32.unpack_from(self.raw, start)
         stop = start + 4 + claimed

@@ -78,7 +78,7 @@ class Malformed:
     Attributes:
         raw: The bytes that belong to no frame; empty for a hole.
         problems: Reasons why the bytes are not a frame.
-        missing: Number of bytes that a hole lacks; 0 for bytes that are not a frame.
+        missing: Number of bytes that are missing at a hole; 0 for bytes that are not a frame.
     """
 
     raw: bytes

@@ -118,8 +118,8 @@ class FrameContent:
 
 def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
     """Return whether the frame at `pos` looks like a compressed version 1 frame: its reserved field is 1, and
-    a zlib header is where the compressed body begins. A plain frame looks like this only if it has 376
-    arguments or more.
+    a zlib header is where the compressed body begins. A frame that is not compressed looks so only if it has
+    376 arguments or more.
     """
     return data[pos + 7 : pos + 9] == b"\x01\x00" and has_zlib_header(data, pos)
 

@@ -98,8 +98,8 @@ class StreamSplitter:
     ) -> None:
         """Start a stream; `synchronized` is False if the first bytes of the stream are missing.
 
-        `limit` is the size in bytes of the longest frame to wait for. `budget` is a common limit for all
-        splitters with the same budget. The splitter passes `templates` to every frame.
+        `limit` is the size in bytes of the longest frame to wait for. All splitters with the same `budget`
+        together hold no more bytes than the budget allows. The splitter passes `templates` to every frame.
         """
         self._buffer = bytearray()
         self._budget = budget or ByteBudget()
@@ -129,7 +129,7 @@ class StreamSplitter:
         return pieces
 
     def feed_whole_frame(self, data: bytes) -> Frame | None:
-        """Do the same as `feed`, but faster, for `data` that is exactly one frame. This is the most frequent
+        """Do the same as `feed`, but faster, for `data` that is exactly one frame, which is the most frequent
         case.
 
         For other `data`, return None and consume nothing; the program then passes `data` to `feed`.
@@ -248,8 +248,8 @@ class StreamSplitter:
         return None if trust in (_Trust.CONFIRMED, _Trust.INCOMPLETE) else False
 
     def _assess_header(self, pos: int, synchronized: bool = True) -> tuple[_Trust, int]:
-        """Return how certain it is that a frame begins at `pos`, and the length of the frame. The length is 0
-        if it is unknown.
+        """Return how certain it is that a frame begins at `pos`, and the length of the frame, or 0 if the
+        length is unknown.
         """
         buffer = self._buffer
         if len(buffer) - pos < HEADER_SIZE:

@@ -89,7 +89,7 @@ class Variant(NamedTuple):
     """A typed value.
 
     Attributes:
-        vt: Type number, or-ed with `ARRAY` for an array. b-CAP need not define this number.
+        vt: Type number, or-ed with `ARRAY` for an array. The number may be unknown in b-CAP.
         value: None for EMPTY and NULL. int, float, bool or str for scalars (CY and ERROR as raw integers,
             DATE as days since 1899-12-30). A tuple for arrays, `bytes` for an array of UI1, a tuple of
             Variant for an array of VARIANT. The undecoded `bytes` for an unknown type.

@@ -195,7 +195,7 @@ class _FieldBuilder:
         text: str = "",
         problems: tuple[Problem, ...] = (),
     ) -> FrameField:
-        """Return a field without children. It has the problems that are in its bytes, then the given
+        """Return a field without children. The field has the problems in its bytes, then the given
         `problems`.
         """
         return FrameField(
@@ -219,8 +219,7 @@ class _FieldBuilder:
     def _tail_fields(self, start: int) -> Iterator[FrameField]:
         body = self.body
         size = len(body)
-        # A last byte other than EOT counts as a damaged EOT if the length field says that the frame ends
-        # there.
+        # A last byte other than EOT counts as a damaged EOT if the length field confirms the end.
         has_eot = body[-1] == EOT or int.from_bytes(body[1:5], "little") == size
         end = size - 1 if size > HEADER_SIZE and has_eot else size
         if start < end:
@@ -404,8 +403,8 @@ class _NumberFields(Sequence[FrameField]):
 
 
 class _LazyFields(Sequence[FrameField]):
-    """Fields that are created anew in each iteration, until the first access by index or to the length stores
-    them.
+    """Fields that are created anew in each iteration. The first access by index or to the length stores the
+    fields.
     """
 
     def __init__(self, make: Callable[[], Iterator[FrameField]]) -> None:

@@ -1,4 +1,6 @@
-"""Names and meanings of the values in arguments and results, and of the elements of slvMove's values."""
+"""Names and meanings of the values in arguments and results, and of the elements in slvMove's set points and
+results.
+"""
 
 from __future__ import annotations
 
@@ -49,8 +51,8 @@ def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
     """Name the elements of slvMove's parameter or result.
 
     The label of the whole value has an empty name. Earlier calls set the formats and the slave mode, which
-    this function does not know. It therefore guesses the names from the number and types of the elements, and
-    the label's `text` says so.
+    this function does not know. The function therefore guesses the names from the number and types of the
+    elements, and says so in the label's `text`.
     """
     found = parse_set_point(variant) if is_request else parse_feedback(variant)
     named = list(_set_point_labels(found) if isinstance(found, SetPoint) else _feedback_labels(found))

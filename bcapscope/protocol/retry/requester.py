@@ -2,8 +2,8 @@
 
 This module uses no socket and no clock. The program passes the current time to each method, in ns of any
 monotonic clock. After using a method, the program reads what to send (`data_to_send`), when to use
-`handle_timeout` (`deadline`), and what happened (`drain_events`). DENSO Wave 2009, How to use the Slave mode
-(Retry sequence in UDP connection), and orin_bcap C/src/bCAPClient/bcap_client.c define when a client retries.
+`handle_timeout` (`deadline`), and what happened (`drain_events`). Sources for retries: DENSO Wave 2009, How
+to use the Slave mode (Retry sequence in UDP connection); orin_bcap C/src/bCAPClient/bcap_client.c.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ class Defect(Flag):
 
 
 class RequestKind(Enum):
-    """What a request is for the responder: a new call or a retry, and of which call."""
+    """Kinds of requests that the responder distinguishes."""
 
     NEW = "new"
     """A new call: execute it, then call `Responder.answer_call`."""
@@ -127,8 +127,8 @@ class Responder:
     """Decides for one client whether each request is a new call or a retry.
 
     The responder executes nothing. `receive_request` classifies a request, and `answer_call` ends a call that
-    `receive_request` classified as new. Over UDP, an address and port count as one client; over TCP, a
-    connection does. A controller executes the calls of a client one after another.
+    `receive_request` classified as new. Over UDP, each address and port counts as a client; over TCP, each
+    connection counts as a client. A controller executes the calls of a client one after another.
 
     In a first attempt, the reserved field is 0 or the frame's own serial. Any other value in the reserved
     field is the serial of the first or the previous attempt of the same call. A request belongs to a

@@ -138,7 +138,7 @@ _BEHAVIOURS: dict[ModeKind, tuple[int, bool, bool, bool | None, bool, str]] = {
         "error",
     ),
 }
-"""For each kind of mode, the values of `buffer_slots` to `overflow_is_error` in `SlaveMode`, and a
+"""For each kind of mode, the values of the fields `buffer_slots` to `overflow_is_error` of `SlaveMode`, and a
 description.
 """
 

@@ -3,7 +3,7 @@
 Sources: DENSO Wave 2009, How to use the Slave mode, for values that are only a pose;
 DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp for the order of elements. The client selects
 the elements with slvSendFormat and slvRecvFormat. If a capture begins after these calls, the decoder chooses
-the most likely order and marks it as guessed.
+the most likely order and marks this order as guessed.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Feedback(NamedTuple):
         microseconds: Whether `timestamp` is in µs.
         poses: The current pose in each requested pose type, at most two.
         mini_io: Word read from the mini I/O; bit 0 is IO0.
-        user_io: I/O bits that the set point asked for.
+        user_io: I/O bits that the set point requested.
         hand_io: Word read from the hand I/O; bit 0 is IO48.
         current: Motor current of each axis.
         guessed: Whether the pose type or the order of elements is a guess.
@@ -107,8 +107,8 @@ def parse_set_point(
     """Decode slvMove's parameter. If the parameter has an unexpected form, return the elements that fit, and
     problems.
 
-    `pose_type`, `send` and `receive` are what slvChangeMode, slvSendFormat and slvRecvFormat set; None if
-    that call was not captured.
+    `pose_type`, `send` and `receive` are what slvChangeMode, slvSendFormat and slvRecvFormat set; each is
+    None if its call was not captured.
     """
     bare = _bare_pose(parameter, pose_type)
     if bare and (send is None or send in _POSE_ONLY) and not (receive and receive.user_io):

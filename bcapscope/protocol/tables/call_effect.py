@@ -23,7 +23,7 @@ class CallEffect(IntEnum):
     CHANGES = 2
     """Changes a state, a value or a setting of the controller."""
     ENERGISES = 3
-    """Powers the motors, permits motion, or makes running programs faster, such as ExtSpeed. Robot_Speed only
+    """Powers the motors, permits motion, or makes running programs faster, as ExtSpeed does. Robot_Speed only
     sets the speed of the client's own motions, so its effect is `CHANGES`.
     """
     MOVES = 4

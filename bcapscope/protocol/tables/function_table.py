@@ -93,8 +93,8 @@ class Function:
         return bool(self.params) and self.params[0].name.startswith("h")
 
 
-# The prefix of DENSO's name for an argument shows its type, as in `lAxis` or `bstrCommand`. The argument
-# newVal has no prefix. Its type is VT_I4 in function 115; other functions accept any type.
+# The prefix of DENSO's name for an argument shows its type, as in `lAxis` or `bstrCommand`.
+# The argument newVal has no prefix: its type is VT_I4 in function 115, and any type elsewhere.
 _TYPE_BY_PREFIX = (("bstr", "VT_BSTR"), ("vnt", "VARIANT"), ("h", "VT_I4"), ("l", "VT_I4"), ("f", "VT_R4"))
 
 
@@ -162,8 +162,8 @@ _RESULT_TYPES = {ResultKind.HANDLE: "VT_I4", ResultKind.I4: "VT_I4", ResultKind.
 
 
 def request_param(function_id: int | None, index: int) -> Param:
-    """Return the name and type of a request's argument by its index, counted from 0. If the function has no
-    such argument, its name is a number counted from 1, such as `arg4`.
+    """Return the name and type of a request's argument by its index, counted from 0. The name of an argument
+    that the function does not have is `arg` and a number from 1, such as `arg4`.
     """
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if function is not None and index < len(function.params):

@@ -48,8 +48,8 @@ E_ARM_NOT_TAKEN = 0x83501024
 _UNLISTED = frozenset({"hresult.not-listed", "hresult.rc7", "hresult.failure", "hresult.success"})
 
 LEVELS = range(6)
-"""Error levels. Their names are in the message catalogue. DENSO's error list does not name levels 2 and 3;
-bcapscope derives these names from the texts of the errors.
+"""Error levels. The message catalogue holds the names of the levels. DENSO's error list does not name levels
+2 and 3; bcapscope derives these names from the texts of the errors.
 """
 
 _ENDS_SLAVE_MODE = 3
@@ -214,7 +214,9 @@ def level_name(level: int) -> Message:
 
 
 def _level_and_subsystem(code: int) -> tuple[int | None, Message | None]:
-    """Return the error level and the subsystem of a code. Each is None if the digits do not show it."""
+    """Return the error level and the subsystem of a code. The level or the subsystem is None if the code does
+    not show it.
+    """
     if not _has_level_digits(code):
         return None, None
     part = code >> 20 & 0xF
