@@ -34,7 +34,7 @@ DIRECTION_COLUMNS = ORIENTATION, APPROACH = slice(3, 6), slice(6, 9)
 
 
 class SmoothCurve:
-    """A curve through points. Its parameter begins at 0."""
+    """A curve through points. The curve's parameter begins at 0."""
 
     def __init__(self, kind: PoseType, knots: Array, points: Array) -> None:
         """Compute the curve through `points`, one row each. `knots` are the parameters of the points and
