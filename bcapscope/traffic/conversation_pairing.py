@@ -37,14 +37,14 @@ from bcapscope.traffic.unseen_attempts import (
 SERVICE_START = 1
 
 MAX_EXTRA_FRAMES = 65536
-"""Maximum number of retries, notices and further replies of a conversation's open calls. These frames take
-about 30 MB of memory. The call that exceeds the limit is evicted with all earlier calls, and its further
-frames start another call. The older C client retries without end (start-jsk/denso b-Cap.c). At one retry
-every 20 ms, such a client reaches the limit within 20 minutes.
+"""Maximum number of retries, notices and further replies in all open calls of a conversation together. These
+frames take about 30 MB of memory. If a call exceeds the limit, this call and all earlier calls are evicted,
+and its further frames start another call. The older C client retries without end (start-jsk/denso b-Cap.c).
+A client that retries every 20 ms without end reaches the limit within 22 minutes.
 """
 
 _FRAME_COST = 512  # bytes of overhead per frame
-# Maximum size in bytes of a settled call that is kept in memory as the newest call.
+# Maximum size in bytes of a settled call that stays in memory because it is the newest call.
 _LARGE_CALL = 64 * 1024
 
 _WAITING, _ANSWERED, _SETTLED = CallState.WAITING, CallState.ANSWERED, CallState.SETTLED
@@ -52,7 +52,7 @@ _EXPIRY, _EVICTION = CallEvent.EXPIRY, CallEvent.EVICTION
 
 
 class ConversationPairing:
-    """Pairs the frames of one conversation, and yields its completed calls in starting order."""
+    """Pairs the frames of one conversation, and yields its completed calls, oldest first."""
 
     def __init__(
         self,
@@ -67,8 +67,8 @@ class ConversationPairing:
         Args:
             latest_evicted: Call number of the latest evicted call that may belong to this conversation; 0 if
                 there is none.
-            budget: Object that counts the bytes of the open calls of all conversations.
-            kinds: Object that finds the call kinds of requests, for all conversations.
+            budget: Object that counts the bytes of all open calls, in all conversations.
+            kinds: Object that finds the call kind of each request, shared by all conversations.
             taken_at: Where the capture was taken; None if only the traffic shows it.
         """
         self.open_calls: deque[Call] = deque()
@@ -83,7 +83,7 @@ class ConversationPairing:
         self._serials = SerialTable()
         self._by_serial = self._serials.open_calls
         self._newest_call: Call | None = None
-        self._frame_indexes: dict[Call, FrameIndex] = {}  # created on the first lookup in an open call
+        self._frame_indexes: dict[Call, FrameIndex] = {}  # the index of a call is created on the first lookup
         self._extra_frames = 0  # number of frames in `other_frames` of all open calls
         self._latest_overfull = 0  # number of the latest call that exceeded MAX_EXTRA_FRAMES
         self._session_call = 0  # number of the latest Service_Start call
@@ -96,7 +96,7 @@ class ConversationPairing:
         self._crossing = CrossingWindow(taken_at)
         self._requests_only = RequestsOnlyEvidence()
         self._unseen_requests = UnseenRequests()
-        self._response_seen = False  # True after a notice, or a stray, damaged or missing reply
+        self._response_seen = False  # True after a notice, or after a stray, damaged or missing reply
         self._reused_serials = self._serials.reused
         self._release_serial = self._serials.release
 
@@ -122,12 +122,12 @@ class ConversationPairing:
                 self._add_retry(origin, observation, frame)
                 return False
             self._start_call(observation, frame, number)
-            # the first attempt was not captured, and further retries can name its serial
+            # the first attempt was not captured, but further retries may name its serial
             self._by_serial[reserved] = self._by_serial[serial]
             return True
         if not reserved and 0 in self._by_serial:
-            # The reserved field of a retry of serial 0 looks like that of a first attempt. Old clients may
-            # use serial 0 (start-jsk/denso b-Cap.c).
+            # If a first attempt has serial 0, its retries have 0 in the reserved field, as a first attempt
+            # has. Old clients may use serial 0 (start-jsk/denso b-Cap.c).
             call = self._by_serial[0]
             is_repeated = call.reply is None and call.request.item.raw[9:] == frame.raw[9:]
             if is_repeated and call is self._newest_call:
@@ -170,8 +170,8 @@ class ConversationPairing:
     def add_gap(self, direction: Direction) -> None:
         """Record that the capture lacks bytes that the client or the controller sent.
 
-        The bytes may hold the reply to any call after the latest one that was answered, because controllers
-        answer in order.
+        Controllers answer in order, so the missing bytes may hold the reply to any call after the latest
+        answered call.
         """
         if direction is Direction.RESPONSE:
             self._response_seen = True
@@ -186,7 +186,7 @@ class ConversationPairing:
             self._apply(call, CallEvent.NOTICE if is_notice else CallEvent.UNDELIVERED_REPLY, observation)
 
     def add_own_request(self, observation: FrameObservation, frame: Frame) -> None:
-        """Add a request that a proxy sent on its own. Only a copy of a client's request belongs to a call."""
+        """Add a proxy's own request to a call if the request is a copy of a client's request."""
         prior = self._by_serial.get(frame.serial)
         if prior is not None:
             self._add_to_prior(prior, observation, frame)
@@ -214,7 +214,7 @@ class ConversationPairing:
         begun_at = 0 if self._newest_call is None else self._newest_call.request.time
         for _ in range(min(count, len(self.open_calls))):
             call = self.open_calls.popleft()
-            # the client gave this call up so long ago that a reply would be late
+            # the client gave the call up so long ago that a further reply would be late
             is_past = 0 < call.abandoned_at <= begun_at - LATE_WITHIN_NS
             event = _EXPIRY if is_past else _EVICTION
             self._latest_evicted = max(self._latest_evicted, call.number)
@@ -284,8 +284,7 @@ class ConversationPairing:
         self._budget.held += size
 
     def _add_to_prior(self, prior: Call, observation: FrameObservation, frame: Frame) -> bool:
-        """Add a copy of a frame of `prior`, or the first attempt if a retry overtook it. Return whether the
-        frame was added."""
+        """Return whether the frame was added to `prior`: as a copy, or as a first attempt that a retry overtook."""
         if self._is_tcp:
             return False
         starts_anew = frame.code == SERVICE_START and prior is not self._newest_call

@@ -32,7 +32,7 @@ _LARGEST_BYTE = 0xFF
 _REMEMBERED = 1024
 _LONGEST_REMEMBERED = 128
 """Maximum length in characters of a text whose test result is cached. Names, commands and endpoints are
-shorter than this length, and recur. A hostile client could fill the memory with longer texts.
+shorter, and recur. Longer texts are not cached, so that a hostile client cannot fill the memory.
 """
 
 
