@@ -284,7 +284,7 @@ class ConversationPairing:
         self._budget.held += size
 
     def _add_to_prior(self, prior: Call, observation: FrameObservation, frame: Frame) -> bool:
-        """Return whether the frame was added to `prior`: as a copy, or as a first attempt that a retry overtook."""
+        """Add a copy, or a first attempt that a retry overtook, to `prior`. Return whether it was added."""
         if self._is_tcp:
             return False
         starts_anew = frame.code == SERVICE_START and prior is not self._newest_call

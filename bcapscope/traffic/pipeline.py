@@ -1,4 +1,4 @@
-"""The pipeline, which turns observations into events.
+"""The pipeline that turns observations into events.
 
 Only the pipeline turns observations into calls, handles and changes of slave mode. Commands, screen, proxy,
 rules and statistics subscribe to the pipeline's events.
@@ -28,7 +28,7 @@ _Result = TypeVar("_Result")
 def overriding_methods(
     objects: Iterable[_Owner], method: Callable[Concatenate[_Owner, _Parameters], _Result]
 ) -> list[Callable[_Parameters, _Result]]:
-    """Return the bound method `method` of each object whose class overrides this method of the base class."""
+    """Return the bound method named `method` of each object whose class overrides that method."""
     name = method.__name__
     return [getattr(each, name) for each in objects if getattr(type(each), name) is not method]
 
@@ -37,11 +37,11 @@ class PipelineSubscriber:
     """Receives the events of a `Pipeline`. A subclass overrides the methods for the events that it needs.
 
     Events come in the order of the traffic: first a frame, then the calls that the frame completed. The
-    pipeline computes only what its subscribers need.
+    pipeline computes only the events that its subscribers need.
 
     Attributes:
-        needs_targets: Whether `on_call` needs the object of each call's handle. If `needs_targets` is False,
-            the `target` of `on_call` may be None.
+        needs_targets: Whether `on_call` needs the object of each call's handle. If False, the `target` of
+            `on_call` may be None.
     """
 
     needs_targets: ClassVar[bool] = False
@@ -50,7 +50,9 @@ class PipelineSubscriber:
         """Process the next frame, or the next bytes that are no frame."""
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Process a completed call. `target` is the object of its handle; None if the object is unknown."""
+        """Process a completed call. `target` is the object of the call's handle; None if the object is
+        unknown.
+        """
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
         """Process successive set points of one client that are alike (see `AlikeSetPoints`). A subscriber

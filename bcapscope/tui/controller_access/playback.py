@@ -243,11 +243,11 @@ class PlaybackRun:
 
     @property
     def buffer_margin(self) -> tuple[int, float, float] | None:
-        """Number of slots in the controller's buffer, time in ms that a full buffer lasts, and time in ms
-        that remained at the longest pause.
+        """Margin of the controller's buffer, according to a model.
 
-        In the model, the controller takes one set point every 8 ms. The margin is None before the first set
-        point, and in a mode in which an empty buffer is not an error.
+        The margin has the number of buffer slots, the time in ms that a full buffer lasts, and the time in ms
+        left at the longest pause. The controller in the model takes one set point every 8 ms. The margin is
+        None before the first set point, and in a mode in which an empty buffer is not an error.
         """
         mode, progress = self.mode, self.progress
         if mode is None or progress is None or not progress.cycle or mode.underflow_is_error is False:
