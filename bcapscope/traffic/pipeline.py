@@ -73,7 +73,7 @@ class PipelineSubscriber:
 
 
 class CallCollector(PipelineSubscriber):
-    """Collects completed calls in the list `calls`. A reader may remove calls from the list."""
+    """Collects completed calls in the list `calls`. Code that reads the list may remove calls from it."""
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
         """Collect the calls for which `is_selected` returns True. The default collects all calls."""
@@ -165,7 +165,9 @@ class Pipeline:
         self._emit(self._tracker.close())
 
     def _adder(self, joiner: Joiner | None) -> Callable[[Observation], None]:
-        """Return the function that adds an observation. Closures take a tenth less time than methods."""
+        """Return the function that adds an observation. This function is a closure, because closures take a
+        tenth less time than methods.
+        """
         observe, emit, frame_handlers = self._tracker.observe, self._emit, self._frame_handlers
 
         def add(observation: Observation) -> None:
@@ -183,7 +185,7 @@ class Pipeline:
             if observation.flow not in joiner.passing:
                 self._add_joined(joiner.add(observation))
                 return
-            for on_frame in frame_handlers:  # the same as in `add`; nearly all captures use this path
+            for on_frame in frame_handlers:  # the code of `add`, inlined because nearly all captures use it
                 on_frame(observation)
             settled = observe(observation)
             if settled:
@@ -230,7 +232,7 @@ class Pipeline:
         for on_set_points in self._run_handlers:
             on_set_points(calls)
         if self._single_handlers:
-            # One lookup is enough, because all set points of a run have the same handle.
+            # One lookup of the handle is enough, because all set points of a run have the same handle.
             target = None if self._handles is None else self._handles.on_call(calls[0])
             for on_call in self._single_handlers:
                 for call in calls:

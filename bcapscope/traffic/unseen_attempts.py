@@ -1,8 +1,8 @@
 """Attempts that were not captured, inferred from the serials around them.
 
 On UDP, every known client increments the serial by one per attempt. A skipped serial therefore belongs to an
-attempt that was not captured. The network lost this attempt before the capture point, or the capture missed
-it.
+attempt that was not captured. The network lost the skipped attempt before the capture point, or the capture
+missed it.
 """
 
 from __future__ import annotations
@@ -16,21 +16,22 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, StrayReply
 
 MAX_UNSEEN = 64
-"""Maximum number of successive attempts that were not captured. A larger gap in the serials shows something
-else, such as a restart of the client."""
+"""Maximum number of successive attempts that were not captured. A larger gap in the serials has another
+cause, such as a restart of the client.
+"""
 
 
 MAX_RECENT = 1024
 """A serial counts as recent if it differs from the latest serial by at most this number. `serial_table`
-remembers the serials of at least as many settled calls.
+remembers at least this number of serials of settled calls.
 """
 
 
 def skipped_serials(before: int, after: int) -> tuple[int, ...]:
-    """Return the serials between those of two successive captured frames of a client, oldest first.
+    """Return the serials between the serials of two successive captured frames of a client, oldest first.
 
-    The result is empty if the gap is too large to be caused by attempts that were not captured. Serial 0 is
-    left out, because most clients skip it.
+    The result is empty if the gap is too large to be caused by attempts that were not captured. The result
+    never contains serial 0, because most clients skip it.
     """
     gap = (after - before) & 0xFFFF
     if gap > MAX_UNSEEN + 1:
@@ -39,12 +40,11 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
 
 
 class UnseenRequests:
-    """The stray replies of one client that answer requests which were not captured.
-
-    There are three cases. First, the client skipped the serial of the reply. Second, the client used this
-    serial before the capture began. Third, the serial follows the client's latest captured serial. In the
-    third case, the request may be a retry of the client's newest call. The next request shows whether the
-    client has used the serial.
+    """The stray replies of one client whose requests were not captured. The serial of the reply is either
+    older or newer than the client's latest captured serial. If the serial is older, its request was sent
+    before the capture began, or the capture lacks the request. If the serial is newer, its request may be a
+    retry of the client's newest call. The client's next request shows whether the client has used a newer
+    serial.
 
     Attributes:
         waiting: Whether the serial of the next request can change `request_missed` of a stray reply.
@@ -67,10 +67,10 @@ class UnseenRequests:
             del self._ahead[:-MAX_UNSEEN]
 
     def check_next_request(self, serial: int) -> None:
-        """Set `request_missed` of earlier stray replies to False if the client uses their serials only now or
-        later.
+        """Set `request_missed` of earlier stray replies to False if the client had not used their serials
+        before this request.
 
-        A copy of the client's latest frame has no effect.
+        If the request is a copy of the client's latest request, nothing changes.
         """
         for stray, newest in self._ahead:
             latest = newest.last_attempt.item.serial
@@ -85,15 +85,15 @@ class UnseenRequests:
 def call_of_unseen_attempt(
     newest: Call | None, open_calls: Sequence[Call], frame: Frame, chains: bool
 ) -> Call | None:
-    """Return the client's newest call if a frame is a retry of this call after an attempt that was not
-    captured. The reserved field of the frame names the attempt that was not captured. `is_guess` of the
-    newest call becomes True if the attempt may belong to another call with the same request.
+    """Return the client's newest call if a frame is a retry of this call whose reserved field names an
+    attempt that was not captured. Set `is_guess` of the newest call if the frame may belong to another call
+    with the same request.
 
     Args:
         newest: The client's newest call; None if there is none.
         open_calls: The client's open calls, oldest first.
-        chains: Whether the client is known to name the previous attempt in the reserved field, not the first
-            attempt.
+        chains: Whether the client is known to name the previous attempt in the reserved field, instead of the
+            first attempt.
     """
     if newest is None or newest.request.item.raw[9:] != frame.raw[9:]:
         return None
