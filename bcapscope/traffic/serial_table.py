@@ -17,7 +17,7 @@ class SerialTable:
     Attributes:
         open_calls: The open calls, each listed under the serials of all its attempts.
         reused: For each reused serial on TCP, the calls that still wait for a reply although a later request
-            has the same serial; oldest first. The list has the number of a settled call instead of the call.
+            has the same serial; oldest first. A settled call is represented by its number.
     """
 
     def __init__(self) -> None:

@@ -17,8 +17,8 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 MAX_OPEN = 8192
 """Maximum number of open calls in all conversations. These calls take about 10 MB of memory. Beyond the
 limit, the conversation with the most open calls loses the older half of its open calls. Four clients that
-send a set point every 2 ms without a reply reach the limit. Their evicted calls are older than a second, and
-are considered unanswered, because a reply would be late.
+send a set point every 2 ms without a reply reach the limit. The evicted calls of these clients are older than
+a second, and are considered unanswered, because a reply would be late.
 """
 
 MAX_BYTES = 32 * 1024 * 1024

@@ -40,9 +40,9 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
 
 
 class UnseenRequests:
-    """The stray replies of one client whose requests were not captured. The serial of the reply is either
-    older or newer than the client's latest captured serial. If the serial is older, its request was sent
-    before the capture began, or the capture lacks the request. If the serial is newer, its request may be a
+    """Stray replies of one client to requests that were not captured. The serial of a stray reply is either
+    older or newer than the client's latest captured serial. If the serial is older, the client sent the
+    request before the capture began, or the capture missed it. If the serial is newer, the request may be a
     retry of the client's newest call. The client's next request shows whether the client has used a newer
     serial.
 

@@ -95,7 +95,7 @@ class SpareDescriptors:
         return True
 
     def close(self) -> None:
-        """Close all spare descriptors. After that, `refill` opens no descriptors."""
+        """Close all spare descriptors. After `close`, `refill` opens no descriptors."""
         self._count = 0
         while self.release_one():
             pass

@@ -16,9 +16,9 @@ from typing import Generic, TypeVar
 from bcapscope.protocol.first_frame import is_first_frame_incomplete
 
 MAX_PENDING = 256
-"""Maximum number of connections without a complete frame. A further connection displaces one of these
-connections. On a busy machine, an honest client may send its first byte only some milliseconds after it
-connects. In a few milliseconds, an attacker can open a hundred connections.
+"""Maximum number of connections without a complete frame. A further connection displaces another connection
+without a complete frame. On a busy machine, an honest client may send its first byte only some milliseconds
+after it connects. In a few milliseconds, an attacker can open a hundred connections.
 """
 
 FIRST_FRAME_TIMEOUT = 10_000_000_000

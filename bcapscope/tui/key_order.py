@@ -65,7 +65,7 @@ class KeyOrderApp(App[None]):
 
     async def _deliver_event(self, event: Event) -> None:
         """Deliver a key. While an input field has the focus, also deliver the queued printable keys after
-        it.
+        this key.
         """
         while True:
             target = self.focused or self.screen

@@ -1,4 +1,4 @@
-"""The folder from which Wireshark loads a user's Lua plugins, and the files of bcapscope in it."""
+"""The folder from which Wireshark loads a user's Lua plugins, and bcapscope's files in this folder."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bcapscope.wireshark.dissector import dissector_text
 
 DISSECTOR_NAME = "bcapscope.lua"
 COLORING_RULES_NAME = "bcapscope.colorfilters"
-"""Wireshark loads only .lua files from the folder; the user imports the coloring rules."""
+"""Wireshark loads only .lua files from the folder, so the user must import the coloring rules."""
 
 _OWN_MARK = b"bcapscope"
 _MARK_WITHIN = 400  # bytes
@@ -39,7 +39,7 @@ def install(folder: Path) -> tuple[Path, Path]:
         _check_own(folder / name)
     for name, text in files.items():
         path = folder / name
-        # Wireshark does not load a file with this name
+        # Wireshark does not load a file with the temporary name
         temporary = path.with_name(f".{name}.{os.getpid()}.part")
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -70,7 +70,7 @@ def uninstall(folder: Path) -> list[Path]:
 
 
 def _check_own(path: Path) -> None:
-    """Check that bcapscope wrote the file at `path`, if this file exists."""
+    """If a file exists at `path`, check that bcapscope wrote it."""
     if not os.path.lexists(path):
         return
     try:

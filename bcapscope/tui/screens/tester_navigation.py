@@ -25,8 +25,8 @@ class TesterNavigation(BaseScreen):
     """
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Yield palette commands for the tabs and views. With only the keyboard, reaching a tab or a view
-        otherwise takes several keys.
+        """Yield palette commands for the tabs and views. Without the palette, reaching a tab or a view takes
+        several keys.
         """
         for kind, names in (("tab", TABS), ("view", VIEWS)):
             for name in names:

@@ -119,8 +119,8 @@ class TrafficScreen(TrafficViews):
             self.go_to_frame(other)
 
     def action_call(self) -> None:
-        """In the list of frames, go to the call of the frame under the cursor. In the list of calls, go to the
-        frame under the cursor.
+        """In the list of frames, go to the call of the frame under the cursor. In the list of calls, go to
+        the frame under the cursor.
         """
         number, calls = self.frame_number, self.feed.calls
         if number is None or calls is None:
