@@ -70,6 +70,13 @@ def test_reading_a_capture_does_not_import_numpy(command: str) -> None:
     assert not imported & {"numpy", "rich", "scapy", "textual"}
 
 
+@pytest.mark.parametrize("question", [["--extcap-interfaces"], ["--extcap-config"]])
+def test_wireshark_does_not_wait_for_heavy_libraries(question: list[str]) -> None:
+    imported = _imported_by("extcap", "--extcap-interface", "bcapscope-sim", *question)
+    assert "click" in imported
+    assert not imported & (HEAVY | {"asyncio", "multiprocessing", "msgspec", "yaml"})
+
+
 def test_calls_does_not_import_what_takes_frames_apart() -> None:
     program = (
         "import bcapscope.cli.calls, sys; print(*(name for name in sys.modules if 'dissection' in name))"

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import errno
 import io
+import os
 import re
 import shutil
+import stat
+import sys
 import time
 from collections import deque
 from contextlib import suppress
@@ -14,6 +17,7 @@ from pathlib import Path
 
 from bcapscope.capture.pcapng_writer import is_packet_block
 from bcapscope.capture.socket_recording import SocketRecording
+from bcapscope.messages import Message
 
 _UNITS = {"k": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _TIMES = {"s": 1, "min": 60, "h": 3600, "d": 86400}
@@ -91,7 +95,7 @@ class RotatingRecording(io.RawIOBase):
     """
 
     def __init__(self, path: Path, limits: RotationLimits | None = None) -> None:
-        """Create the first file. No file may exist at `path`.
+        """Create the first file. The file must not exist at `path`, or must be a named pipe with a reader.
 
         Without `limits`, the first file is the only file.
 
@@ -258,6 +262,8 @@ class RotatingRecording(io.RawIOBase):
         self._size_limit = max(_SMALLEST, _free_bytes(path) // 2)
 
     def _create_file(self, path: Path) -> io.FileIO:
+        if self._limits is None and is_named_pipe(path):
+            return _open_named_pipe(path)
         while True:
             try:
                 return path.open("xb", buffering=0)
@@ -269,6 +275,35 @@ class RotatingRecording(io.RawIOBase):
         """Write the file header at once, so that other programs can read the file from the start."""
         self.flush()
         self._header_size = self._size
+
+
+def is_named_pipe(path: Path) -> bool:
+    """Return whether `path` is a named pipe that exists.
+
+    On Windows, the name decides: to ask the system opens the pipe, and Wireshark's pipe opens only once.
+    """
+    if sys.platform == "win32":
+        return str(path).startswith("\\\\.\\pipe\\")
+    try:
+        return stat.S_ISFIFO(path.stat().st_mode)
+    except OSError:
+        return False
+
+
+def _open_named_pipe(path: Path) -> io.FileIO:
+    """Open a named pipe for writing.
+
+    Raises:
+        OSError: No program reads the pipe, or the pipe cannot be opened.
+    """
+    if sys.platform == "win32":
+        return io.FileIO(os.open(path, os.O_WRONLY | os.O_BINARY), "wb")
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_NONBLOCK)
+    except OSError as error:
+        raise OSError(Message("recording.no-reader")) if error.errno == errno.ENXIO else error from None
+    os.set_blocking(descriptor, True)
+    return io.FileIO(descriptor, "wb")
 
 
 def _free_bytes(path: Path) -> int:

@@ -38,10 +38,12 @@ _COMMANDS = {
     "tui": "Open the screen: test a controller, show live traffic or a capture.",
     "proxy": "Proxy: watch, record and disturb live traffic.",
     "sim": "Simulate a controller without a robot.",
-    "wireshark": "Install a b-CAP dissector for Wireshark.",
+    "wireshark": "Decode and capture b-CAP in Wireshark.",
     "fields": "List the fields of --filter and explain its syntax.",
 }
 
+_HIDDEN_COMMANDS = {"extcap"}
+"""Commands that other programs start, and that the help does not list."""
 
 _DISK_FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 
@@ -66,7 +68,7 @@ class _LazyGroup(click.Group):
         return list(_COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in _COMMANDS:
+        if cmd_name not in _COMMANDS and cmd_name not in _HIDDEN_COMMANDS:
             return None
         module = importlib.import_module(f"bcapscope.cli.{cmd_name}")
         command = module.command

@@ -19,6 +19,7 @@ from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.messages import MessageFormatter
 from bcapscope.render.comparison_text import comparison_lines, comparison_record
 from bcapscope.render.escape import printable
+from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.joining.joined_observation import CapturePlace
@@ -32,6 +33,7 @@ _path = click.Path(allow_dash=True)
 @options.ports
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @options.side
+@options.taken_at
 @options.filter_option(RecordKind.CALL)
 @options.color
 @options.language
@@ -42,6 +44,7 @@ def command(
     ports: tuple[int, ...],
     as_json: bool,
     side: CapturePlace | None,
+    taken_at: CapturePoint | None,
     wanted: Filter | None,
     color: str,
     words: MessageFormatter,
@@ -59,7 +62,9 @@ def command(
     """
     if good == bad == "-":
         raise click.UsageError("both captures are standard input (-): give a file for one of them")
-    readings = [CaptureReader([path], ports, words=words, side=side) for path in (good, bad)]
+    readings = [
+        CaptureReader([path], ports, words=words, side=side, taken_at=taken_at) for path in (good, bad)
+    ]
     named = list(zip((good, bad), readings, strict=True))
     first, second = (_read_side(path, reading, wanted) for path, reading in named)
     for path, reading in named:

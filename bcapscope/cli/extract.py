@@ -30,6 +30,7 @@ from bcapscope.messages.places import Count
 from bcapscope.render.escape import printable
 from bcapscope.render.statistics_text import conversation_text
 from bcapscope.render.trajectory_file import CsvTrajectoryWriter, JsonTrajectoryWriter
+from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.joining.joined_observation import CapturePlace
@@ -56,6 +57,7 @@ _WRITERS: dict[str, Callable[[CapturedTrajectory], TrajectoryWriter]] = {
     help="Write only the set points of this client, given as address or address:port.",
 )
 @options.side
+@options.taken_at
 @options.filter_option(RecordKind.CALL)
 @force_option
 @options.language
@@ -66,6 +68,7 @@ def command(
     ports: tuple[int, ...],
     client: str | None,
     side: CapturePlace | None,
+    taken_at: CapturePoint | None,
     wanted: Filter | None,
     force: bool,
     words: MessageFormatter,
@@ -89,7 +92,7 @@ def command(
         )
     interrupt_on_end_signals()
     files = _TrajectoryFiles(output, force, words)
-    reading = CaptureReader(paths, ports, words=words, side=side)
+    reading = CaptureReader(paths, ports, words=words, side=side, taken_at=taken_at)
     trajectories = TrajectoryExtractor(
         call_test(wanted, reading), None if client is None else _is_by_client(client)
     )

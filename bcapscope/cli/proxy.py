@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bcapscope.capture.rotating_recording import RotationLimits, parse_rotation
+from bcapscope.capture.rotating_recording import RotationLimits, is_named_pipe, parse_rotation
 from bcapscope.cli.common import options
 from bcapscope.cli.common.attended import announce_ready, attended_option, publish_option
 from bcapscope.cli.common.exit_codes import ExitCode, exit_with
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     multiple=True,
     help="Accept only clients at this address or in this network; may be repeated. Default: all.",
 )
-@options.record_option("Record the traffic of both legs to a new capture.")
+@options.record_option("Record the traffic of both legs to a new capture, or to a named pipe with a reader.")
 @click.option(
     "--ring",
     metavar="RING",
@@ -169,7 +169,7 @@ def command(
     view = ViewOptions(shown, form or TrafficFormat.LINE, wanted or "", TimeFormat(clock), words.language)
     listeners = _parse_listeners(listen, to, transport, allow)
     _check_filter(context, view)
-    if record is not None and ring is None:
+    if record is not None and ring is None and not is_named_pipe(record):
         check_output_path(record)
     proxy_options = ProxyOptions(record, ring, view, color, open_subscriber)
     _ProxyRun(listeners, rules, round(forget * 1e9), low_latency, attended, words).run(proxy_options)
@@ -228,7 +228,7 @@ class _ProxyRun:
         for line in self.rules.summary():
             print_stderr(self.words.text(line))
         record = proxy_options.record if proxy_options.ring is None else None
-        recording = None if record is None else str(record.resolve())
+        recording = None if record is None else str(record if is_named_pipe(record) else record.resolve())
         state = {"recording": recording, "listening": listening}
         control = None if policy is None else self.rules.attach_rules(policy, proxy.relay, state)
         if control is not None:

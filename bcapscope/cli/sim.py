@@ -91,7 +91,7 @@ from bcapscope.simulator.simulator_server import SimulatorServer
     default=5007,
     help="Listen on this port, UDP and TCP; 0 chooses a free port.",
 )
-@options.record_option("Record the traffic to a new capture.")
+@options.record_option("Record the traffic to a new capture, or to a named pipe that is read.")
 @click.option("-q", "--quiet", is_flag=True, help="Do not print the calls.")
 @attended_option
 @options.language

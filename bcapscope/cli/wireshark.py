@@ -1,4 +1,4 @@
-"""``bcapscope wireshark``: install a b-CAP dissector for Wireshark."""
+"""``bcapscope wireshark``: install a b-CAP dissector and capture interfaces for Wireshark."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ class _Action(StrEnum):
     UNINSTALL = "uninstall"
 
 
-@click.command(short_help="Install a b-CAP dissector for Wireshark.")
+@click.command(short_help="Decode and capture b-CAP in Wireshark.")
 @click.option(
     "--install",
     "actions",
     flag_value=_Action.INSTALL,
     type=_Action,
     multiple=True,
-    help="Install the dissector.",
+    help="Install the dissector and the capture interfaces.",
 )
 @click.option(
     "--print", "actions", flag_value=_Action.PRINT, type=_Action, multiple=True, help="Print the dissector."
@@ -44,17 +44,18 @@ class _Action(StrEnum):
 @click.option(
     "--folder",
     type=click.Path(path_type=Path, file_okay=False),
-    help="Plugin folder. By default, the folder of your own Lua plugins, which Wireshark lists under About > "
-    "Folders.",
+    help="Write the dissector to this folder, and the capture interfaces to its subfolder extcap. Default: "
+    "your own folders, which Wireshark lists under About > Folders.",
 )
 @options.language
 def command(*, actions: tuple[_Action, ...], folder: Path | None, words: MessageFormatter) -> None:
     """Install a dissector. With it, Wireshark and tshark decode b-CAP as `decode` does.
 
     bcapscope generates the dissector from its own tables. Run `--install` again after an update of bcapscope.
-    --install also writes coloring rules for the packet list, and prints how to import them.
+    --install also writes coloring rules for the packet list, and prints how to import them. It adds two
+    capture interfaces to Wireshark: a proxy and a simulated controller.
 
-    docs/wireshark.md describes fields, links and display filters.
+    docs/wireshark.md describes fields, links, display filters and capture interfaces.
 
     Exit codes: 0: done; 2: invalid command line; 6: a file could not be written or removed.
     """
@@ -67,12 +68,15 @@ def command(*, actions: tuple[_Action, ...], folder: Path | None, words: Message
         echo(dissector_text(), end=False)
         return
     target = plugin_folder.default_plugin_folder() if folder is None else folder
+    launcher_folders = plugin_folder.extcap_folders(folder)
     if action is _Action.INSTALL:
-        dissector, coloring_rules = plugin_folder.install(target)
+        dissector, coloring_rules, launchers = plugin_folder.install(target, launcher_folders)
         echo(printable(words("wireshark.installed", path=str(dissector))))
+        for path in launchers:
+            echo(printable(words("wireshark.launcher", path=str(path))))
         echo(printable(words("wireshark.coloring", path=str(coloring_rules))))
         return
-    removed = plugin_folder.uninstall(target)
+    removed = plugin_folder.uninstall(target, launcher_folders)
     for path in removed:
         echo(printable(words("wireshark.removed", path=str(path))))
     if not removed:

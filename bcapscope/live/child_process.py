@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, BinaryIO, cast
 
@@ -37,12 +37,14 @@ _MAX_LINES = 500
 class ChildStartError(BcapError):
     """The command did not start.
 
-    The error text is the last line that the command printed. `code` is the command's exit code.
+    The error text is the last line that the command printed. `code` is the command's exit code. `lines` are
+    all lines that the command printed on standard error.
     """
 
-    def __init__(self, message: Message, code: int) -> None:
+    def __init__(self, message: Message, code: int, lines: Sequence[str] = ()) -> None:
         super().__init__(message)
         self.code = code
+        self.lines = tuple(lines)
 
 
 class ChildProcess:
@@ -90,7 +92,7 @@ class ChildProcess:
             return report
         self.terminate()
         reason = foreign_text(self.last_line) if self.last_line else Message("process.slow-start")
-        raise ChildStartError(reason, max(self._process.returncode, 1))
+        raise ChildStartError(reason, max(self._process.returncode, 1), self._output)
 
     def _read_output(self) -> None:
         assert self._process.stderr is not None
@@ -161,7 +163,9 @@ class ChildProcess:
         self._is_wanted = False
         before = self._line_count
         self._on_output = None
-        for number in (signal.SIGINT, signal.SIGINT, None):
+        # Windows has no signal that a program can send to another program with its own console.
+        graceful = () if sys.platform == "win32" else (signal.SIGINT, signal.SIGINT)
+        for number in (*graceful, None):
             with suppress(OSError):
                 self._process.kill() if number is None else self._process.send_signal(number)
             with suppress(subprocess.TimeoutExpired):

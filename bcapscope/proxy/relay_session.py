@@ -128,7 +128,7 @@ class ClientListener(ABC):
             open_socket: Function that opens the socket toward the controller.
 
         Raises:
-            ClientDeniedError: There is no slot, or no file descriptor would be left for a stop.
+            ClientDeniedError: No slot is free, or the last file descriptors must stay free for stops.
             OSError: The socket cannot be opened.
         """
         relay = self.relay

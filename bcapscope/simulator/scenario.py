@@ -8,11 +8,9 @@ of real controllers, as each scenario says.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import replace
 from enum import StrEnum
 from functools import reduce
-from importlib import resources
 from operator import or_
 from pathlib import Path
 from typing import Annotated, TypeAlias
@@ -35,6 +33,7 @@ from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, axis_be
 from bcapscope.simulator.machine import MOTOR_ON_TIME, ROBOT_TYPE, ROBSLAVE, InitialState
 from bcapscope.simulator.profile import DEFAULT_PROFILE, PROFILES, NoArgument, Profile
 from bcapscope.simulator.scenario_event import LONGEST_NAME, AnyEvent, Joints6, OperatingMode, Percent
+from bcapscope.simulator.scenario_files import bundled_scenarios
 from bcapscope.simulator.simulator import MAX_CLIENTS
 from bcapscope.simulator.system_variables import variable_names
 from bcapscope.simulator.variable_memory import VariableMemory
@@ -128,7 +127,7 @@ class InitialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Programs of the controller: the names of all programs, and of the running ones."""
+    """Programs of the controller: the names of all programs, and of the running programs."""
 
     loaded: Names = (ROBSLAVE, "Pro1")
     running: Names = ()
@@ -263,17 +262,11 @@ def _variant(value: VariableSetting) -> Variant:
     return float_array(VT.R8, value) if isinstance(value, tuple) else r8(value)
 
 
-def bundled_scenarios() -> Mapping[str, str]:
-    """Return the YAML of the bundled scenarios by name, in alphabetical order."""
-    files = resources.files("bcapscope.simulator").joinpath("scenarios").iterdir()
-    found = {each.name.removesuffix(".yaml"): each for each in files if each.name.endswith(".yaml")}
-    return {name: found[name].read_text(encoding="utf-8") for name in sorted(found)}
-
-
 def load_scenario(name_or_path: str) -> Scenario:
     """Read a bundled scenario by its name, or a scenario from a file.
 
-    Raises DocumentError for an invalid scenario, LookupError for an unknown name, and OSError.
+    Raises DocumentError for an invalid scenario, LookupError for an unknown name, and OSError for an
+    unreadable file.
     """
     bundled = bundled_scenarios()
     if name_or_path in bundled:

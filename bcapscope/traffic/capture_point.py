@@ -11,6 +11,12 @@ from __future__ import annotations
 
 from bisect import insort
 from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from bcapscope.traffic.unseen_attempts import skipped_serials
+
+if TYPE_CHECKING:
+    from bcapscope.traffic.call import Call, FrameObservation
 
 CROSSING_AT_CLIENT_NS = 500_000
 """Maximum time in ns between a reply and a retry that cross, if the capture was taken on the client's
@@ -49,8 +55,9 @@ class CrossingWindow:
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:
-        """Create a window. `taken_at` is the capture point; None to infer the window from the traffic."""
-        self.considered_below_ns = 0 if taken_at else LONGEST_ROUND_TRIP_NS
+        """Create a window. `taken_at` is the capture point; None if it is unknown. The window of a capture at
+        the client needs no reactions."""
+        self.considered_below_ns = 0 if taken_at is CapturePoint.CLIENT else LONGEST_ROUND_TRIP_NS
         self._taken_at = taken_at
         self._shortest: list[int] = []
 
@@ -61,12 +68,33 @@ class CrossingWindow:
             del self._shortest[_REACTIONS:]
             self.considered_below_ns = self._shortest[-1]
 
+    def add_answered_call(self, call: Call, following: FrameObservation) -> None:
+        """Learn from the time between the reply to a call and the client's next request.
+
+        A retried call shows nothing: the client may have given up when the reply came.
+        """
+        is_retried = not call.first_attempt_seen or call.last_attempt is not call.request
+        if (
+            call.reply is None
+            or is_retried
+            or skipped_serials(call.request.item.serial, following.item.serial)
+        ):
+            return
+        reaction = following.time - call.reply.time
+        if reaction < self.considered_below_ns:
+            self.add_reaction(reaction)
+
     def ignore_reactions(self) -> None:
         """Drop all reactions and ignore further reactions, because this client begins calls without waiting
         for replies.
         """
         self.considered_below_ns = 0
         self._shortest.clear()
+
+    def settle(self, call: Call) -> None:
+        """Record in a complete call what is known about the capture point."""
+        call.crossing_ns = self.nanoseconds
+        call.is_at_controller = self._taken_at is CapturePoint.CONTROLLER
 
     @property
     def nanoseconds(self) -> int:

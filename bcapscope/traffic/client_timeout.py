@@ -51,6 +51,13 @@ def attempt_distances(call: Call) -> list[int]:
     ]
 
 
+def waits_since(call: Call) -> int:
+    """Return when the client began to wait for the reply to the last attempt of a call, ns since 1970.
+    S_EXECUTING for this attempt restarts the wait."""
+    serial, sent_at = call.last_attempt.item.serial, call.last_attempt.time
+    return max((sent_at, *(notice.time for notice in call.notices if notice.item.serial == serial)))
+
+
 def gives_up_at(call: Call) -> int:
     """Return when the client has evidently given up an unanswered call, ns since 1970; 0 if unknown.
 

@@ -37,5 +37,13 @@ class FrameIndex:
             self.received_at[frame.raw] = observation.time
 
 
+class FrameIndexes(dict[Call, FrameIndex]):
+    """The indexes of open calls. The first lookup in a call makes its index."""
+
+    def __missing__(self, call: Call) -> FrameIndex:
+        index = self[call] = FrameIndex(call)
+        return index
+
+
 def _was_lost_between(observation: FrameObservation) -> bool:
     return isinstance(observation, JoinedObservation) and observation.was_lost_between

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bcapscope.traffic.call import Call
+from bcapscope.traffic.unseen_attempts import skipped_serials
 
 MAX_REUSED = 16
 """Maximum number of reused serials, and of unanswered TCP requests per reused serial."""
@@ -30,6 +31,14 @@ class SerialTable:
         """Return the number of the latest settled call with this serial; None if no such call is
         remembered."""
         return self._settled.get(serial) or self._older_settled.get(serial)
+
+    def add_skipped(self, before: int, after: int, call: Call) -> None:
+        """Add the serials between two attempts of a call, which are those of attempts that were not
+        captured."""
+        serials = skipped_serials(before, after)
+        call.unseen_serials += serials
+        for serial in serials:
+            self.open_calls[serial] = call
 
     def release_all(self, call: Call) -> None:
         """Release every serial of a call, including the serial in the reserved field of its retries."""

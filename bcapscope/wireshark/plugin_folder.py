@@ -1,9 +1,10 @@
-"""The folder from which Wireshark loads a user's Lua plugins, and bcapscope's files in this folder."""
+"""The folders from which Wireshark loads a user's plugins, and bcapscope's files in these folders."""
 
 from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.wireshark.coloring_rules import coloring_rules_text
 from bcapscope.wireshark.dissector import dissector_text
+from bcapscope.wireshark.extcap_launcher import LAUNCHER_NAME, default_extcap_folders, launcher_text
 
 DISSECTOR_NAME = "bcapscope.lua"
 COLORING_RULES_NAME = "bcapscope.colorfilters"
@@ -28,37 +30,50 @@ def default_plugin_folder() -> Path:
     return Path.home() / ".local" / "lib" / "wireshark" / "plugins"
 
 
-def install(folder: Path) -> tuple[Path, Path]:
-    """Write the dissector and the coloring rules to `folder`, and return their paths.
+def extcap_folders(folder: Path | None) -> tuple[Path, ...]:
+    """Return the folders for the launcher: `extcap` in `folder`, or all that Wireshark searches."""
+    return default_extcap_folders() if folder is None else (folder / "extcap",)
+
+
+def install(folder: Path, launcher_folders: Iterable[Path]) -> tuple[Path, Path, list[Path]]:
+    """Write dissector, coloring rules and launchers; return the paths of each.
 
     Raises:
         FileWriteError: A file cannot be written, or another program has a file with the same name.
     """
-    files = {DISSECTOR_NAME: dissector_text(), COLORING_RULES_NAME: coloring_rules_text()}
-    for name in files:
-        _check_own(folder / name)
-    for name, text in files.items():
-        path = folder / name
-        # Wireshark does not load a file with the temporary name
-        temporary = path.with_name(f".{name}.{os.getpid()}.part")
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            temporary.write_text(text, encoding="utf-8", newline="\n")
-            temporary.replace(path)
-        except OSError as error:
-            with suppress(OSError):  # never created
-                temporary.unlink()
-            raise FileWriteError(path, os_reason(error)) from None
-    return folder / DISSECTOR_NAME, folder / COLORING_RULES_NAME
+    dissector, coloring_rules = folder / DISSECTOR_NAME, folder / COLORING_RULES_NAME
+    launchers = [each / LAUNCHER_NAME for each in launcher_folders]
+    files = {dissector: dissector_text(), coloring_rules: coloring_rules_text()}
+    files |= dict.fromkeys(launchers, launcher_text())
+    for path in files:
+        _check_own(path)
+    for path, text in files.items():
+        _write(path, text, 0o755 if path in launchers else 0o644)
+    return dissector, coloring_rules, launchers
 
 
-def uninstall(folder: Path) -> list[Path]:
+def _write(path: Path, text: str, mode: int) -> None:
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")  # a name that Wireshark does not load
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_text(text, encoding="utf-8", newline="")
+        temporary.chmod(mode)
+        temporary.replace(path)
+    except OSError as error:
+        with suppress(OSError):  # never created
+            temporary.unlink()
+        raise FileWriteError(path, os_reason(error)) from None
+
+
+def uninstall(folder: Path, launcher_folders: Iterable[Path]) -> list[Path]:
     """Remove the files that `install` wrote, and return the paths of the removed files.
 
     Raises:
         FileWriteError: A file cannot be removed, or another program has a file with the same name.
     """
-    found = [path for name in (DISSECTOR_NAME, COLORING_RULES_NAME) if (path := folder / name).exists()]
+    paths = [folder / DISSECTOR_NAME, folder / COLORING_RULES_NAME]
+    paths += [each / LAUNCHER_NAME for each in launcher_folders]
+    found = [path for path in paths if path.exists()]
     for path in found:
         _check_own(path)
     for path in found:
@@ -66,6 +81,9 @@ def uninstall(folder: Path) -> list[Path]:
             path.unlink()
         except OSError as error:
             raise FileWriteError(path, os_reason(error)) from None
+        if path.name == LAUNCHER_NAME:
+            with suppress(OSError):  # the folder has other programs
+                path.parent.rmdir()
     return found
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from bcapscope.traffic.filter.field_table import RecordKind, fields_of
+from bcapscope.wireshark.extcap_launcher import LAUNCHER_NAME, default_extcap_folders, launcher_text
 from bcapscope.wireshark.plugin_folder import default_plugin_folder
 from tests.cli.run import CAPTURES, run, run_here
 from tests.wireshark.tshark import needs_tshark
@@ -19,8 +20,9 @@ def test_install_writes_what_uninstall_removes(tmp_path: Path) -> None:
     folder = tmp_path / "new" / "plugins"
     done = run_here("wireshark", "--install", "--folder", folder)
     assert done.code == 0
-    assert {path.name for path in folder.iterdir()} == {"bcapscope.lua", "bcapscope.colorfilters"}
-    assert all(str(path) in done.out for path in folder.iterdir())
+    paths = [path for path in folder.rglob("*") if path.is_file()]
+    assert {path.name for path in paths} == {"bcapscope.lua", "bcapscope.colorfilters", LAUNCHER_NAME}
+    assert all(str(path) in done.out for path in paths)
     assert run_here("wireshark", "--install", "--folder", folder).code == 0
     assert run_here("wireshark", "--uninstall", "--folder", folder).code == 0
     assert list(folder.iterdir()) == []
@@ -34,14 +36,59 @@ def test_print_prints_what_install_writes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("option", ["--install", "--uninstall"])
-def test_files_of_others_stay(option: str, tmp_path: Path) -> None:
-    path = tmp_path / "bcapscope.lua"
+@pytest.mark.parametrize("name", ["bcapscope.lua", f"extcap/{LAUNCHER_NAME}"])
+def test_files_of_others_stay(name: str, option: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
     path.write_text("print('mine')")
     done = run("wireshark", option, "--folder", tmp_path)
     assert done.code == 6
     assert "another program wrote this file" in done.err
     assert path.read_text() == "print('mine')"
-    assert list(tmp_path.iterdir()) == [path]
+    assert [each for each in tmp_path.rglob("*") if each.is_file()] == [path]
+
+
+def test_uninstall_keeps_other_capture_programs(tmp_path: Path) -> None:
+    run_here("wireshark", "--install", "--folder", tmp_path)
+    other = tmp_path / "extcap" / "other"
+    other.touch()
+    assert run_here("wireshark", "--uninstall", "--folder", tmp_path).code == 0
+    assert list(other.parent.iterdir()) == [other]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the launcher is a shell script")
+def test_the_launcher_starts_bcapscope_in_any_folder(tmp_path: Path) -> None:
+    run_here("wireshark", "--install", "--folder", tmp_path)
+    hostile = tmp_path / "bcapscope.py"
+    hostile.write_text("raise SystemExit('wrong program')")
+    argv = [str(tmp_path / "extcap" / LAUNCHER_NAME), "--extcap-interfaces"]
+    done = subprocess.run(argv, cwd=tmp_path, capture_output=True, check=True, text=True)
+    assert "bcapscope-sim" in done.stdout
+
+
+def test_a_launcher_quotes_the_path_of_python() -> None:
+    assert "exec '/my python/it'\"'\"'s' -m bcapscope" in launcher_text("/my python/it's", is_windows=False)
+    batch = launcher_text(r"C:\100% Python\python.exe", is_windows=True)
+    assert r"C:\100%% Python\python.exe" in batch
+    assert batch.count("\r\n") == batch.count("\n")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows has one folder")
+def test_launchers_are_where_old_and_new_versions_of_wireshark_look(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name in ("WIRESHARK_CONFIG_DIR", "XDG_CONFIG_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    newer = tmp_path / ".local" / "lib" / "wireshark" / "extcap"
+    assert default_extcap_folders() == (tmp_path / ".config" / "wireshark" / "extcap", newer)
+    (tmp_path / ".wireshark").mkdir()
+    assert default_extcap_folders() == (tmp_path / ".wireshark" / "extcap", newer)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "c"))
+    (tmp_path / "c" / "wireshark").mkdir(parents=True)
+    assert default_extcap_folders() == (tmp_path / "c" / "wireshark" / "extcap", newer)
+    monkeypatch.setenv("WIRESHARK_CONFIG_DIR", str(tmp_path / "d"))
+    assert default_extcap_folders() == (tmp_path / "d" / "extcap", newer)
 
 
 def test_a_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:

@@ -15,8 +15,9 @@ from bcapscope.protocol.retry.responder import Defect
 from bcapscope.simulator.kinematics import AXIS_LIMITS
 from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.profile import NoArgument
-from bcapscope.simulator.scenario import ScenarioTransport, bundled_scenarios, load_scenario, read_scenario
+from bcapscope.simulator.scenario import ScenarioTransport, load_scenario, read_scenario
 from bcapscope.simulator.scenario_event import AnyEvent, EmergencyStop
+from bcapscope.simulator.scenario_files import bundled_scenarios
 from bcapscope.simulator.variable_memory import VariableMemory
 
 WHOLE = """

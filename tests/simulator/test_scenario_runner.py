@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.simulator.argument_values import bstr, i4
-from bcapscope.simulator.scenario import bundled_scenarios
+from bcapscope.simulator.scenario_files import bundled_scenarios
 from bcapscope.simulator.scenario_runner import MAX_LINES
 from bcapscope.simulator.simulator import MAX_CLIENTS, ResetMarker
 from tests.simulator.simulation import MS, Operator, SimulatedClient, Simulation, joints

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from bcapscope.analysis.rules import RULES
-from bcapscope.simulator.scenario import Scenario, bundled_scenarios, read_scenario
+from bcapscope.simulator.scenario import Scenario, read_scenario
+from bcapscope.simulator.scenario_files import bundled_scenarios
 from tests.analysis.scenes import diagnose_bytes
 from tests.simulator.theatre import perform, rehearse
 

@@ -234,10 +234,22 @@ def output_option(help_: str, allow_dash: bool = False) -> Callable[[F], F]:
     return click.option("-o", "--output", required=True, metavar="FILE", type=kind, help=help_)
 
 
+class _RecordPath(click.Path):
+    """Click parameter type of a path for a new file or of a named pipe, which is not opened yet."""
+
+    def __init__(self) -> None:
+        super().__init__(dir_okay=False, path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        from bcapscope.capture.rotating_recording import is_named_pipe
+
+        path = Path(value)
+        return path if is_named_pipe(path) else super().convert(value, param, ctx)
+
+
 def record_option(help_: str) -> Decorator:
-    """Return the option ``--record`` for the path of a new capture."""
-    kind = click.Path(dir_okay=False, path_type=Path)
-    return click.option("--record", metavar="FILE.pcapng", type=kind, help=help_)
+    """Return the option ``--record`` for the path of a new capture, or of a named pipe."""
+    return click.option("--record", metavar="FILE.pcapng", type=_RecordPath(), help=help_)
 
 
 def limit_option(help_: str) -> Decorator:

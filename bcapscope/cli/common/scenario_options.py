@@ -14,10 +14,10 @@ from bcapscope.simulator.behaviours import read_behaviours
 from bcapscope.simulator.scenario import (
     ClientProgram,
     Scenario,
-    bundled_scenarios,
     load_scenario,
     read_scenario,
 )
+from bcapscope.simulator.scenario_files import bundled_scenarios
 
 _WIDTH = 98
 _SESSION_TEXTS = {

@@ -1,0 +1,24 @@
+"""The YAML files of the bundled scenarios, for programs that do not play them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import resources
+
+_TITLE = "title: "
+
+
+def bundled_scenarios() -> Mapping[str, str]:
+    """Return the YAML of the bundled scenarios by name, in alphabetical order."""
+    files = resources.files("bcapscope.simulator").joinpath("scenarios").iterdir()
+    found = {each.name.removesuffix(".yaml"): each for each in files if each.name.endswith(".yaml")}
+    return {name: found[name].read_text(encoding="utf-8") for name in sorted(found)}
+
+
+def bundled_titles() -> Mapping[str, str]:
+    """Return the titles of the bundled scenarios by name.
+
+    Each title is in the first line of its file. A YAML parser takes too long for a program that lists titles.
+    """
+    first_lines = {name: text.partition("\n")[0] for name, text in bundled_scenarios().items()}
+    return {name: line.removeprefix(_TITLE) for name, line in first_lines.items()}

@@ -1,0 +1,245 @@
+"""The capture interfaces that bcapscope adds to Wireshark, and the options that Wireshark shows for each.
+
+Wireshark runs every program in its extcap folder at its start, so this module imports little.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from bcapscope.errors import BcapError
+from bcapscope.messages import Message
+from bcapscope.simulator.profile import PROFILES
+from bcapscope.simulator.scenario_files import bundled_titles
+
+UNSET = "unset"
+"""Value of a list in Wireshark for an option that is left out."""
+
+_FAULT_SEPARATOR = re.compile(r';(?=(?:[^"]*"[^"]*")*[^"]*$)')
+"""A semicolon outside quotation marks, which separates the faults in one text."""
+
+_NETWORK_SEPARATOR = re.compile(r"[\s,]+")
+
+
+class CaptureOptionError(BcapError):
+    """The options of a capture interface are invalid; the error names the wrong one."""
+
+
+class DialogType(StrEnum):
+    """Kind of input in Wireshark's dialog; the values are words of the extcap protocol."""
+
+    TEXT = "string"
+    NUMBER = "unsigned"
+    LIST = "selector"
+    FILE = "fileselect"
+    SWITCH = "boolflag"
+
+
+@dataclass(frozen=True, slots=True)
+class DialogOption:
+    """An option of a command as an input in Wireshark's dialog.
+
+    Attributes:
+        call: Name that Wireshark passes, such as `--port`.
+        label: Label of the input.
+        tooltip: Text that explains the input.
+        default: Initial value; "" for none.
+        placeholder: Example that Wireshark shows in an empty input.
+        choices: Values of a list, with the text for each.
+        range: Smallest and largest number; "" for no limits.
+        is_required: Whether Wireshark asks for a value before it captures.
+        option: Option of the command; "" if it is `call`.
+        separator: Separator of several values, for each of which the command gets the option once.
+    """
+
+    call: str
+    label: str
+    tooltip: str
+    type: DialogType = DialogType.TEXT
+    default: str = ""
+    placeholder: str = ""
+    choices: Mapping[str, str] = field(default_factory=dict)
+    range: str = ""
+    is_required: bool = False
+    option: str = ""
+    separator: re.Pattern[str] | None = None
+
+    def words(self, value: str) -> list[str]:
+        """Return the words for the command line; none if the value is empty."""
+        if self.type is DialogType.SWITCH:
+            return [self.call] if value == "true" else []
+        values = [value] if self.separator is None else self.separator.split(value)
+        stripped = [each for value in values if (each := value.strip()) not in ("", UNSET)]
+        return [word for each in stripped for word in (self.option or self.call, each)]
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureSource:
+    """A capture interface in Wireshark, whose packets come from a command of bcapscope.
+
+    Attributes:
+        name: Name of the interface, as for `tshark -i`.
+        title: Name for people.
+        command: Command that records the packets.
+    """
+
+    name: str
+    title: str
+    command: str
+    options: tuple[DialogOption, ...]
+
+    def command_words(self, given: Sequence[str]) -> list[str]:
+        """Return the command and its options for the options that Wireshark passes. The others have defaults.
+
+        Raises:
+            CaptureOptionError: An option is unknown, missing, without a value, or excludes another one.
+        """
+        values = self._values(given)
+        words, used = [self.command], dict[str, str]()
+        for option in self.options:
+            added = option.words(values.get(option.call, option.default))
+            if option.is_required and not added:
+                raise CaptureOptionError(
+                    Message("extcap.required", label=option.label, option=option.call, interface=self.title)
+                )
+            if added and used.setdefault(added[0], option.call) != option.call:
+                raise CaptureOptionError(Message("extcap.both", one=used[added[0]], other=option.call))
+            words += added
+        return words
+
+    def _values(self, given: Sequence[str]) -> dict[str, str]:
+        values, rest = dict[str, str](), list(given)
+        switches = {option.call: option.type is DialogType.SWITCH for option in self.options}
+        while rest:
+            call, equals, value = rest.pop(0).partition("=")
+            if call not in switches:
+                raise CaptureOptionError(Message("extcap.unknown-option", interface=self.name, option=call))
+            if switches[call]:
+                value = value or "true"
+            elif not equals:
+                if not rest:
+                    raise CaptureOptionError(Message("extcap.no-value", option=call))
+                value = rest.pop(0)
+            values[call] = value
+        return values
+
+
+_SEED = DialogOption(
+    "--seed",
+    "Random seed",
+    "The same seed and traffic give the same faults. Empty: a new seed each time.",
+    placeholder="new each time",
+)
+
+
+def proxy_source() -> CaptureSource:
+    """Return the interface that captures the traffic of a new proxy."""
+    return CaptureSource(
+        "bcapscope-proxy",
+        "b-CAP proxy",
+        "proxy",
+        (
+            DialogOption(
+                "--to",
+                "Controller",
+                "Forward to this controller, HOST:PORT.",
+                placeholder="192.168.0.1:5007",
+                is_required=True,
+            ),
+            DialogOption(
+                "--listen",
+                "Listen on",
+                "Accept clients on this address, HOST:PORT. 127.0.0.1 is for clients on this computer only.",
+                default="127.0.0.1:5007",
+            ),
+            DialogOption(
+                "--transport",
+                "Transport",
+                "Listen on this transport.",
+                DialogType.LIST,
+                default="both",
+                choices={"both": "UDP and TCP", "udp": "UDP", "tcp": "TCP"},
+            ),
+            DialogOption(
+                "--allow",
+                "Allowed clients",
+                "Accept only these addresses or networks, separated by commas. Empty: all.",
+                placeholder="all",
+                separator=_NETWORK_SEPARATOR,
+            ),
+            DialogOption(
+                "--fault",
+                "Faults",
+                "Inject these faults, separated by semicolons. See `bcapscope proxy --help-faults`.",
+                placeholder="loss=5%; delay=3ms if command == slvMove",
+                separator=_FAULT_SEPARATOR,
+            ),
+            _SEED,
+            DialogOption(
+                "--read-only",
+                "Read only",
+                "Refuse requests that energise or move the robot or change its state. Stops always pass.",
+                DialogType.SWITCH,
+                default="false",
+            ),
+        ),
+    )
+
+
+def simulator_source() -> CaptureSource:
+    """Return the interface that captures the traffic of a new simulated controller."""
+    profiles = {name: f"{name}: {profile.title}" for name, profile in PROFILES.items()}
+    scenarios = {name: f"{name}: {title}" for name, title in bundled_titles().items()}
+    return CaptureSource(
+        "bcapscope-sim",
+        "b-CAP simulator",
+        "sim",
+        (
+            DialogOption(
+                "--profile",
+                "Controller",
+                "Simulate this kind of controller.",
+                DialogType.LIST,
+                default=UNSET,
+                choices={UNSET: "As the scenario requires, otherwise rc8"} | profiles,
+            ),
+            DialogOption(
+                "--scenario",
+                "Scenario",
+                "Begin in the state of this scenario and inject its faults.",
+                DialogType.LIST,
+                default=UNSET,
+                choices={UNSET: "None"} | scenarios,
+            ),
+            DialogOption(
+                "--scenario-file",
+                "Scenario file",
+                "Play your own scenario from this YAML file.",
+                DialogType.FILE,
+                option="--scenario",
+            ),
+            DialogOption(
+                "--listen",
+                "Listen on",
+                "Accept clients on this address. 127.0.0.1 is for clients on this computer only.",
+                default="127.0.0.1",
+            ),
+            DialogOption(
+                "--port",
+                "Port",
+                "Accept clients on this port, UDP and TCP.",
+                DialogType.NUMBER,
+                default="5007",
+                range="1,65535",
+            ),
+            _SEED,
+        ),
+    )
+
+
+def capture_sources() -> dict[str, CaptureSource]:
+    """Return both interfaces by name."""
+    return {source.name: source for source in (proxy_source(), simulator_source())}
