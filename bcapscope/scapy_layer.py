@@ -7,8 +7,9 @@ frame whose code is the number of a function counts as a request.
 
 from __future__ import annotations
 
+import re
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import pairwise, zip_longest
 from typing import Any, ClassVar
 
@@ -56,11 +57,17 @@ _MAX_LAYERS = 64
 raw layer. scapy builds and copies layers by recursion, and a segment of 64 KiB can hold 4096 frames."""
 
 
+_UNKNOWN_FUNCTION = re.compile(r"Unknown\((-?\d{1,10})\)", re.ASCII)
+"""A name from `function_name` for a number without a function."""
+
+
 def _function_id(name: str) -> int:
     function = function_by_name(name)
-    if function is None:
-        raise InputError(with_nearest(Message("frame.no-such-function", name=ascii(name)), name, ID))
-    return function.id
+    if function is not None:
+        return function.id
+    if (unknown := _UNKNOWN_FUNCTION.fullmatch(name)) is not None:
+        return int(unknown[1]) & 0xFFFFFFFF
+    raise InputError(with_nearest(Message("frame.no-such-function", name=ascii(name)), name, ID))
 
 
 def _result_code(name: str) -> int:
@@ -107,6 +114,20 @@ class _FunctionField(_CodeField):
         return self._name_of(x) if isinstance(x, int) else x
 
 
+class _ReadArguments(list[Variant]):
+    """The arguments of a frame that was read. Until you set others, a changed frame keeps their bytes.
+
+    `encode_argument` cannot restore the bytes of damaged arguments.
+    """
+
+    def __init__(self, variants: Iterable[Variant], raw: bytes) -> None:
+        super().__init__(variants)
+        self.raw = raw
+
+    def copy(self) -> _ReadArguments:
+        return _ReadArguments(self, self.raw)
+
+
 class _ArgumentsField(StrField):  # type: ignore[misc] # as above
     """The arguments of a frame: values of Python and `Variant`. Programs read all of them as `Variant`."""
 
@@ -131,7 +152,12 @@ class _ArgumentsField(StrField):  # type: ignore[misc] # as above
             for value, param in zip_longest(x, function.params[: len(x)])
         )
 
+    def do_copy(self, x: Any) -> Any:
+        return x.copy() if isinstance(x, _ReadArguments) else super().do_copy(x)
+
     def i2m(self, pkt: Packet | None, x: Any) -> bytes:
+        if isinstance(x, _ReadArguments):
+            return x.raw
         return b"".join(map(encode_argument, self.i2h(pkt, x or ())))
 
     def i2len(self, pkt: Packet | None, x: Any) -> int:
@@ -158,7 +184,8 @@ class BCAP(Packet):  # type: ignore[misc] # as above
     """One b-CAP frame.
 
     Requests have the field `function`, replies have `hresult`. If you set one of them, the frame becomes a
-    request or a reply. An unchanged frame keeps its bytes, even if they are damaged.
+    request or a reply. An unchanged frame keeps its bytes, even if they are damaged. The arguments keep
+    their bytes until you set `args`.
 
     Attributes:
         soh, eot: First and last byte.
@@ -283,8 +310,10 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         arguments = frame.arguments
         self.fields.update(soh=soh, length=length, serial=serial, reserved=reserved, argc=frame.argc)
         self.fields[code_name] = frame.code
-        self.fields["args"] = list(frame.variants)
-        self.fields["trailer"] = s[arguments[-1].stop if arguments else HEADER_SIZE : size - 1]
+        stop = arguments[-1].stop if arguments else HEADER_SIZE
+        # In a frame that is cut off, the last byte is both `eot` and part of an argument.
+        self.fields["args"] = _ReadArguments(frame.variants, frame.body[HEADER_SIZE:-1][: stop - HEADER_SIZE])
+        self.fields["trailer"] = s[stop : size - 1]
         if frame.framing is Framing.VERSION_1_ZLIB:  # built without compression if you change a field
             self.fields.update(length=None, trailer=b"\0")
         if size > HEADER_SIZE:

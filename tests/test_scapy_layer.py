@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scapy.fields import RawVal
 from scapy.layers.inet import IP, TCP, UDP
@@ -23,7 +23,7 @@ from scapy.utils import rdpcap, wrpcap
 
 import bcapscope
 from bcapscope.errors import BcapError, InputError, LocalProtocolError
-from bcapscope.protocol.codec.frame import Frame, Framing, encode_frame
+from bcapscope.protocol.codec.frame import HEADER_SIZE, Frame, Framing, encode_frame
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.scapy_layer import BCAP
@@ -176,6 +176,24 @@ def test_any_bytes_are_built_as_they_came(data: bytes) -> None:
     packet = UDP(bytes(UDP(sport=50001, dport=5007, chksum=0) / Raw(data)))
     assert bytes(packet)[8:] == data
     assert isinstance(packet.show(dump=True) + packet.summary(), str)
+
+
+@given(mutated_frames())
+def test_a_changed_serial_leaves_the_other_bytes_of_damage(data: bytes) -> None:
+    packet = BCAP(data)
+    assume(isinstance(packet, BCAP) and len(packet.frame.raw) > HEADER_SIZE)
+    assume(packet.frame.framing is not Framing.VERSION_1_ZLIB)
+    raw = packet.frame.raw
+    packet.serial = 3
+    again = raw[:5] + b"\x03\x00" + raw[7:]
+    assert packet.frame.raw == packet.copy().frame.raw == again
+
+
+@pytest.mark.parametrize("function", ["Unknown(200)", "Unknown(-2147467259)"])
+def test_the_name_of_an_unknown_function_can_be_set(function: str) -> None:
+    packet = BCAP(function=function)
+    assert packet.function == BCAP(function=packet.function_id).function == function
+    assert bytes(eval(packet.command(), {"BCAP": BCAP})) == bytes(packet)
 
 
 def test_a_changed_field_is_built_anew() -> None:
