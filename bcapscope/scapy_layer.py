@@ -24,7 +24,7 @@ from scapy.fields import (
     XByteField,
 )
 from scapy.layers.inet import TCP, UDP
-from scapy.packet import Packet, bind_bottom_up, bind_layers
+from scapy.packet import Packet, Raw, bind_bottom_up, bind_layers
 
 from bcapscope.errors import InputError, LocalProtocolError
 from bcapscope.messages import Message
@@ -288,7 +288,11 @@ class BCAP(Packet):  # type: ignore[misc] # as above
     @property
     def retry_of(self) -> int | None:
         """Serial of an earlier attempt, if the frame is a retry; None for all other frames."""
-        if self.is_response or self.reserved in (0, self.serial) or isinstance(self.underlayer, TCP | BCAP):
+        if (
+            self.is_response
+            or self.reserved in (0, self.serial)
+            or isinstance(self.underlayer, TCP | BCAP | Raw)
+        ):
             return None
         is_version_1 = self.frame.framing in (Framing.VERSION_1, Framing.VERSION_1_ZLIB)
         return None if is_version_1 else self.reserved

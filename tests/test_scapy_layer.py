@@ -383,6 +383,12 @@ def test_what_is_no_retry(frame: bytes) -> None:
     assert packet[BCAP].retry_of is None
 
 
+def test_what_is_no_retry_after_garbage_in_a_stream() -> None:
+    (packet,) = sniff(offline=[Ether(bytes(client(b"garbage" + CALL, 1)))], session=TCPSession)
+    assert packet[Raw].load == b"garbage"
+    assert packet[BCAP].retry_of is None
+
+
 def test_a_field_makes_it_a_request_or_a_reply() -> None:
     packet = BCAP(CALL)
     packet.hresult = "S_OK"
