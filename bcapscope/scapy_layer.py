@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-2.0-or-later
 """b-CAP as a layer of scapy: `BCAP` dissects and builds frames with the codec of bcapscope.
 
-No field of a frame distinguishes a request from a reply. The controller's port does. Without that port, a
-frame whose code is the number of a function counts as a request.
+No field of a frame distinguishes a request from a reply. The controller's port does. If the ports do not show
+the controller, a frame whose code is the number of a function counts as a request.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ PORT = 5007
 _HEADER = struct.Struct("<BIHHIH")
 
 _MAX_LAYERS = 64
-"""Maximum number of frames from one TCP segment that become layers of one packet. The other frames become one
-raw layer. scapy builds and copies layers by recursion, and a segment of 64 KiB can hold 4096 frames."""
-
+"""Maximum number of frames from one TCP segment that become layers of one packet. All further frames become
+one raw layer. scapy builds and copies layers by recursion, and a segment of 64 KiB can hold 4096 frames.
+"""
 
 _UNKNOWN_FUNCTION = re.compile(r"Unknown\((-?\d{1,10})\)", re.ASCII)
 """A name from `function_name` for a number without a function."""
@@ -85,7 +85,9 @@ class _CodeField(LEIntEnumField):  # type: ignore[misc] # mypy skips scapy
     def __init__(
         self, name: str, default: int, find: Callable[[str], int], name_of: Callable[[int], str]
     ) -> None:
-        """`find` returns the number of a name or raises InputError, and `name_of` returns the name."""
+        """`find` returns the number for a name, or raises InputError; `name_of` returns the name for a
+        number.
+        """
         self._find = find
         self._name_of = name_of
         super().__init__(name, default, {})
@@ -104,7 +106,7 @@ class _CodeField(LEIntEnumField):  # type: ignore[misc] # mypy skips scapy
 
 
 class _FunctionField(_CodeField):
-    """The function of a request. Its value is the name, as in filters and JSON."""
+    """The function of a request. The field's value is the function's name, as in filters and JSON."""
 
     __slots__ = ()
 
@@ -129,7 +131,9 @@ class _ReadArguments(list[Variant]):
 
 
 class _ArgumentsField(StrField):  # type: ignore[misc] # as above
-    """The arguments of a frame: values of Python and `Variant`. Programs read all of them as `Variant`."""
+    """The arguments of a frame: Python values and `Variant` objects. Programs read all arguments as `Variant`
+    objects.
+    """
 
     islist = 1
 
@@ -137,11 +141,13 @@ class _ArgumentsField(StrField):  # type: ignore[misc] # as above
         # A list, since scapy takes a tuple of two or three numbers for a range of packets.
         values = list(x) if isinstance(x, list | tuple) and not isinstance(x, Variant) else [x]
         for value in values:
-            variant_of(value)  # raises for a value without a type
+            variant_of(value)  # raises an exception for a value without a type
         return values
 
     def i2h(self, pkt: Packet | None, x: Any) -> Any:
-        """Give the values the types that `encode` gives them: those of the function, else those of Python."""
+        """Give the values the same types as `encode` does: from the function's definition, or else from the
+        Python values.
+        """
         if isinstance(x, RawVal):
             return x
         function = _function_of(pkt)
@@ -183,13 +189,14 @@ class _ArgumentsField(StrField):  # type: ignore[misc] # as above
 class BCAP(Packet):  # type: ignore[misc] # as above
     """One b-CAP frame.
 
-    Requests have the field `function`, replies have `hresult`. If you set one of them, the frame becomes a
-    request or a reply. An unchanged frame keeps its bytes, even if they are damaged. The arguments keep
-    their bytes until you set `args`.
+    Requests have the field `function`, replies have `hresult`. If you set `function`, the frame becomes a
+    request; if you set `hresult`, the frame becomes a reply. An unchanged frame keeps its bytes, even if they
+    are damaged. The arguments keep their bytes until you set `args`.
 
     Attributes:
         soh, eot: First and last byte.
-        length, argc: Size in bytes, and number of arguments. None when you build a frame: computed.
+        length, argc: Size in bytes, and number of arguments. When you build a frame, None means that scapy
+            computes the value.
         serial, reserved: Numbers of the header.
         function: Name of the function of a request. Set the name or the number.
         hresult: Result code of a reply, unsigned. Set the name or the number.
@@ -227,18 +234,19 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes | None = None, *_: Any, **__: Any) -> Any:
-        """Select this layer for bytes that begin like a frame, and scapy's raw layer for all others."""
+        """Select this layer for bytes that begin like a frame, and scapy's raw layer for all other bytes."""
         if _pkt is None or (_pkt[:1] == bytes((SOH,)) and len(_pkt) >= HEADER_SIZE):
             return cls
         return conf.raw_layer
 
     @classmethod
     def tcp_reassemble(cls, data: bytes, metadata: dict[str, Any], session: dict[str, Any]) -> Packet | None:
-        """Return the complete frames of a stream, with the following bytes as padding; None without one.
+        """Return the complete frames of a stream, with the following bytes as padding; None if no frame is
+        complete.
 
         Bytes outside any frame become raw layers. For `TCPSession`, the result holds all complete frames,
-        because scapy 2.8 loses its place in the stream if an unfinished frame follows two frames. For a
-        socket, the result holds the first frame, so that `sr1` can match it.
+        because scapy 2.8 loses track of the stream if an unfinished frame follows two frames. For a socket,
+        the result holds the first frame, so that `sr1` can match it.
         """
         packet = metadata.get("original")
         size = 0 if packet is not None else _whole_frame_size(data)
@@ -269,7 +277,9 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         return self._is_from_controller() is True
 
     def _is_from_controller(self) -> bool | None:
-        """Return whether the ports show that the controller sent the frame; None if they show nothing."""
+        """Return whether the ports show that the controller sent the frame; None if the ports do not show the
+        sender.
+        """
         ports = (getattr(self.underlayer, "sport", None), getattr(self.underlayer, "dport", None))
         return ports[0] == PORT if ports.count(PORT) == 1 else None
 
@@ -318,7 +328,8 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         # In a frame that is cut off, the last byte is both `eot` and part of an argument.
         self.fields["args"] = _ReadArguments(frame.variants, frame.body[HEADER_SIZE:-1][: stop - HEADER_SIZE])
         self.fields["trailer"] = s[stop : size - 1]
-        if frame.framing is Framing.VERSION_1_ZLIB:  # built without compression if you change a field
+        # scapy builds the frame without compression if you change a field
+        if frame.framing is Framing.VERSION_1_ZLIB:
             self.fields.update(length=None, trailer=b"\0")
         if size > HEADER_SIZE:
             self.fields["eot"] = s[size - 1]
@@ -332,7 +343,9 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         return b"", s
 
     def setfieldval(self, attr: str, val: Any) -> None:
-        """Set a field. `function` makes the frame a request, and `hresult` makes it a reply."""
+        """Set a field. Setting `function` makes the frame a request; setting `hresult` makes the frame a
+        reply.
+        """
         super().setfieldval(attr, val)
         if attr in ("function", "function_id"):
             self.fields.pop("hresult", None)
@@ -340,7 +353,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
             self.fields.pop("function", None)
 
     def hide_defaults(self) -> None:
-        """Remove fields with default values, except the one that makes the frame a request or a reply."""
+        """Remove fields with default values, except the field that makes the frame a request or a reply."""
         kept = {name: self.fields[name] for name in ("function", "hresult") if name in self.fields}
         super().hide_defaults()
         self.fields.update(kept)
@@ -386,20 +399,26 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
 
 def _function_of(packet: Packet | None) -> Function | None:
-    """Return the function of a request; None for other packets, and for several or unknown functions."""
+    """Return the function of a request; None for other packets, for an unknown function and for several
+    functions.
+    """
     function_id = packet.function_id if isinstance(packet, BCAP) else None
     return FUNCTIONS.get(function_id) if isinstance(function_id, int) else None
 
 
 def _whole_frame_size(data: bytes) -> int:
-    """Return the size of the whole frame at the start of a stream; 0 if only `StreamSplitter` can tell."""
+    """Return the size of the whole frame at the start of a stream; 0 if only `StreamSplitter` can find the
+    size.
+    """
     length = int.from_bytes(data[1:5], "little")
     is_whole = SMALLEST_FRAME <= length <= min(len(data), LARGEST_UNCONFIRMED)
     return length if is_whole and data[0] == SOH and data[length - 1] == EOT else 0
 
 
 def _with_payloads(layers: list[Packet], padding: bytes) -> Packet:
-    """Return the first layer. Each following layer is the payload of the one before; padding is the last."""
+    """Return the first layer. Each following layer is the payload of the layer before, and the padding comes
+    last.
+    """
     if padding:
         layers.append(conf.padding_layer(padding))
     for outer, inner in reversed(list(pairwise(layers))):

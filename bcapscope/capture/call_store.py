@@ -37,8 +37,8 @@ _CLASSES = tuple(ObjectClass)
 
 _ObjectRecord = tuple[int, int, bytes, bytes, int, bool]
 _JoinedRecord = tuple[int, int, int, bool, bool, bytes]
-"""A frame that was captured at two places. Fields: the frame's number, the number of its sighting at the
-client's side (0 if none), the same for the controller's side, `is_missed`, `is_relayed`, `note`.
+"""A frame that was captured at two places. Fields: the frame's number, the numbers of its sightings at the
+client's side and at the controller's side (0 if there is no sighting), `is_missed`, `is_relayed`, `note`.
 """
 
 
@@ -67,7 +67,11 @@ class _Record(msgspec.Struct, array_like=True):
     reply_missed: bool = False
     joined: list[_JoinedRecord] = []
     crossing_ns: int = 0
-    is_guess: bool = False
+    may_go_on: bool = False
+    sure_until: int | None = None
+    stray_replies: list[int] = []
+    is_at_controller: bool = False
+    was_overtaken: bool = False
 
 
 _encode = msgspec.msgpack.encode
@@ -160,7 +164,11 @@ def _record_of(call: Call, subject: TrackedObject | None) -> _Record:
         call.reply_missed,
         [_joined_record(seen) for seen in call.joined_frames],
         call.crossing_ns,
-        call.is_guess,
+        call.may_go_on,
+        call.sure_until,
+        [seen.number for seen in call.stray_replies],
+        call.is_at_controller,
+        call.was_overtaken,
     )
 
 
@@ -214,7 +222,9 @@ class CallStore:
         call.no_reply_expected, call.skipped_handles = record.no_reply_expected, record.skipped_handles
         call.unseen_serials, call.gave_up_inferred = record.unseen_serials, record.gave_up_inferred
         call.reply_missed, call.crossing_ns = record.reply_missed, record.crossing_ns
-        call.is_guess = record.is_guess
+        call.may_go_on, call.sure_until = record.may_go_on, record.sure_until
+        call.stray_replies = tuple(self._read_frame(number, frames) for number in record.stray_replies)
+        call.is_at_controller, call.was_overtaken = record.is_at_controller, record.was_overtaken
         call.state = CallState.EVICTED if record.evicted else CallState.SETTLED
         return StoredCall(call, None if record.subject is None else _object_from_record(record.subject))
 

@@ -56,7 +56,7 @@ class CaptureInput:
 
         Args:
             paths: Paths of captures and of folders with captures.
-            ports: Ports of controllers; the usual ports if it is empty.
+            ports: Ports of controllers; if empty, the usual ports.
             on_problem: Receives the path and the error of a capture that cannot be read to its end. Reading
                 continues with the next capture.
             open_file: Opens a capture by its path.
@@ -102,7 +102,7 @@ class CaptureInput:
         return PlaceDecoder(paths, self.plans, ports, open_sequence) if self.plans else None
 
     def observations(self) -> Iterator[Observation]:
-        """Yield all frames of the input, or only those captured at the side given to `__init__`.
+        """Yield all frames of the input, or only the frames captured at the side given to `__init__`.
 
         Read errors do not raise an exception; `on_problem` receives them.
         """
@@ -139,8 +139,8 @@ class CaptureInput:
         """Return a pipeline for the input. The pipeline joins conversations that were captured at several
         places.
 
-        `comments` holds comments by packet number. Pass `comments` only if the packets are not those of the
-        input.
+        `comments` holds comments by packet number. Pass `comments` only if the packets come from another
+        source than the input.
         """
         from bcapscope.traffic.joining.joiner import Joiner  # noqa: PLC0415 - `decode` needs no pipeline
         from bcapscope.traffic.pipeline import Pipeline  # noqa: PLC0415 - as above
@@ -150,8 +150,8 @@ class CaptureInput:
 
     @property
     def own_requests(self) -> int:
-        """Number of requests that a proxy sent of its own accord. Only conversations whose two legs the
-        pipeline joined are counted.
+        """Number of requests that a proxy sent without a request from a client. Only conversations whose two
+        legs the pipeline joined are counted.
         """
         return 0 if self._joiner is None else self._joiner.own_requests
 

@@ -38,13 +38,13 @@ _COOKED_HEADER = struct.Struct(">HHH8sH")
 
 
 def open_live_capture(name: str) -> LiveCapture:
-    """Start to capture on an interface such as `eth0`, or on `ANY_INTERFACE`. Packets are buffered from this
-    call on.
+    """Start to capture on an interface such as `eth0`, or on `ANY_INTERFACE`. From now on, packets are
+    buffered.
 
     Iteration over the capture yields packets as they arrive, until interrupted. The iteration raises
     CaptureError if the capture fails, such as when the interface disappears. Use the capture as a context
-    manager, which ends the capture. The capture's attribute `lost` is the number of packets that the system
-    reports as dropped for lack of buffer space. The capture calls its attribute `on_idle` after
+    manager: leaving the context ends the capture. The capture's attribute `lost` is the number of packets
+    that the system dropped for lack of buffer space. The capture calls its attribute `on_idle` after
     `READ_TIMEOUT` without a packet.
 
     Raises:

@@ -27,8 +27,8 @@ class PastedText:
     """Observations of the packets in a text, in the order of the text. The times of the observations are
     unknown and set to 0.
 
-    A packet has an additional problem if its command is unknown but similar to a known command. Bytes that
-    are only one argument of a frame are also a problem.
+    A packet has an additional problem if its command is unknown but similar to a known command, or if the
+    bytes are only one argument of a frame.
 
     Attributes:
         count: Number of packets read so far.

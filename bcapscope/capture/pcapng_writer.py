@@ -25,8 +25,7 @@ _LONGEST_OPTION = 65535
 
 
 class PacketTemplate(NamedTuple):
-    """The bytes that are the same in all packet blocks that differ only in the time and in the end of the
-    packet's data.
+    """The common bytes of packet blocks that differ only in the time and in the end of the packet's data.
 
     Attributes:
         before_time: Bytes of the block before the time.
@@ -114,8 +113,8 @@ class PcapngWriter:
 
 
 def pair_encoder(first: PacketTemplate, second: PacketTemplate) -> PacketPairEncoder:
-    """Return a function that makes one block of each template in a single step. Making both blocks in one
-    step takes half the time of making them one after the other.
+    """Return a function that makes one block from each template in a single step, which takes half the time
+    of two steps.
 
     `first` and `second` must have the same `data_size`.
     """

@@ -6,13 +6,13 @@ from array import array
 from bisect import bisect_right
 
 MAX_RUNS = 2_000_000
-"""Maximum number of runs of packets or frames in a table, which then takes 40 MB. For packets and frames
-after the last run, the table cannot tell in which capture they are.
+"""Maximum number of runs in a table; a table of this size takes 40 MB. The table does not know the source of
+packets and frames after the last run.
 """
 
 
 class RunTable:
-    """A table of runs. Each run maps successive numbers to successive numbers of one source, such as a
+    """A table of runs. Each run maps successive numbers to successive numbers in one source, such as a
     capture.
     """
 
@@ -24,8 +24,8 @@ class RunTable:
     def add(self, start: int, source: int, number: int) -> None:
         """Begin a run: the numbers from `start` on belong to the numbers from `number` on in `source`.
 
-        If the new run begins at the same number as the latest run, it replaces the latest run. If the new run
-        only continues the latest run, nothing is added.
+        If the new run begins at the same number as the latest run, the new run replaces the latest run. If
+        the new run only continues the latest run, nothing is added.
         """
         if len(self._starts) > MAX_RUNS:
             return

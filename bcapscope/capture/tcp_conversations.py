@@ -21,7 +21,7 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import SERVER_PORT, Flow, ServerEvidence, ServerEvidenceKind, Transport
 
 CONNECTIONS_LIMIT = 1024
-"""Maximum number of TCP connections to follow at a time. If there are more, bcapscope stops following the
+"""Maximum number of TCP connections to follow at a time. Beyond this number, bcapscope stops following the
 connection that was idle longest.
 """
 

@@ -23,8 +23,8 @@ C/src/bcap_server.c).
 If a client whose flow was dropped returns, its traffic becomes a new conversation."""
 
 UNDECIDED_LIMIT = 1024
-"""Maximum number of conversations whose server is unknown. If there are more, bcapscope guesses the server of
-the oldest of these conversations.
+"""Maximum number of conversations whose server is unknown. Beyond this number, bcapscope guesses the server
+of the oldest conversation with an unknown server.
 """
 
 

@@ -19,6 +19,7 @@ from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.messages import MessageFormatter
 from bcapscope.render.comparison_text import comparison_lines, comparison_record
 from bcapscope.render.escape import printable
+from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.joining.joined_observation import CapturePlace
@@ -32,6 +33,7 @@ _path = click.Path(allow_dash=True)
 @options.ports
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @options.side
+@options.taken_at
 @options.filter_option(RecordKind.CALL)
 @options.color
 @options.language
@@ -42,6 +44,7 @@ def command(
     ports: tuple[int, ...],
     as_json: bool,
     side: CapturePlace | None,
+    taken_at: CapturePoint | None,
     wanted: Filter | None,
     color: str,
     words: MessageFormatter,
@@ -54,12 +57,14 @@ def command(
 
     --filter selects calls in both captures, as for `stats`, `slave` and `diagnose`.
 
-    Exit codes: as for `decode`, the higher of the codes for the two captures; 4: one of the captures could
-    not be read.
+    Exit codes: as for `decode`; if the two captures give different codes, the higher code. 4: one of the
+    captures could not be read.
     """
     if good == bad == "-":
         raise click.UsageError("both captures are standard input (-): give a file for one of them")
-    readings = [CaptureReader([path], ports, words=words, side=side) for path in (good, bad)]
+    readings = [
+        CaptureReader([path], ports, words=words, side=side, taken_at=taken_at) for path in (good, bad)
+    ]
     named = list(zip((good, bad), readings, strict=True))
     first, second = (_read_side(path, reading, wanted) for path, reading in named)
     for path, reading in named:
@@ -77,7 +82,7 @@ def command(
 
 
 def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> ComparedCapture:
-    """Read a capture once, and return its findings, figures and slave-mode sessions."""
+    """Read a capture once to its end; return its findings, figures and slave-mode sessions."""
     sessions: list[SlaveSession] = []
     chosen = call_test(wanted, reader)
 

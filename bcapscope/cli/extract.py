@@ -30,6 +30,7 @@ from bcapscope.messages.places import Count
 from bcapscope.render.escape import printable
 from bcapscope.render.statistics_text import conversation_text
 from bcapscope.render.trajectory_file import CsvTrajectoryWriter, JsonTrajectoryWriter
+from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.joining.joined_observation import CapturePlace
@@ -56,6 +57,7 @@ _WRITERS: dict[str, Callable[[CapturedTrajectory], TrajectoryWriter]] = {
     help="Write only the set points of this client, given as address or address:port.",
 )
 @options.side
+@options.taken_at
 @options.filter_option(RecordKind.CALL)
 @force_option
 @options.language
@@ -66,14 +68,15 @@ def command(
     ports: tuple[int, ...],
     client: str | None,
     side: CapturePlace | None,
+    taken_at: CapturePoint | None,
     wanted: Filter | None,
     force: bool,
     words: MessageFormatter,
 ) -> None:
     """Write the set points of slave mode (slvMove) with the poses that the controller returned.
 
-    Each set point is one row with the time of its first request; retries add no rows. Set points that the
-    controller refused are left out. Set points without a captured reply are included.
+    Each row is one set point with the time of its first attempt; retries add no rows. Set points that the
+    controller refused are left out. Set points whose reply was not captured are included.
 
     Each slave-mode session gets a file: FILE.csv if there is one session; FILE-1.csv, FILE-2.csv and so on
     if there are several. The number in a file name is the number of the session in the capture. Existing
@@ -89,7 +92,7 @@ def command(
         )
     interrupt_on_end_signals()
     files = _TrajectoryFiles(output, force, words)
-    reading = CaptureReader(paths, ports, words=words, side=side)
+    reading = CaptureReader(paths, ports, words=words, side=side, taken_at=taken_at)
     trajectories = TrajectoryExtractor(
         call_test(wanted, reading), None if client is None else _is_by_client(client)
     )
@@ -150,7 +153,8 @@ class _TrajectoryFile:
 class _TrajectoryFiles(ExitStack):
     """The output files of all slave-mode sessions.
 
-    If there is only one file, its name gets no number. Files are therefore named when all sessions are known.
+    If there is only one file, its name gets no number. The number of sessions is known only at the end, so
+    the files get their final names then.
     """
 
     def __init__(self, path: Path, overwrite: bool, words: MessageFormatter) -> None:

@@ -12,11 +12,12 @@ from bcapscope.client.session import open_target_session
 
 
 class ControllerConnection:
-    """A connection that a `with` or `async with` block opens at its start and closes at its end.
+    """A connection to a controller. A `with` or `async with` block opens the connection at its start and
+    closes it at its end.
 
-    `async with` returns the controller, whose methods are coroutines. `with` returns a `Blocking`, which runs
-    a coroutine to its end, and the controller. At its end, the block releases all objects that were opened in
-    it, newest first.
+    `async with` returns the controller, whose methods are coroutines. `with` returns two values: a
+    `Blocking`, which runs a coroutine to its end, and the controller. When the block ends, all objects that
+    were opened in the block are released, newest first.
     """
 
     def __init__(self, target: ControllerTarget) -> None:
@@ -45,7 +46,7 @@ class ControllerConnection:
         await self._stack.__aexit__(kind, error, trace)
 
     def __enter__(self) -> tuple[Blocking, Controller]:
-        """Connect as `async with` does. Do not use `with` while an event loop runs."""
+        """Connect as `async with` does. Do not use `with` in code that an event loop runs."""
         wait = Blocking()
         try:
             controller = wait.enter(self)
@@ -88,9 +89,9 @@ def connect_controller(
         provider: Provider name for Controller_Connect; RC9 and COBOTTA PRO need `CaoProv.DENSO.VRC9`.
         name: Name of the connection; if it is "", the controller chooses a name.
         option: Option of Service_Start, such as `,WDT=400`.
-        timeout: Time to wait for a reply before each retry, in ms; 1000 by default. Over UDP, slvMove has a
-            shorter one.
-        retries: Maximum number of retries of such a call over UDP; 4 by default.
+        timeout: Time to wait for a reply before each retry, in ms; 1000 by default. Over UDP, this timeout
+            does not apply to slvMove, whose timeout is shorter.
+        retries: Maximum number of retries over UDP for calls other than slvMove; 4 by default.
     """
     return ControllerConnection(
         ControllerTarget(

@@ -1,7 +1,8 @@
-"""Reads faults from YAML. Rule files and scenarios use the same notation.
+"""Reads faults from YAML. Rule files and scenarios write faults in the same notation.
 
-A document is checked against a `msgspec.Struct`. A struct for a document with faults has a field ``faults:
-tuple[AnyFault, ...]``. An error names the line and the field.
+A `msgspec.Struct` describes the permitted fields of a document. If a document may contain faults, its struct
+has a field ``faults: tuple[AnyFault, ...]``. If a document is invalid, the error names the line and the
+field.
 """
 
 from __future__ import annotations
@@ -46,9 +47,9 @@ class DocumentError(InputError):
     """A document is invalid; `message` contains line, field and reason.
 
     Attributes:
-        path: Names and indexes that lead from the document to the error.
-        line: Line of the error, counted from 1; 0 if there is no text.
-        reason: Reason of the error, without its line and field.
+        path: Path from the top of the document to the error, as names and indexes.
+        line: Line of the error, counted from 1; 0 if the data did not come from a text.
+        reason: Reason of the error, without line and field.
     """
 
     def __init__(self, path: tuple[str | int, ...], line: int, reason: Message) -> None:
@@ -65,10 +66,10 @@ class DocumentError(InputError):
 
 
 class FieldError(InputError):
-    """The fields of a struct contradict each other; the error names the field to change.
+    """A field of a struct contradicts other fields. The error names the field that the user must change.
 
     Attributes:
-        path: Names and indexes that lead from the struct to the field.
+        path: Path from the struct to the field, as names and indexes.
     """
 
     def __init__(self, path: tuple[str | int, ...], reason: Message) -> None:
@@ -77,7 +78,7 @@ class FieldError(InputError):
 
 
 class RuleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Contents of a rule file: faults in the order in which they apply."""
+    """Contents of a rule file: faults in the order in which they are applied."""
 
     faults: tuple[AnyFault, ...]
 
@@ -88,7 +89,7 @@ def read_document(text: str, kind: type[T]) -> T:
     The fields of the struct may have the types in `bcapscope.faults.quantities`.
 
     Raises:
-        DocumentError: The text is not valid YAML, or does not match `kind`.
+        DocumentError: The text is not valid YAML, or its data does not match `kind`.
     """
     root, data = _parse(text)
     try:
@@ -102,7 +103,7 @@ def convert_data(data: object, kind: Any) -> Any:
     """Convert plain data from JSON or YAML into a struct, and validate every field.
 
     Raises:
-        DocumentError: The data does not match `kind`; `line` is 0.
+        DocumentError: The data does not match `kind`. The attribute `line` of the error is 0.
     """
     try:
         return msgspec.convert(data, kind, dec_hook=_read_quantity)
@@ -136,9 +137,7 @@ def _read_quantity(kind: type, written: object) -> object:
 
 
 class _Loader(SafeLoader):
-    """YAML loader that rejects duplicate keys, keys that are not scalars, and numbers with too many
-    digits.
-    """
+    """YAML loader that rejects repeated keys, keys that are not scalars, and numbers with too many digits."""
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         _check_number(node)
@@ -169,7 +168,7 @@ def _check_number(node: yaml.ScalarNode) -> None:
 
 
 def _check_events(text: str) -> None:
-    """Check a document before any object is built from it: reject deep nesting and aliases."""
+    """Reject deep nesting and aliases in a document, before YAML builds objects from the document."""
     for event in yaml_events(text):
         if isinstance(event, yaml.AliasEvent):
             raise YamlError(Message("yaml.anchors"), event.start_mark)
@@ -246,8 +245,8 @@ def _actions(structs: Iterable[_Struct]) -> list[str]:
 
 
 def _types_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[list[_Struct], list[type]]:
-    """Return two lists: the possible types of the innermost struct on a path, and those of the last field on
-    the path.
+    """Return the possible types of the innermost struct on a path, and the possible types of the last field
+    on the path.
     """
     types = _parts(kind)
     structs = _matching_structs(types, data)
@@ -261,14 +260,16 @@ def _types_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[list[
 
 
 def _parts(hint: Any) -> list[type]:
-    """Return the classes in a type hint, such as the members of a union or the element types of a tuple."""
+    """Return all classes that a type hint contains, such as the members of a union or the element types of a
+    tuple.
+    """
     inner = [part for each in get_args(hint) for part in _parts(each)]
     return [hint, *inner] if isinstance(hint, type) else inner
 
 
 def _matching_structs(types: Iterable[type], data: object) -> list[_Struct]:
-    """Return the struct that the field ``action`` of the data names; all structs if the data has no such
-    field.
+    """Return the struct for the action in the data's field ``action``. If the data has no such field, return
+    all structs.
     """
     structs = [each for each in types if issubclass(each, msgspec.Struct)]
     action = data.get("action") if isinstance(data, dict) else None
@@ -276,7 +277,7 @@ def _matching_structs(types: Iterable[type], data: object) -> list[_Struct]:
 
 
 def _field_type(struct: _Struct, written: str) -> Any:
-    """Return the type of a field by its name in documents; None for an unknown field."""
+    """Return the type of the field that documents call `written`; None for an unknown field."""
     names = dict(zip(struct.__struct_encode_fields__, struct.__struct_fields__, strict=True))
     return get_type_hints(struct).get(names.get(written, ""))
 

@@ -75,11 +75,11 @@ _NAMES_BY_MODULE = {
 _MODULE_BY_NAME = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
 
 
-# Hide `__getattr__` from type checkers, because they would accept any name of the module.
+# Hide `__getattr__` from type checkers, which would otherwise accept any name in the module.
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> object:
-        """Import the submodule that defines a name of `__all__`, and return the named object."""
+        """Import the submodule that defines `name`, and return what it names."""
         module = _MODULE_BY_NAME.get(name)
         if module is None:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

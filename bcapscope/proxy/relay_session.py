@@ -32,7 +32,7 @@ class RelaySession(ABC):
     """The relay's session with one client, which forwards data between the client and the controller.
 
     Attributes:
-        number: Number of the client. No other client ever has the same number.
+        number: Number of the client, which no other client gets.
         conversation: Conversation between the client and the controller, as if there were no proxy.
         source: Network of the client, as `source_network` returns it.
         last_heard: Value of `Relay.now` when the client last sent something.
@@ -52,14 +52,17 @@ class RelaySession(ABC):
 
     @abstractmethod
     def send(self, up: bool, data: bytes) -> int:
-        """Send data to the controller (`up`) or to the client. Return the time in ns since 1970; 0 if part of
-        the data still waits."""
+        """Send data to the controller (`up`) or to the client. Return the time of sending in ns since 1970; 0
+        if part of the data still waits.
+        """
 
     def on_nothing_held(self, up: bool) -> None:  # noqa: B027 - UDP has no end to forward
-        """Forward the end of a stream if it had to wait until the rules released the data."""
+        """Forward the end of a stream if this end had to wait for held data."""
 
     def resume_reading(self) -> None:  # noqa: B027 - UDP sessions never stop reading
-        """Read from the client again. The session had stopped reading, because rules held too much data."""
+        """Read from the client again. The session had stopped reading because the proxy held too much
+        data.
+        """
 
     @abstractmethod
     def sweep(self, now: int) -> None:
@@ -128,7 +131,7 @@ class ClientListener(ABC):
             open_socket: Function that opens the socket toward the controller.
 
         Raises:
-            ClientDeniedError: There is no slot, or no file descriptor would be left for a stop.
+            ClientDeniedError: No slot is free, or the last file descriptors must stay free for stops.
             OSError: The socket cannot be opened.
         """
         relay = self.relay

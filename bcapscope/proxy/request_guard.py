@@ -1,4 +1,4 @@
-"""The guard of the proxy: it refuses requests that are not allowed, and always lets stops pass."""
+"""The proxy's guard, which refuses requests that are not allowed, and always lets stops pass."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ class GuardTarget(NamedTuple):
         """Return whether a controller may interpret a request as one that this target describes.
 
         Args:
-            command: Command of the request; None if controllers may interpret it differently. As in
-                orin_bcap's C, text after a NUL and blanks around the command are ignored.
+            command: Command of the request; None if controllers may interpret it differently. Like
+                orin_bcap's C code, ignore text after a NUL, and blanks around the command.
         """
         if self.function_id not in (None, function_id):
             return False
@@ -104,8 +104,7 @@ class GuardResult(NamedTuple):
 
 class RequestGuard:
     """Refuses requests. Requests that stop something or release a handle always pass. Only whole frames pass.
-    Therefore the guard has checked every frame that a controller can find, even if the controller skips
-    invalid bytes.
+    The guard has checked every frame that a controller can find, even if the controller skips invalid bytes.
     """
 
     def __init__(
@@ -193,7 +192,7 @@ def _reads_one_way(frame: Frame) -> bool:
     """Return whether all controllers agree that a frame is compressed, or all agree that it is plain.
 
     A frame that looks compressed must be valid when unpacked. Read as a plain frame, the same bytes would
-    have at least 376 arguments, which must be too many for the frame's length.
+    announce at least 376 arguments; the frame must be too short for these.
     """
     raw = frame.raw
     if not has_zlib_header(raw):

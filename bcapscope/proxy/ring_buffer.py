@@ -127,13 +127,15 @@ class RingRecord(NamedTuple):
 
 
 def hole_sizes(record: RingRecord) -> tuple[int, int]:
-    """Return how many received and how many sent bytes were lost at a record of the kind `HOLE`."""
+    """Return the numbers of lost received bytes and lost sent bytes that a `HOLE` record reports."""
     received, sent = _HOLE.unpack(record.data)
     return received, sent
 
 
 class _Hole(NamedTuple):
-    """Lost bytes of one direction: how many received and sent ones, and the times of the last in ns."""
+    """Bytes of one direction that the ring lost: numbers of received and sent bytes, and times in ns of the
+    last received and last sent byte.
+    """
 
     received: int = 0
     sent: int = 0
@@ -178,8 +180,9 @@ _Entry: TypeAlias = "tuple[RingRecordKind, bool, int, int, int, bytes | memoryvi
 """Fields of a `RingRecord` before it is written."""
 
 PendingDatagram: TypeAlias = tuple[bool, int, AncillaryData, int, bytes]
-"""Datagram that is not in the ring yet: whether it goes up, client number, ancillary data, time of sending in
-ns or 0, and bytes."""
+"""Datagram that is not in the ring yet: True if it goes to the controller, number of the client, ancillary
+data, time of sending in ns (0 if not sent), and bytes.
+"""
 
 
 class RingWriter(_Ring):
@@ -189,7 +192,7 @@ class RingWriter(_Ring):
         counts: Counters of the relay, indexed by `RelayCounter`; the relay increases them in place.
         figures: Delays that the watcher measured; see `DELAY_FIGURES`.
         pending_datagrams: Datagrams that are not in the ring yet. The relay appends datagrams, and calls
-            `flush` once there are `BATCH_SIZE`.
+            `flush` once `BATCH_SIZE` datagrams are pending.
         streams: Numbers of the TCP clients. If bytes of a TCP client do not fit into the ring, the writer
             records a hole.
     """
@@ -254,8 +257,7 @@ class RingWriter(_Ring):
         note: bytes = b"",
         kind: RingRecordKind = RingRecordKind.DATA,
     ) -> bool:
-        """Write a record. If the ring has no room for it, count the record as `UNWATCHED` and return
-        False."""
+        """Write a record. If the ring has no room, count the record as `UNWATCHED` and return False."""
         self.flush()
         return self._write_or_count((kind, up, client, received_at, sent_at, data, note))
 
@@ -337,7 +339,8 @@ class RingWriter(_Ring):
         record is written.
 
         The number of waiting records is limited even if the reader stops. If a client connects and leaves
-        while the reader has stopped, its records are discarded. Messages for the user are lost above a limit.
+        while the reader has stopped, the client's records are discarded. If too many records wait, messages
+        for the user are lost.
         """
         self.flush()
         if self._is_reader_detached or (
@@ -351,7 +354,8 @@ class RingWriter(_Ring):
         self._write_waiting()
 
     def _remove_unseen_client(self, client: int) -> bool:
-        """Discard a client's waiting records, unless the ring already has the record that opened the client.
+        """Discard a client's waiting records, unless the client's `CLIENT_OPENED` record is already in the
+        ring.
 
         Return whether the records were discarded.
         """
@@ -388,7 +392,9 @@ class RingReader(_Ring):
     """
 
     def __init__(self, memory: memoryview, *, ahead: bool = False) -> None:
-        """Read from the beginning of the ring. A reader with `ahead` does not free memory for new records."""
+        """Read from the beginning of the ring. A reader with `ahead` does not free the ring's memory for new
+        records.
+        """
         super().__init__(memory)
         self.position = self._ready = 0
         self._position_field = _AHEAD if ahead else _READ
@@ -399,12 +405,13 @@ class RingReader(_Ring):
         return self.bytes_written - self.position
 
     def read_records(self, limit: int = 8192, until: int | None = None) -> list[RingRecord]:
-        """Return the records that were written before the previous call. Newer records follow in the next
-        call.
+        """Return the records that the writer had written before this method was last called. The next call of
+        this method returns newer records.
 
         Args:
             limit: Maximum number of records.
-            until: Position of the other reader, which is ahead: stop there. None if no other reader is ahead.
+            until: Stop at this position, which the other reader has reached; None if the other reader is not
+                ahead.
         """
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position

@@ -136,11 +136,11 @@ class RulePolicy:
         return state is not None and not self.shaper.passes_close(state.flow.conversation)
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
-        """Return the held messages to send although the client ends, and discard the others.
+        """When a client leaves, return its held messages that the proxy still sends, and discard its other
+        held messages.
 
-        Held replies are sent, and so are held requests that only stop the robot or release something. All
-        other requests are dropped. If a fault hides the end of the client from the controller, no held
-        message is sent.
+        The proxy still sends held replies and held stops, but drops all other held requests. If a fault hides
+        the end of the client from the controller, the proxy sends no held message.
         """
         work = DecisionBuilder()
         lost: list[Frame | bytes] = []
@@ -227,7 +227,7 @@ class RulePolicy:
             self._apply_script_decisions(self.scripts.on_data(data, now), now)
 
     def on_scripts_ended(self, now: int) -> None:
-        """Apply the decisions that the end of the scripts' process causes."""
+        """Decide about the messages that still wait for the scripts, whose process has ended."""
         if self.scripts is not None:
             self._apply_script_decisions(self.scripts.on_process_ended(now), now)
 
@@ -396,7 +396,7 @@ class RulePolicy:
         ]
 
     def _mark_abandoned(self, state: DirectionState) -> None:
-        """If a client has ended its connection, note that it no longer waits for its held requests."""
+        """Mark held requests as abandoned if their client has ended its connection."""
         if state.has_ended and state.flow.direction is Direction.REQUEST:
             self.intercept.mark_abandoned(state.flow, Message("held.client-ended"))
 

@@ -254,8 +254,9 @@ class ScriptProcess:
             return b""
 
     def _flush(self) -> None:
-        """Write as many pending bytes as the socket accepts; the relay calls this again when it accepts
-        more."""
+        """Write as many pending bytes as the socket accepts; the relay calls this method again when the
+        socket accepts more.
+        """
         try:
             while self._backlog:
                 del self._backlog[: self._socket.send(self._backlog)]
@@ -309,7 +310,7 @@ class ScriptProcess:
 
 
 def _exit_message(code: int) -> Message:
-    """Describe how a process ended without our doing: by its exit code, or the name of a signal."""
+    """Describe the unexpected end of a process: its exit code, or the signal that ended the process."""
     if code >= 0:
         return Message("script.exit-code", code=code)
     try:

@@ -20,8 +20,9 @@ LARGEST_FRAME_SIZE = 32 << 20
 """Maximum size of one message in bytes: twice the size of the largest b-CAP frame that bcapscope reads."""
 
 MAX_SENTENCES, LONGEST_SENTENCE = 32, 2000
-"""Maximum number of messages for the user in one answer, and of characters in each value that a message
-contains."""
+"""Maximum number of messages for the user in one answer; also the maximum length of each value in a
+message.
+"""
 
 _HEAD = 4
 
@@ -103,7 +104,7 @@ class WireSentence(_WireFrame, frozen=True):
 
 
 def wire_sentence(message: Message) -> WireSentence:
-    """Convert a message for the user to this protocol, with the inserted values as text."""
+    """Convert a message for the user to a `WireSentence`, with the inserted values as text."""
     places = {name: str(value)[:LONGEST_SENTENCE] for name, value in message.places.items()}
     return WireSentence(message.id, places)
 
@@ -147,7 +148,7 @@ _encoder = msgspec.msgpack.Encoder()
 
 
 def pack(frame: ScriptOrder | ScriptStatement) -> bytes:
-    """Encode an order or a statement as the bytes to send."""
+    """Encode a message of this protocol as the bytes to send."""
     body = _encoder.encode(frame)
     return len(body).to_bytes(_HEAD, "little") + body
 

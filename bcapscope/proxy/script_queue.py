@@ -37,7 +37,8 @@ SHORTEST_LIMIT, LONGEST_LIMIT = 1_000_000, 10_000_000_000
 """Shortest and longest time limit that a user may set, in ns.
 
 The shortest limit allows for waking a process, which takes part of a millisecond. The longest time limit is
-for safety: a motion that starts seconds late is dangerous, because its client no longer waits.
+for safety: a motion that starts seconds late is dangerous, because the client that requested it no longer
+waits.
 """
 
 LONGEST_WAIT = 1_000_000_000
@@ -84,8 +85,9 @@ class ScriptLink(Protocol):
         """Ask the process to report its current line in the scripts."""
 
     def end(self) -> tuple[Message, ...]:
-        """End the process at once. Return why it ended and its last line in the scripts, if these are
-        known."""
+        """End the process at once. Return the reason, and the last line of a script that the process
+        executed, if these are known.
+        """
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
         """Send the last order, and pass received bytes to `is_done` until it returns True. Return False if
@@ -163,7 +165,7 @@ class ScriptQueue:
         self._sizes: Counter[int] = Counter()
         self._size = self._waiting_size = 0
         self._head_since = 0
-        self._relay_delay = 0  # additional time limit in ns, because the relay was late
+        self._relay_delay = 0  # time in ns added to the limit, because the relay was late
         self._was_late = False
         self._has_open_calls = False
         self._expire_at = 0
@@ -197,8 +199,9 @@ class ScriptQueue:
         )
 
     def show_message(self, client: int, message: WireMessage, token: UndecidedMessage | None) -> None:
-        """Pass a message to the scripts. With a token, the message waits for a decision, which returns the
-        token."""
+        """Pass a message to the scripts. A message with a token waits for a decision, and the decision
+        contains the token.
+        """
         up = message.flow.direction is Direction.REQUEST
         if token is None:
             unwanted = not up and self._hooks.isdisjoint(("reply", "settled"))
@@ -211,7 +214,9 @@ class ScriptQueue:
         )
 
     def send_gone(self, client: int, now: int) -> None:
-        """Report to the scripts that a client is gone. Remove the waiting messages of the client first."""
+        """Report to the scripts that a client is gone. Before this call, the caller must remove the client's
+        waiting messages.
+        """
         self._send_order(ClientGone(client), PendingOrder("gone", now, client))
 
     def finish(self, now: int) -> None:
@@ -292,7 +297,7 @@ class ScriptQueue:
     # queries of the policy
 
     def holds(self, flow: Flow) -> bool:
-        """Return whether a message of this flow waits for the scripts."""
+        """Return whether a message of this client and direction waits for the scripts."""
         return any(_is_of(each, flow) for each in self._queue)
 
     def is_full(self, client: int) -> bool:
@@ -304,8 +309,9 @@ class ScriptQueue:
         return not self.is_full(client) and self._counts[client] < MAX_WAITING
 
     def remove_messages(self, flow: Flow) -> list[bytes]:
-        """Remove the waiting messages of a flow, and return their bytes. The scripts' later decisions about
-        the removed messages have no effect."""
+        """Remove the waiting messages of one client and direction, and return their bytes. The scripts' later
+        decisions about the removed messages have no effect.
+        """
         found: list[bytes] = []
         for place, each in enumerate(self._queue):
             if each.message is not None and _is_of(each, flow):
@@ -392,7 +398,7 @@ class ScriptQueue:
 
 
 def _is_of(waiting: PendingOrder, flow: Flow) -> bool:
-    """Return whether an order is about a message of this flow that waits for a decision."""
+    """Return whether an order shows a message that waits for a decision and has this client and direction."""
     return waiting.token is not None and waiting.message is not None and waiting.message.flow is flow
 
 

@@ -26,7 +26,7 @@ _MEMINFO = struct.Struct("=9I")
 _MEMINFO_DROPS = 8  # linux/sock_diag.h, SK_MEMINFO_DROPS
 _BACKLOG = 1024
 """Maximum number of connections that wait to be accepted. Above this limit, the system drops the packets of
-new clients. A client whose packet was dropped tries again after a second: too late for a stop.
+new clients. A client whose packet was dropped tries again after a second, which is too late for a stop.
 """
 
 

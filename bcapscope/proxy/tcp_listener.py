@@ -89,8 +89,9 @@ class TcpListener(ClientListener):
         self.relay.deny(endpoint_of(address), why)
 
     def _pause_accepting(self, error: OSError) -> None:
-        """Stop accepting clients for about a second. Report the first such error; report the next one only
-        after a client was accepted."""
+        """Stop accepting clients for about a second. Report the error, unless an earlier error was reported
+        and no client was accepted since.
+        """
         if not self._is_pause_reported:
             self._is_pause_reported = True
             self.relay.notify(

@@ -1,4 +1,4 @@
-"""TCP sessions of the proxy. They forward data, half-close, reset and back-pressure in both directions."""
+"""TCP sessions of the proxy, which forward data, half-close, reset and back-pressure in both directions."""
 
 from __future__ import annotations
 
@@ -29,12 +29,13 @@ A call may take 180 s, the default of InvokeTimeout (orin_bcap C/src/bCAPServer/
 
 STUCK_AFTER_NS = 10_000_000_000
 """Idle time in ns after which a session ends if only the controller has ended its direction. After the same
-idle time, a new client may evict a session that is half closed, or whose client or controller does not read.
+idle time, a new client may evict a session that is half closed, or in which one end does not read.
 """
 
 ANSWERED_IDLE_NS = 1_000_000_000
-"""Idle time in ns after which a session may be evicted if its client ended its direction and has received
-bytes since."""
+"""Idle time in ns after which a session may be evicted if the client has ended its direction and received
+bytes since then.
+"""
 
 MAX_PENDING = 1 << 18
 """With rules, the session stops reading if more than this number of bytes wait for a slow receiver.
@@ -79,7 +80,7 @@ class TcpSession(RelaySession):
         address: SocketAddress,
         first: tuple[bytes, int],
     ) -> None:
-        """Register a client. Its connection to the controller is not established yet.
+        """Register a client. The client's connection to the controller is not established yet.
 
         `ends` holds the sockets toward the client and the controller. `first` holds the bytes that the client
         has sent so far, and when they arrived in ns since 1970.
@@ -132,7 +133,7 @@ class TcpSession(RelaySession):
         return sent_at if sent == len(data) else 0
 
     def on_nothing_held(self, up: bool) -> None:
-        """If the source of a direction has ended, forward the end now. Also resume reading."""
+        """If the source of a direction has ended, forward this end now. Also resume reading."""
         self._shut_sink_when_flushed(self._up if up else self._down)
         self._update_masks()
 
@@ -183,8 +184,7 @@ class TcpSession(RelaySession):
         self._relay.ring.write_required(how, self.number, cause, received_at, sent_at=sent_at, up=half.up)
 
     def _send_last(self, half: _HalfConnection) -> None:
-        """Write as many pending bytes as the system accepts at once. Report the bytes that could not be
-        written as lost."""
+        """Write as many pending bytes as the system accepts at once. Report the remaining bytes as lost."""
         rest, sent, when = len(half.pending), 0, time.time_ns()
         with suppress(OSError):
             sent = half.sink.send(half.pending)
@@ -209,8 +209,9 @@ class TcpSession(RelaySession):
         return quiet if is_stuck and quiet > STUCK_AFTER_NS else None
 
     def sweep(self, now: int) -> None:
-        """End a session that cannot connect or stays half closed too long. If the session continues, forward
-        the end of a direction that rules delayed."""
+        """End a session that cannot connect or stays half closed too long. If the session continues and rules
+        delayed the end of a direction, forward this end.
+        """
         if not self._connected and now - self.last_heard > CONNECT_TIMEOUT_NS:
             self.fail(errno.ETIMEDOUT)
         elif not self._is_half_open and self._is_expired(now - self._last_activity):

@@ -30,14 +30,13 @@ from bcapscope.transport.descriptors import wait_readable
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 
 EXPIRE_AFTER_NS = 600_000_000_000
-"""The relay removes a client that is silent for this time in ns. Clients are removed late, because the
-controller takes a removed client that sends again for a new client. The socket of a silent client costs
-almost nothing.
+"""The relay removes a client that is silent for this time in ns. The time is long, because the controller
+sees a removed client that sends again as a new client. The socket of a silent client costs almost nothing.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""If all slots are taken, a new client may replace one that has been silent for this time in ns. DENSO's C
-server evicts clients in the same way (orin_bcap C/src/bcap_server.c).
+"""If all slots are taken, a new client may replace a client that has been silent for this time in ns. DENSO's
+C server evicts clients in the same way (orin_bcap C/src/bcap_server.c).
 """
 
 _MAX_OLD = 10_000
@@ -55,8 +54,8 @@ class UdpListener(ClientListener):
     """A UDP socket to which clients send their requests.
 
     Attributes:
-        refused: True from the report that the controller refuses datagrams until the controller sends a
-            datagram.
+        refused: True after a report that the controller refuses datagrams; False again once the controller
+            sends a datagram.
         sessions: Sessions of the clients that have sent more than one datagram, by client address.
     """
 
@@ -209,8 +208,8 @@ class UdpSession(RelaySession):
         return sent_at
 
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
-        """Send requests instead of the client, each after the reply to the previous one. Return how many
-        requests got a reply. This method blocks the relay. No request is sent after the time `until`, in
+        """Send requests on behalf of the client, each after the reply to the previous request. Return how
+        many requests got a reply. This method blocks the relay. No request is sent after the time `until`, in
         seconds of `time.monotonic`.
         """
         for count, request in enumerate(requests):
@@ -254,7 +253,9 @@ class UdpSession(RelaySession):
         self._count_drops()
 
     def notify_refused(self) -> None:
-        """Report that the controller refuses datagrams, once until the controller sends a datagram."""
+        """Report that the controller refuses datagrams. Repeat the report only after the controller has sent
+        a datagram.
+        """
         if not self._listener.refused:
             self._listener.refused = True
             self._relay.notify(Message("client.refuses-datagrams", controller=str(self._listener.to)))
@@ -291,7 +292,7 @@ def _datagram_handler(
     def on_datagram(_: int) -> None:
         try:
             data, control, _flags, address = receive(LARGEST_DATAGRAM, ANCILLARY_SIZE)
-        # no datagram after all, or on Windows a report that the port of an earlier client is closed
+        # there was no datagram, or Windows reported that the port of an earlier client is closed
         except OSError as error:
             if session is not None and isinstance(error, ConnectionRefusedError):
                 session.notify_refused()

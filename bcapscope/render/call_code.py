@@ -169,8 +169,9 @@ def _name_arguments(opened: ObjectHandle) -> Sequence[str]:
 def _call_lines(
     function_id: int, arguments: Sequence[Variant], chain: Sequence[ObjectHandle]
 ) -> Iterator[str]:
-    """Yield the lines that make the call: by a method if the arguments fit one, or else by function
-    number."""
+    """Yield the lines that make the call: by a method if one takes these arguments, or else by function
+    number.
+    """
     function = FUNCTIONS.get(function_id)
     subject = chain[-1].kind if chain else None
     if function is None or subject is not function.owner or not _has_method_types(function, arguments):
@@ -190,7 +191,7 @@ def _call_by_number_lines(
     if chain and arguments and arguments[0].value == chain[-1].handle:
         values[0] = f"Variant({_type(arguments[0].vt)}, {chain[-1].kind.lower()}.handle)"
     elif function is not None and function.takes_handle:
-        yield f"# It is unknown how this {function.owner} was opened. Open it here and use its handle."
+        yield f"# It is unknown how this {function.owner} was opened. Open the object and use its handle."
     yield f"# {function_name(function_id)}"
     yield f"print(wait(service.session.call({function_id}, [{', '.join(values)}])))"
 

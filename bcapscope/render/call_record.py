@@ -52,7 +52,7 @@ class CallRecordRenderer:
         `subject`, the object of the call's handle.
 
         `started` is in seconds since 1970. `latency_ms` runs from the first request to the accepted reply.
-        `rtt_ms` runs to the accepted reply from the attempt that it answers. All lists except `serials` and
+        `rtt_ms` is the time from the answered attempt to the accepted reply. All lists except `serials` and
         `places` hold frame numbers. If the call was captured at two places, `places` has one object per
         frame.
         """
@@ -87,7 +87,7 @@ class CallPackets:
     """Adds the member `packets` to calls as JSON: the capture and the packet of each frame of a call."""
 
     def __init__(self, origin_of: Callable[[int], PacketOrigin | None], only_path: str | None) -> None:
-        """Prepare to add the member to calls.
+        """Prepare to add the member `packets` to calls.
 
         Args:
             origin_of: Takes the number of a packet among all packets that were read, and returns the capture

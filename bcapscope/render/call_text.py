@@ -51,7 +51,7 @@ class CallRenderer:
         self._write_time = timestamp_writer(time_format)
         self._palette = palette
         self._words = words
-        # These texts of the message catalogue are looked up only once, to print the lines of many calls fast.
+        # Look up these texts of the message catalogue only once, so that the lines of many calls print fast.
         self._roles = {role: words(f"frame.role.{role.replace(' ', '-')}") for role in FrameRole}
         self._labels = {name: words(f"call.label.{name}") for name in ("frame", "serial", "reserved", "at")}
         self._frame_text = words("call.frame", requests="{0}")
@@ -154,7 +154,9 @@ class CallRenderer:
         return self._located(self._frames_text.format(requests, ",".join(map(str, numbers))), call)
 
     def _located(self, frames: str, call: Call) -> str:
-        """If several captures are read, append to `frames` in which captures and packets the frames are."""
+        """If several captures are read, append the captures and packets of the frames to the text
+        `frames`.
+        """
         origins = origins_text((event.observation.number for event in call.frames), self._words)
         return f"{frames} ({origins})" if origins else frames
 
@@ -180,7 +182,7 @@ class CallRenderer:
         return f"  {color.problem}{words('list.comma').join(parts)}{color.reset}" if parts else ""
 
     def _place_remarks(self, call: Call) -> Iterator[str]:
-        """If two places captured the call, yield remarks on where its frames were lost or held."""
+        """If the call was captured at two places, yield remarks on where its frames were lost or held."""
         words, lost = self._words, call.lost_between
         if lost:
             case = "proxy" if lost[0].is_relayed else "between"

@@ -10,8 +10,9 @@ from bcapscope.messages.places import Count
 
 
 def capture_counts_text(counts: CaptureCounts, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return text with the number of frames found, and what was missing, damaged or not b-CAP in the
-    packets."""
+    """Return text with the number of frames found, and the numbers of packets and bytes that were missing,
+    damaged or not b-CAP.
+    """
     return words("list.semicolon").join(map(words.text, _messages(counts)))
 
 

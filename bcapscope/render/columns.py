@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from bcapscope.protocol.text_format import display_width
 
 _WIDE = "\u1100-\u115f\u2e80-\ua4cf\uac00-\ud7a3\uf900-\ufaff\ufe30-\ufe6f\uff01-\uff60\uffe0-\uffe6"
-"""Matches East Asian characters that take two terminal columns. Text may be wrapped before and after such a
-character.
+"""Matches East Asian characters that take two terminal columns. Text may be wrapped before and after each of
+these characters.
 """
 
 _CLOSING = "、。，．）」』】：；！？ーぁぃぅぇぉっゃゅょァィゥェォッャュョ"
@@ -21,8 +21,8 @@ _INDENT = " " * 7
 _NARROWEST_ROW = 40
 
 _WORDS = re.compile(f" *(?:[{_WIDE}][{_CLOSING}]*|[^ {_WIDE}]+[{_CLOSING}]*| +$)")
-"""Matches the pieces of a line between which it may be wrapped. A piece is a word or one wide character, with
-the spaces before it.
+"""Matches the pieces of a line; the line may be wrapped between two pieces. A piece is a word or one wide
+character, with the spaces before it.
 """
 
 

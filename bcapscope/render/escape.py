@@ -13,9 +13,9 @@ common in Japanese text.
 def printable(text: str) -> str:
     """Escape every character that is not printable.
 
-    Control characters (C0, C1, DEL), bidirectional overrides and other formatting, line and paragraph
-    separators, lone surrogates, private and unassigned characters become ``\\xNN``, ``\\uNNNN`` or
-    ``\\UNNNNNNNN``. The result contains no control characters and can be encoded in UTF-8.
+    The result has ``\\xNN``, ``\\uNNNN`` or ``\\UNNNNNNNN`` instead of control characters (C0, C1, DEL),
+    bidirectional overrides and other formatting, line and paragraph separators, lone surrogates, private and
+    unassigned characters. The result contains no control characters and can be encoded in UTF-8.
     """
     if text.isprintable():
         return text

@@ -12,8 +12,7 @@ _DEEPEST = 4
 
 
 def words_for(words: MessageFormatter, totals: TrafficTotals) -> MessageFormatter:
-    """Return a formatter for sentences about certain traffic: it counts times from the traffic's start in
-    `totals`."""
+    """Return a formatter that counts times from the start of the traffic, as given in `totals`."""
     return words.for_report(totals.began, totals.has_only_client)
 
 
@@ -26,8 +25,9 @@ def finding_sentence(finding: Finding, words: MessageFormatter) -> str:
 
 
 def finding_depths(findings: Sequence[Finding]) -> list[int]:
-    """Return for each finding how far to indent it: its cause, the cause of this cause and so on count one
-    each, up to 4."""
+    """Return the indentation depth of each finding: 0 without a cause, otherwise one more than its cause, at
+    most 4.
+    """
     depths: list[int] = []
     for finding in findings:
         cause = finding.consequence_of

@@ -105,8 +105,9 @@ class _TreeSection:
 
 
 def colored_value(row: FieldRow, palette: Palette) -> str:
-    """Return the meaning of a row in colour: result codes in the colour of success or failure, other values
-    in that of numbers."""
+    """Return the meaning of a row in colour: a result code in the colour of success or failure, any other
+    value in the colour of numbers.
+    """
     if row.failed is not None:
         return f"{palette.bad if row.failed else palette.good}{row.text}{palette.reset}"
     if row.kind is FieldRowKind.LEAF and row.text:

@@ -67,7 +67,7 @@ def _line(row: bytes, styles: list[str], reset: str, per_line: int) -> str:
     shown, letters = [], []
     for style, run in groupby(range(len(row)), lambda index: styles[index]):
         indexes = list(run)
-        # A space gets the style of the two bytes around it; it gets no style if they differ in style.
+        # A space gets the style of the two bytes around it if both have the same style, otherwise no style.
         pairs = "".join(f"{_blanks(index)}{row[index]:02x}" for index in indexes).lstrip()
         word = "".join(_ASCII[row[index]] for index in indexes)
         shown.append(_blanks(indexes[0]) + _styled(pairs, style, reset))

@@ -11,8 +11,8 @@ from bcapscope.render.number import number_text, single_text
 def untyped_text(variant: Variant) -> str | None:
     """Return a value in the notation without its type. The notation can be parsed only if the type is known.
 
-    The result is None if the notation cannot express the value: a VARIANT array inside a VARIANT array, an
-    array of strings that contain a separator, or a type that b-CAP does not have.
+    The result is None if the notation cannot express the value. Examples are a VARIANT array inside a VARIANT
+    array, strings that contain a separator in an array, and types that b-CAP does not have.
     """
     text = _untyped_text(variant)
     return text if text is not None and _reads_back(variant, f"{type_word(variant.vt)}:{text}") else None

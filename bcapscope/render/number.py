@@ -1,4 +1,4 @@
-"""Write numbers as exact text with as few digits as possible."""
+"""Write numbers as exact text with the fewest possible digits."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def currency_text(raw: int) -> str:
 
 
 def number_text(value: int | float) -> str:
-    """Return a number as text, with as few digits as give the same number when parsed."""
+    """Return a number as text, with the fewest digits that give the same number when parsed."""
     text = orjson.dumps(value).decode("ascii")
     return repr(value) if text == "null" else text
 
@@ -56,8 +56,9 @@ def singles_text(values: tuple[float, ...]) -> str:
 
 
 def single_text(value: float) -> str:
-    """Return an R4 value as text: with seven, eight or nine digits, as few as give the same R4 value when
-    parsed."""
+    """Return an R4 value as text: with seven to nine digits: the fewest that give the same R4 value when
+    parsed.
+    """
     texts = (f"{value:.{digits}g}" for digits in (7, 8))
     same = (text for text in texts if _SINGLE.pack(float(text)) == _SINGLE.pack(value))
     return number_text(float(next(same, f"{value:.9g}")))

@@ -26,8 +26,8 @@ from bcapscope.render.escape import printable
 _COUNTS = ("retries", "late", "unanswered", "repeated", "shifted", "held")
 
 RETRIES_EXPECTED = Message("play.retries-expected")
-"""Says that retries are normal. DENSO's timeout for Sync over UDP causes retries (DENSO Wave 2009, How to use
-the Slave mode).
+"""Says that retries are normal. Over UDP, the timeout that DENSO recommends for Sync causes retries (DENSO
+Wave 2009, How to use the Slave mode).
 """
 
 

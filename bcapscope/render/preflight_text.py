@@ -37,7 +37,9 @@ def trajectory_line(number: int, trajectory: Trajectory, words: MessageFormatter
 def source_lines(
     trajectory: Trajectory, words: MessageFormatter = ENGLISH_WORDS, width: int = WIDEST
 ) -> Iterator[str]:
-    """Yield how a file was read: format, size, interval, the column and unit of each axis, and notes."""
+    """Yield lines about how a file was read: format, size, interval, the column and unit of each axis, and
+    notes.
+    """
     source = trajectory.source
     texts = [words.text(each) for each in (source.file_format, source.part) if each is not None]
     yield f"{printable(source.path)}: {printable(', '.join(texts))}"
@@ -183,8 +185,9 @@ def _place(column: Column) -> Message:
 
 
 def _bounded_number(value: float, digits: int) -> str:
-    """Return a number as text with `digits` decimals. A very large number gets an exponent instead, to stay
-    short."""
+    """Return a number as text with `digits` decimals. A very large number is written with an exponent, to
+    stay short.
+    """
     return f"{value:.{digits}f}" if abs(value) < _LARGEST_SHOWN else f"{value:.3g}"
 
 

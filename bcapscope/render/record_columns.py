@@ -39,8 +39,9 @@ _WIDTHS = {
     FieldType.HRESULT: 10,
     FieldType.TEXT: 10,
 }
-"""Minimum widths of columns, by type of the field. A cell that is longer makes the column wider from its line
-on."""
+"""Minimum widths of columns, by type of the field. A longer cell widens the column in this line and in all
+following lines.
+"""
 
 ORIGIN_FIELDS = (
     FilterField("file", FieldType.TEXT, tuple(RecordKind), "capture that contains the packet"),
@@ -57,7 +58,7 @@ CALL_COLUMNS = (
 
 
 class ColumnFormat(StrEnum):
-    """Format of columns if they are not written as lines of text."""
+    """Format of the output, if the output is not lines of text."""
 
     CSV = "csv"
     JSON = "json"

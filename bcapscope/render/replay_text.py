@@ -15,7 +15,7 @@ from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
 from bcapscope.render.reply_text import ReplyRenderer
 
-if TYPE_CHECKING:  # not imported at run time: these modules use a clock, which `render` must not
+if TYPE_CHECKING:  # not imported at run time: these modules use a clock, and `render` must not use one
     from bcapscope.replay.replay_script import ScriptCall
     from bcapscope.replay.script_player import PlayedCall
 

@@ -44,8 +44,8 @@ class ReplyRenderer:
     def record(
         self, observation: Observation, call_kind: CallKind, took: int, attempts: tuple[Attempt, ...]
     ) -> bytes:
-        """Return a JSON object. It has the members of the reply frame, the duration as `took_ms`, and the
-        number of attempts as `tries`.
+        """Return a JSON object with the members of the reply frame, the duration as `took_ms`, and the number
+        of attempts as `tries`.
         """
         return b'%b,"took_ms":%b,"tries":%d}' % (
             self._records.record(observation, call_kind)[:-1],

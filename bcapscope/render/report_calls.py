@@ -69,8 +69,9 @@ _FRAME_STYLES: dict[FrameRole, tuple[str, str]] = {
 
 
 def timeline_picture(report_data: ReportData, words: MessageFormatter) -> Picture:
-    """Return the timeline. It has one row per client, with the client's calls, slave-mode sessions and
-    events."""
+    """Return the timeline, which has one row per client, with the client's calls, slave-mode sessions and
+    events.
+    """
     timelines = report_data.timelines[:MAX_TIMELINE_ROWS]
     rows = {timeline.conversation: -index for index, timeline in enumerate(timelines)}
     drawn = [session for session in report_data.slave_sessions if session.conversation in rows]

@@ -133,7 +133,7 @@ class HistogramBars(NamedTuple):
 
 
 def histogram_bars(bins: Sequence[Bin], least: float, most: float) -> HistogramBars:
-    """Combine fine bins into bars of equal width. The middle of a bin decides to which bar it belongs.
+    """Combine fine bins into bars of equal width. Each bin belongs to the bar that contains the bin's middle.
 
     If the values span a large range, the bars are equally wide on a logarithmic axis.
 

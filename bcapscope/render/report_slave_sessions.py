@@ -40,8 +40,8 @@ _MARGIN = {"l": 64, "r": 18, "t": 56, "b": 48}
 
 
 def session_pictures(session: SlaveSession, start: int, words: MessageFormatter) -> list[Picture]:
-    """Return the pictures of a slave-mode session, without empty ones. `start` is the time of the first frame
-    in ns since 1970.
+    """Return the pictures of a slave-mode session, except for pictures without data. `start` is the time of
+    the first frame in ns since 1970.
     """
     drawing = _SessionDrawing(session, start, words)
     pictures = drawing.pace(), drawing.spread(), drawing.motion()

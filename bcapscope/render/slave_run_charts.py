@@ -87,8 +87,8 @@ def run_figure_lines(
 ) -> Iterator[str]:
     """Yield lines with elapsed and remaining time, lateness, retries and the estimated level of the buffer.
 
-    `slack` has three values about the buffer: its number of slots, the time in ms that it lasts when full,
-    and the time in ms that was left at the longest pause. `slack` is None if the buffer cannot run empty.
+    `slack` holds the buffer's number of slots, the time in ms that a full buffer lasts, and the time in ms
+    that was left at the longest pause. `slack` is None if the buffer cannot run empty.
     """
 
     def number(text: str) -> str:
@@ -138,7 +138,7 @@ def _progress_line(progress: PlayProgress, palette: Palette, words: MessageForma
 
 
 def progress_bar(progress: PlayProgress, width: int, palette: Palette = PLAIN) -> str:
-    """Return a progress bar, or "" if the play has no end."""
+    """Return a progress bar, or "" if `play` continues without end."""
     if not progress.of:
         return ""
     done = round(min(1.0, progress.index / progress.of) * width)

@@ -171,7 +171,8 @@ _MEMBERS: dict[type, str] = {
     ),
 }
 """JSON members of each class, in order. A member is written ``name=attribute``, or only as the name if both
-are equal. ``@`` marks a time. ``!`` marks a result code, which is followed by a member with its name.
+are equal. ``@`` marks a time. ``!`` marks a result code, which is followed by a member with the name of the
+code.
 """
 
 

@@ -133,8 +133,9 @@ def _refusals(statistics: Statistics, palette: Palette, words: MessageFormatter)
 
 
 def _place_lines(places: Sequence[PlaceFigures], palette: Palette, words: MessageFormatter) -> Iterator[str]:
-    """Yield a table with the delays and losses between the two places where each conversation was
-    captured."""
+    """Yield a table with the delays and losses between two places, one row per conversation that was captured
+    at both places.
+    """
     if not places:
         return
     rows = [(words("stats.places"), *(words(f"stats.column.{name}") for name in _PLACE_COLUMNS))]

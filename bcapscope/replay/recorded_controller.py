@@ -192,8 +192,8 @@ class _ReplayClient:
 class RecordedController(ClientHost):
     """Plays the role of a recorded controller. For each client, the script starts from its beginning.
 
-    `unknown_calls` counts the calls without a usable recorded reply, which get E_NOTIMPL. A call only waits
-    for its recorded delay, so the replay may use a clock that stops while the process does not run.
+    `unknown_calls` counts the calls without a usable recorded reply, which get E_NOTIMPL. The replay may use
+    a clock that stops while the process does not run, because the clock only measures the recorded delays.
     """
 
     evictable_after = IDLE_CLIENT_NS

@@ -17,8 +17,8 @@ class ScriptCall(NamedTuple):
 
     Attributes:
         offset: Time from the first call of the script to the first attempt of this call.
-        duration: Time to the reply from the attempt that it answers; 0 if no reply was captured.
-        notice_offsets: For each notice (S_EXECUTING), the time from the first attempt to it.
+        duration: Time from the answered attempt to the reply; 0 if no reply was captured.
+        notice_offsets: For each notice (S_EXECUTING), the time from the first attempt to the notice.
     """
 
     number: int

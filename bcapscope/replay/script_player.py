@@ -24,8 +24,9 @@ from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 from bcapscope.replay.set_point_runs import mode_entered
 
 ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE = 1e-3, 1e-4
-"""Two numbers count as equal if their absolute or relative difference is at most this. A robot never returns
-exactly the same positions or times twice."""
+"""Two numbers count as equal if their absolute or relative difference is at most this value. A robot never
+returns exactly the same positions or times twice.
+"""
 
 
 class NotAtStartError(BcapError):
@@ -35,8 +36,8 @@ class NotAtStartError(BcapError):
 class PlayedCall(NamedTuple):
     """A call of the script, and its result in the replay.
 
-    `delay` is how much later than planned the call was made, in ns: the calls before it may have taken longer
-    than in the recording.
+    `delay` is the time in ns between the planned and the actual start of the call. Earlier calls can take
+    longer than in the recording.
     """
 
     script_call: ScriptCall
@@ -75,9 +76,9 @@ class PlayedCall(NamedTuple):
 class ScriptPlayer:
     """Plays a script.
 
-    A recording that does not begin with Service_Start may use objects that were opened before it began.
-    `ObjectOpener` opens these objects. At the end of the replay, the client session releases the objects that
-    the recording leaves open.
+    A recording that does not begin with Service_Start may use objects that were opened before the recording
+    began. `ObjectOpener` opens these objects. At the end of the replay, the client session releases the
+    objects that the recording leaves open.
     """
 
     def __init__(

@@ -31,7 +31,8 @@ from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 
 _SHORTEST = 0.001
 """Shortest time between two set points that the check assumes, in seconds. No controller accepts set points
-faster."""
+at shorter intervals.
+"""
 
 
 class UnreadableSetPointError(BcapError):
@@ -58,7 +59,7 @@ def mode_entered(call: ScriptCall) -> int | None:
 
 
 def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
-    """Yield the runs of set points in a script. Before a call shows the slave mode, set points count as joint
+    """Yield the runs of set points in a script. Until a call shows the slave mode, set points count as joint
     positions.
 
     Raises UnreadableSetPointError if a set point is not a pose, or if the number of axes changes within a

@@ -87,7 +87,7 @@ def integer_of(variant: Variant) -> int:
 
 
 def number_within(variant: Variant, allowed: range, refusal: int) -> int:
-    """Read an integer. If it is not in `allowed`, refuse the call with the code `refusal`."""
+    """Read an integer. If the number is not in `allowed`, refuse the call with the code `refusal`."""
     number = integer_of(variant)
     if number not in allowed:
         raise RefusedError(refusal)

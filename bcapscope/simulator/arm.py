@@ -161,7 +161,7 @@ class TimedMove:
     def __init__(
         self, arm: Arm, goal: Joints, now: int, speed: float, *, passing: int = 0, min_duration: int = 0
     ) -> None:
-        """Begin the motion at the share `speed` of the highest speed. `MotionTarget` describes `passing`."""
+        """Begin the motion; `speed` is a share of the highest speed. `MotionTarget` describes `passing`."""
         self._arm = arm
         self._goal = goal
         self._speed = speed

@@ -15,8 +15,9 @@ class Certainty(StrEnum):
     OBSERVED = "observed"
     """DENSO's server or driver, or published captures, show the behaviour, or users have reported it."""
     ASSUMED = "assumed"
-    """No source states the behaviour. The simulator has the likeliest behaviour, or the simplest one that
-    works."""
+    """No source states the behaviour. The simulator has the likeliest behaviour, or the simplest behaviour
+    that works.
+    """
 
 
 class Behaviour(NamedTuple):
@@ -30,7 +31,7 @@ class Behaviour(NamedTuple):
 
 
 def read_behaviours() -> tuple[Behaviour, ...]:
-    """Return all simulated behaviours. Those that depend on the profile come first."""
+    """Return all simulated behaviours. The behaviours that depend on the profile come first."""
     text = resources.files("bcapscope.simulator").joinpath("behaviours.md").read_text(encoding="utf-8")
     _, _, table = text.partition("\n|---|---|---|---|\n")
     rows = (line.strip("| ").split(" | ") for line in table.splitlines())

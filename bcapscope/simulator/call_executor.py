@@ -156,7 +156,9 @@ class CallExecutor:
         return raw
 
     def _reply_arguments(self, function_id: int, answer: CallResult) -> tuple[Variant, ...]:
-        """Return the arguments of a reply: its value or, as the profile decides, EMPTY or no argument."""
+        """Return the arguments of a reply: its value if it has one, otherwise EMPTY or nothing, as the
+        profile decides.
+        """
         if function_id not in _FUNCTIONS_WITH_RESULT or answer.hresult == E_NOTIMPL:
             return ()
         if answer.value is not None:

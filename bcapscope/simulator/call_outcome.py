@@ -3,7 +3,8 @@ refusals.
 
 Sources for the meanings of the codes: the public list of controller errors in
 nkawa/Denso_CobottaPro900_MQTT_Control; for the symbols of CAO: orin_bcap CSharp ORiNDefine.cs. If a code
-depends on the axis, the constant is the code for axis 0. Add the axis number 1..8 to this code.
+depends on the axis, the constant is the code for axis 0. To get the code of an axis, add the axis number (1
+to 8) to the constant.
 """
 
 from __future__ import annotations

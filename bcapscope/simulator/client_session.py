@@ -1,9 +1,9 @@
 """One client of the simulated controller: its session, its handles, and the calls that it may make.
 
-Source for the limits and the options of Service_Start: orin_bcap C/src/bCAPServer/bcap_server.c. It is
-assumed that every other call needs Service_Start first. Before Service_Start, the controller is assumed to
-answer E_NOT_CONNECTED. Source for the calls that slave mode refuses, and for the calls that end slave mode:
-issues 13, 21, 42 and 48 of DENSORobot/denso_robot_ros.
+Source for the limits and the options of Service_Start: orin_bcap C/src/bCAPServer/bcap_server.c. The
+simulator assumes that every call needs Service_Start first, and that a real controller answers
+E_NOT_CONNECTED before Service_Start. Source for the calls that slave mode refuses, and for the calls that end
+slave mode: issues 13, 21, 42 and 48 of DENSORobot/denso_robot_ros.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ _OTHER_CLIENTS_COMMANDS = frozenset(
     )
 )
 """Commands that a client may call while another client is in slave mode (orin_bcap_python_samples
-others/bcapslavemove_handmove_COBOTTA.py). It is assumed that the client in slave mode itself may not call
-these commands. The hand cannot move while slave mode moves the arm (issue 13 of
+others/bcapslavemove_handmove_COBOTTA.py). The simulator assumes that the client in slave mode may not call
+these commands itself. The hand cannot move while slave mode moves the arm (issue 13 of
 DENSORobot/denso_robot_ros).
 """
 
@@ -143,8 +143,8 @@ class ClientSession:
         """Open the controller. RC7 ignores all four arguments; other controllers require the name of their
         provider.
 
-        The name of a controller object is in use while any client has such an object open, even a crashed
-        client that the controller still remembers.
+        While any client has a controller object open, the name of this object is in use. This includes
+        crashed clients that the controller still remembers.
         """
         name, provider, _, option = (text_of(argument_at(arguments, index)) for index in range(4))
         providers = self.machine.profile.providers
@@ -171,8 +171,8 @@ def is_allowed_in_slave_mode(
 ) -> bool:
     """Return whether slave mode accepts a call; `is_other` means that another client has the arm.
 
-    If no source mentions a call, slave mode accepts the call only if it reads. Slave mode accepts unknown
-    commands, and the controller refuses them when they run.
+    If no source mentions a call, slave mode accepts the call only if the call reads data. Slave mode accepts
+    unknown commands, and the controller refuses them when they run.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:

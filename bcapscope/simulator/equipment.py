@@ -3,8 +3,8 @@
 Times are in ns, widths in mm, and speeds in mm/s. Source of `COBOTTA_HAND`: DENSORobot/denso_cobotta_ros
 denso_cobotta_gripper/config/gripper_parallel.yaml (stroke, speed, acceleration, force). Source of
 `TWO_FINGER_HAND`: the documentation of TwofgGrip quoted in nkawa/Denso_CobottaPro900_MQTT_Control (force,
-speed in percent, width of an external grip). Assumed are the speed of a grip without speed parameter, the
-second hand's speed in mm/s, and the start position with both hands open.
+speed in percent, width of an external grip). These values are assumptions: the speed of a grip without speed
+parameter, the second hand's speed in mm/s, and the start position with both hands open.
 """
 
 from __future__ import annotations

@@ -7,9 +7,10 @@ result codes: the list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Co
 touch an object without gripping it: DENSORobot/denso_robot_ros issue 46. Source for the fact that the hand
 needs the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
 
-The call of a hand lasts as long as its motion. The samples send the next command at once, and a moving hand
-would refuse it. No force acts on the simulated robot. The simulator has one arm. SyncTimeStart, SyncTimeEnd,
-SyncMoveStart and SyncMoveEnd therefore do not change motions; the simulator only checks their order.
+A call that moves a hand lasts as long as the motion. The samples send the next command at once, and a moving
+hand would refuse this command. No force acts on the simulated robot. The simulator has one arm.
+SyncTimeStart, SyncTimeEnd, SyncMoveStart and SyncMoveEnd therefore do not change motions; the simulator only
+checks their order.
 """
 
 from __future__ import annotations
@@ -204,8 +205,8 @@ def _force(hand: Hand, part: Variant) -> float:
 
 
 def _has_next_option(rest: tuple[Variant, ...]) -> bool:
-    """Return whether the option NEXT is given, which ends the call before its motion. The option DetectOn has
-    no effect.
+    """Return whether the option NEXT is given, with which the call ends before the motion. The option
+    DetectOn has no effect.
     """
     return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
 
@@ -267,7 +268,9 @@ def _close_bracket(context: CallContext, parameter: Variant, name: str) -> None:
 
 
 def _force_control(context: CallContext, parameter: Variant) -> None:
-    """Run ForceCtrl: on or off, number 1..10, mode. Force control stays off while the motor is off."""
+    """Run ForceCtrl, whose parameters are on or off, a number 1..10 and a mode. Force control stays off while
+    the motor is off.
+    """
     items, machine = items_of(parameter), context.machine
     machine.check_arm(context.client)
     if integer_of(argument_at(items, 0)) == 0:

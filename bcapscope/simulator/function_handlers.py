@@ -5,8 +5,8 @@ DENSORobot/denso_robot_ros2, nkawa/Denso_CobottaPro900_MQTT_Control (bits of Sys
 If only a real controller program can fill a field of an error, the field is 0.
 
 The simulator answers E_NOTIMPL to a function without a handler in this module. The C server answers E_NOTIMPL
-to an id without callback (orin_bcap C/src/bCAPServer/bcap_server.c). DENSO's skeleton of a provider also
-answers E_NOTIMPL (CaoProvRobot.cpp, 2003).
+to a function id without a callback (orin_bcap C/src/bCAPServer/bcap_server.c). DENSO's skeleton of a provider
+also answers E_NOTIMPL (CaoProvRobot.cpp, 2003).
 
 The only source for missing functions concerns the robot: a wrapper of the RC8 provider (VE026A_JNI.java by
 Suzuki, 2015) has no methods Chuck, Unchuck, GoHome and Drive. The simulator nevertheless has Drive, because
@@ -219,7 +219,7 @@ def _get_message(context: CallContext, arguments: Arguments) -> Variant:
 
 
 def command_runner(commands: CommandTable) -> FunctionHandler:
-    """Return a handler of an ..._Execute function that refuses commands the profile lacks."""
+    """Return a handler of an ..._Execute function that refuses commands that the profile lacks."""
 
     def execute(context: CallContext, arguments: Arguments) -> HandlerOutcome:
         name = text_of(argument_at(arguments, 0)).casefold()

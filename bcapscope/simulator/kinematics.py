@@ -149,13 +149,13 @@ PoseNumbers: TypeAlias = tuple[float, ...]
 
 
 def moved_in_base(pose: PoseNumbers, deviation: PoseNumbers) -> PoseNumbers:
-    """Return the six numbers of a pose, after moving it along and turning it about the axes of the base."""
+    """Move a pose along the axes of the base, turn the pose about these axes, and return its six numbers."""
     place = tuple(a + b for a, b in zip(pose[:3], deviation[:3], strict=True))
     return place + _combined_angles(pose, deviation, rotation(deviation), rotation(pose))
 
 
 def moved_in_tool(pose: PoseNumbers, deviation: PoseNumbers) -> PoseNumbers:
-    """Return the six numbers of a pose, after moving it along and turning it about its own axes."""
+    """Move a pose along its own axes, turn the pose about these axes, and return its six numbers."""
     turn = rotation(pose)
     place = tuple(a + b for a, b in zip(pose[:3], _apply(turn, deviation[:3]), strict=True))
     return place + _combined_angles(pose, deviation, turn, rotation(deviation))

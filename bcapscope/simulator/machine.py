@@ -2,7 +2,7 @@
 
 Sources for the checked conditions and the codes of refusals: the public list of controller errors in
 nkawa/Denso_CobottaPro900_MQTT_Control and the issues of DENSORobot/denso_robot_ros. The order of the checks
-and all durations are assumed. All times are in ns of the caller's clock.
+and all durations are assumptions. All times are in ns of the caller's clock.
 """
 
 from __future__ import annotations
@@ -221,7 +221,9 @@ class Machine:
         return self._motor_at is not None and now >= self._motor_at
 
     def switch_motor(self, on: bool, now: int) -> int:
-        """Switch the motor off, or on unless `check_state` refuses; return the time in ns when it is done."""
+        """Switch the motor off, or on unless `check_state` refuses; return the time in ns at which the motor
+        has switched.
+        """
         if not on:
             self._lose_power()
             self.stop(now, MOTOR_IS_OFF, is_reported=False)
@@ -275,7 +277,7 @@ class Machine:
         `code`.
 
         If slave mode was on, the next slvMove also returns `code` (issues 20 and 49 of
-        DENSORobot/denso_robot_ros), unless another reply reports `code` (`is_reported`). Later calls of
+        DENSORobot/denso_robot_ros), but not if another reply reports `code` (`is_reported`). Later calls of
         slvMove return the error that slave mode is off (issues 6 and 42).
         """
         self.slave.leave(0 if is_reported else code)
@@ -288,9 +290,9 @@ class Machine:
     def raise_error(self, code: int, now: int, is_reported: bool = False) -> None:
         """Raise an error, which is active until ClearError; motions and slave mode end, and RobSlave stops.
 
-        The motor goes off at level 4 and above, and at a set point beyond a limit (list of controller errors
-        in nkawa/Denso_CobottaPro900_MQTT_Control). The motor also goes off at the emergency stop.
-        `is_reported` has the same meaning as in `stop`.
+        An error of level 4 or above, or a set point beyond a limit, switches the motor off (list of
+        controller errors in nkawa/Denso_CobottaPro900_MQTT_Control). The emergency stop also switches the
+        motor off. `is_reported` has the same meaning as in `stop`.
         """
         self._add_alarm(code, now)
         self.stop(now, code, is_reported)
@@ -305,9 +307,9 @@ class Machine:
         The error is listed once, however often the client repeats the call. If each refusal were listed, 32
         set points in a row would push the error that ended slave mode out of the list.
 
-        A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). It is
-        assumed that an RC7 does the same: a result other than S_OK stops RobSlave and slave mode (DENSO Wave
-        2009).
+        A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). The
+        simulator assumes that an RC7 lists its errors, too, because a result other than S_OK stops RobSlave
+        and slave mode (DENSO Wave 2009).
         """
         if all(alarm.code != code for alarm in self.active_alarms):
             self.raise_error(code, now, is_reported=True)

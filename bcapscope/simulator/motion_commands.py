@@ -45,8 +45,8 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: CallContext, interpolation: Variant, pose: Variant, option: Variant) -> HandlerOutcome:
-    """Run Robot_Move. The arm moves along lines and circles as in PTP, and does not move along a free
-    curve.
+    """Run Robot_Move. To the end of a line or circle, the simulated arm moves as in PTP. The arm does not
+    move along a free curve.
     """
     kind, read = integer_of(interpolation), context.machine.memory.read
     if kind == _CIRCLE:
@@ -79,7 +79,7 @@ def drive(
     passing: int | None = None,
 ) -> HandlerOutcome:
     """Move single axes (1..6) by angles in degrees, or to angles if `absolute`. If `passing` is None,
-    `option` names the pass.
+    `option` names the pass, such as @P or @E.
     """
     joints = list(context.machine.arm.goal)
     for axis, way in axis_moves:
@@ -178,8 +178,8 @@ def _before_position(joints: Joints, distance: float) -> Joints:
 
 
 def _distance(part: Variant) -> tuple[float, int]:
-    """Return the distance in mm and the pass, from text such as `@P 10`, from a number, or from `[10, "",
-    "@P"]`.
+    """Return the distance in mm and the pass (such as @P), from text such as `@P 10`, from a number, or from
+    `[10, "", "@P"]`.
     """
     if isinstance(part.value, str):
         last = part.value.split()[-1:] or ["0"]
@@ -232,7 +232,7 @@ def _axis_moves_of_text(text: str) -> tuple[list[tuple[int, float]], int | None]
 
 
 def _axis_moves_of_pairs(axes: Variant) -> tuple[list[tuple[int, float]], int | None]:
-    """Read pairs of axis and angle; DENSO's ROS driver sends each as `[pair, type, pass]`."""
+    """Read pairs of axis and angle; DENSO's ROS driver sends each pair as `[pair, type, pass]`."""
     ways, passing = [], None
     for parts in map(items_of, items_of(axes)):
         wrapped = isinstance(argument_at(parts, 0).value, tuple)

@@ -1,8 +1,8 @@
 """The objects that a client has opened, by handle.
 
 A client has at most 1000 objects (orin_bcap C/src/bCAPServer/bcap_server.c). A handle is never used again, so
-that a new handle never equals a released one. It is assumed that the release of an object also releases the
-objects opened from it.
+that a new handle never equals a released handle. The simulator assumes that the release of an object also
+releases the objects opened from it.
 """
 
 from __future__ import annotations

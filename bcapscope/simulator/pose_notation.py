@@ -2,8 +2,8 @@
 
 Examples: `@E J(0, 0, 90, 0)`, `@P P1`, a plain array of numbers, or a VARIANT array of numbers, type, pass
 and extra axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2). The number of a variable
-may replace the numbers, as in `[1, "P", "@0"]`. ShoheiKobata's samples send this number as VT_I4, although
-their README says VT_R4. ShoheiKobata's samples also write the pass before the type.
+may replace the numbers of a pose, as in `[1, "P", "@0"]`. ShoheiKobata's samples send this number as VT_I4,
+although their README says VT_R4. ShoheiKobata's samples also write the pass before the type.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def _from_parts(items: tuple[Variant, ...], read: ReadVariable) -> WrittenPose:
 
 
 def _type_and_pass(parts: tuple[Variant, ...]) -> tuple[PoseType | None, int]:
-    """Read pose type and pass; a first part with `@` is the pass."""
+    """Read the pose type and the pass; if the first part has an `@`, this part is the pass."""
     if parts and isinstance(parts[0].value, str) and "@" in parts[0].value:
         parts = (parts[1] if len(parts) > 1 else argument_values.bstr(""), parts[0])
     type_ = _type(parts[0]) if parts else None

@@ -1,8 +1,9 @@
 """Profiles: how the answers of the simulated controller depend on the controller's generation.
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core and
-ShoheiKobata/orin_bcap_python_samples (RC8, RC9); orin_bcap C/src/bCAPServer/bcap_server.c (C server). It is
-assumed that a real RC8 or RC9 uses the library of the C server, and so reports failures in the same way.
+ShoheiKobata/orin_bcap_python_samples (RC8, RC9); orin_bcap C/src/bCAPServer/bcap_server.c (C server). The
+simulator assumes that a real RC8 or RC9 uses the library of the C server, and therefore reports failures as
+the C server does.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ _CONTROLLER_EXECUTE, _ROBOT_EXECUTE = 17, 64
 
 
 def _documented_for(function_id: int, *controllers: str) -> frozenset[str]:
-    """Return the commands, in lower case, that the sources mention for `controllers` and no others."""
+    """Return the commands, in lower case, that the sources mention only for `controllers`."""
     return frozenset(
         each.name.casefold() for each in commands_of(function_id) if each.controllers in controllers
     )
@@ -39,7 +40,7 @@ _RC7_ONLY = frozenset(("putautomode", "getautomode"))
 
 
 class NoArgument(StrEnum):
-    """Which replies carry no argument where other replies carry the value EMPTY. The choice concerns calls
+    """Which replies without a value carry no argument instead of the value EMPTY. The choice concerns calls
     that can return a value.
 
     Only the reply to slvChangeMode is documented for RC7 (DENSO Wave 2009, How to use the Slave mode).

@@ -112,7 +112,9 @@ def _move(
 
 
 def _convert_work(context: CallContext, parameter: Variant) -> Variant:
-    """Run ConvertPosWork, which converts a pose from the coordinates of one work to those of another."""
+    """Run ConvertPosWork, which converts a pose from the coordinates of one work to the coordinates of
+    another work.
+    """
     items = items_of(parameter)
     pose = _parse_position(context, argument_at(items, 0))
     works = context.machine.equipment.works
@@ -195,8 +197,8 @@ _KEEP, _SQUARE = -1, -2
 
 
 def _take_arm(context: CallContext, parameter: Variant) -> None:
-    """Run TakeArm, unless another client has the arm. If the second number is 1, speed, tool and work keep
-    their values.
+    """Run TakeArm, unless another client has the arm. If the second number in the parameter is 1, speed, tool
+    and work keep their values.
     """
     machine, items = context.machine, items_of(parameter)
     keeps = len(items) > 1 and integer_of(items[1]) == 1
@@ -252,8 +254,8 @@ def _current_pose(pose_type: PoseType, timed: bool = False) -> CommandHandler:
 
 
 def _motion_complete(context: CallContext, parameter: Variant) -> Variant:
-    """Run MotionComplete, which returns whether the motion command has ended. If the second number is 1,
-    return whether the encoders are at rest.
+    """Run MotionComplete, which returns whether the motion command has ended. If the second number in the
+    parameter is 1, return whether the encoders are at rest.
     """
     items = items_of(parameter)
     if len(items) > 1 and integer_of(items[1]) == 1:

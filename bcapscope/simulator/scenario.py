@@ -127,7 +127,7 @@ class InitialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Programs of the controller: the names of all programs, and of the running ones."""
+    """Programs of the controller: the names of all programs, and of the running programs."""
 
     loaded: Names = (ROBSLAVE, "Pro1")
     running: Names = ()
@@ -265,7 +265,8 @@ def _variant(value: VariableSetting) -> Variant:
 def load_scenario(name_or_path: str) -> Scenario:
     """Read a bundled scenario by its name, or a scenario from a file.
 
-    Raises DocumentError for an invalid scenario, LookupError for an unknown name, and OSError.
+    Raises DocumentError for an invalid scenario, LookupError for an unknown name, and OSError for an
+    unreadable file.
     """
     bundled = bundled_scenarios()
     if name_or_path in bundled:

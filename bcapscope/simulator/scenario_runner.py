@@ -1,8 +1,9 @@
-"""Playing a scenario: a simulator, with the faults of the scenario between it and its clients.
+"""Playing a scenario: a simulator, with the scenario's faults between the simulator and its clients.
 
-Like the simulator, a `ScenarioRunner` does no I/O and has no clock, and `SimulatorServer` can serve it in the
-same way. Requests pass the socket before the faults, and replies pass the socket after the faults. A capture
-made at the socket therefore shows the same as a capture at the controller's end of the cable.
+Like the simulator, a `ScenarioRunner` does no I/O and has no clock. `SimulatorServer` serves a
+`ScenarioRunner` in the same way as a simulator. Requests pass the socket before the faults, and replies pass
+the socket after the faults. A capture made at the socket therefore shows the same as a capture at the
+controller's end of the cable.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ from bcapscope.traffic.observation import (
 )
 
 MAX_LINES = 1024
-"""Maximum number of clients; beyond it, the runner forgets the UDP client that has been silent longest."""
+"""Maximum number of clients; if more clients connect, the runner forgets the UDP client that has been silent
+longest.
+"""
 
 _HERE = Endpoint("simulator", 0)
 

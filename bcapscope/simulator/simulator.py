@@ -2,7 +2,7 @@
 
 The model does no I/O and has no clock. The limits on clients are those of orin_bcap
 C/src/bCAPServer/bcap_server.c. DENSO's C server ends its UDP service when it receives a datagram that begins
-like a frame but is not a frame. The simulator drops and counts such a datagram.
+like a frame but is not a frame. The simulator drops and counts a datagram that is not a valid frame.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ MAX_CLIENTS = 20
 
 STOP_CLIENTS = 4
 """Number of additional clients per transport that are accepted because their first request is a stop. DENSO's
-C server refuses clients beyond its limit; only bcapscope accepts these.
+C server refuses clients beyond its limit, even if they send a stop.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
 """Time in ns without a request from a UDP client, after which a new client may replace this client. A new
-client replaces another one only if the maximum number of clients is reached.
+client replaces another client only if the maximum number of clients is reached.
 """
 
 LARGEST_REQUEST = 64 * 1024
@@ -97,7 +97,7 @@ class ClientHost:
         refused: Number of connections that were closed because of a bad frame or too many clients.
         evictable_after: Time in ns without a request from a UDP client, after which a new client may replace
             this client.
-        closes_on_bad_frame: Whether a bad frame ends its connection; else the host skips the frame.
+        closes_on_bad_frame: Whether a bad frame ends the connection; if not, the host skips the frame.
     """
 
     evictable_after = EVICTABLE_AFTER_NS

@@ -1,12 +1,13 @@
 """The controller's time: the machine's time, stopped while this process gets no processor.
 
 A real controller never waits for a processor. An event may become due, or a request may arrive, while this
-process gets no processor. The model's time then stands still until the process runs again. If time continued,
-8 ms would pass before the simulator sends the reply that asks the client for its next set point.
+process gets no processor. The model's time then stands still until the process runs again. If the model's
+time continued, 8 ms would pass before the simulator sends the reply that asks the client for its next set
+point.
 
-A frame that arrived during the delay is processed with its arrival time, which the operating system records.
-A set point that arrived in time therefore counts as in time, however late the simulator reads it. Clients
-that do not wait for replies continue during such a delay; with such a client, the model's time does not stop.
+A frame that arrives during this delay is processed with its arrival time, which the operating system records.
+A set point that arrived in time therefore counts as in time, however late the simulator reads it. A client
+that does not wait for replies continues during this delay; the model's time then continues, too.
 """
 
 from __future__ import annotations
@@ -70,9 +71,10 @@ class SimulatorClock:
     def arrival_time(self, received_at: int) -> int:
         """Return the model's time at which a request arrived; `received_at` is in ns since 1970.
 
-        If the request waited too long, the model's time pauses from the arrival. The time does not pause
-        while a call runs, because the request is then most likely a retry of that call. Only the last of
-        several pauses is stored, because requests that arrived before a pause are read soon after the pause.
+        If the request waited too long, the model's time pauses from the request's arrival. The time does not
+        pause while a call runs, because the request is then most likely a retry of that call. Only the last
+        of several pauses is stored, because requests that arrived before a pause are read soon after the
+        pause.
         """
         now, ours = self.update(), self._monotonic()
         moment = ours - max(0, self._wall() - received_at)

@@ -42,8 +42,8 @@ LONGEST_WAIT = 0.5
 # time slice if another program runs.
 _SPIN_NS = 60_000
 
-_MAX_DATAGRAMS = 1024  # maximum number of datagrams that are read before the second one is processed
-_READ_SIZE = 256  # maximum number of bytes read from one connection before the next
+_MAX_DATAGRAMS = 1024  # maximum number of datagrams to read before the second datagram is processed
+_READ_SIZE = 256  # maximum number of bytes to read from one connection in a row
 _READ_SIZE_PACED = 16384  # `_READ_SIZE` in modes where each set point has its own arrival time
 # a match inside a frame does no harm, because both halves are delivered
 _BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")
@@ -51,7 +51,7 @@ _MAX_ACCEPTED = 16  # maximum number of connections accepted in a row
 _SPARE_DESCRIPTORS = 3  # reserved for clients that send a stop when no other descriptor is free
 _TIDY_INTERVAL_NS = 1_000_000_000  # ns
 
-_SAME_MOMENT_NS = 2_000_000  # ns; set points that arrive within this time belong to one cycle
+_SAME_MOMENT_NS = 2_000_000  # time in ns; set points that arrive within this time belong to one cycle
 
 Address: TypeAlias = tuple[str, int]
 ReadyDescriptors: TypeAlias = tuple[list[int], list[int]]
@@ -104,11 +104,11 @@ class _Connection:
 class SimulatorServer:
     """Moves bytes between sockets and a simulator; `tap` receives all traffic.
 
-    The model's time is the time of a `SimulatorClock`. A request has its arrival time, which Linux records.
-    On TCP, Linux records only the arrival of the last byte. In modes where the client sets the pace, set
-    points can pile up. The server then spreads their arrival times evenly between the client's previous bytes
-    and the last bytes. In modes where the client does not set the pace, all requests that were read together
-    have the same arrival time.
+    The model's time is the time of a `SimulatorClock`. Each request keeps its arrival time, which Linux
+    records. On TCP, Linux records only the arrival of the last byte. In modes where the client sets the pace,
+    set points can pile up. The server then spreads the set points' arrival times evenly between the client's
+    previous bytes and the last bytes. In modes where the client does not set the pace, all requests that were
+    read together have the same arrival time.
     """
 
     def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:
@@ -122,7 +122,7 @@ class SimulatorServer:
         self._stops: list[_Connection] = []  # connections accepted beyond the limit for a stop, oldest first
         self._spares = SpareDescriptors(_SPARE_DESCRIPTORS)
         self._is_paused = False
-        self._tidied_at = -_TIDY_INTERVAL_NS  # no spare descriptors yet: the command itself needs some first
+        self._tidied_at = -_TIDY_INTERVAL_NS  # no spare descriptors yet: the command itself needs them first
         self._spin_until = 0
         self._may_be_more = True
         self._polled_empty_at = 0  # time of the latest poll that found no data
@@ -227,10 +227,10 @@ class SimulatorServer:
 
     def _read_datagrams(self) -> None:
         """Read the waiting datagrams, so that the system's buffer does not overflow. Answer the first
-        datagram at once, and queue the remaining ones.
+        datagram at once, and queue the remaining datagrams.
         """
         receive, turns = self._receive, self.datagram_queue
-        # 0: no time is requested, because the datagram came between two polls
+        # 0 requests no arrival time, because the datagram arrived between two polls
         asked = ANCILLARY_SIZE if self._may_be_more else 0
         for number in range(_MAX_DATAGRAMS if self._may_be_more else 1):
             try:
@@ -259,7 +259,7 @@ class SimulatorServer:
         return self._clock.arrival_time(kernel_timestamp(control, 0))
 
     def _accept(self) -> None:
-        """Accept connections; each becomes a client of the controller with its first frame."""
+        """Accept connections; a connection becomes a client once its first frame arrives."""
         for _ in range(_MAX_ACCEPTED):
             try:
                 if (accepted := accept_connection(self._tcp, self._free_descriptor)) is None:
@@ -293,7 +293,7 @@ class SimulatorServer:
 
     def _tidy(self) -> None:
         """Once a second, close overdue connections. If a lack of descriptors stopped the server from
-        accepting connections, accept them again.
+        accepting connections, accept connections again.
         """
         now = time.monotonic_ns()
         if now - self._tidied_at < _TIDY_INTERVAL_NS:
@@ -323,7 +323,7 @@ class SimulatorServer:
 
     def _choose_sockets(self) -> None:
         """Choose the sockets to wait for. While a client does not read its replies, the server reads nothing
-        from it.
+        from this client.
         """
         connections = self._connections.items()
         self._writers = [number for number, each in connections if each.is_blocked]

@@ -1,8 +1,8 @@
 """Slave mode inside the controller: the buffer of set points, and what happens to them every 8 ms.
 
 Sources for slots, pacing and errors: DENSO Wave 2009, How to use the Slave mode (RC7); the table of slave
-modes in ShoheiKobata/orin_bcap_python_samples and issues of DENSORobot/denso_robot_ros (RC8). Two facts are
-assumed: the `MOVING_THRESHOLD` of an axis, and that the 8 ms cycle does not follow the client.
+modes in ShoheiKobata/orin_bcap_python_samples and issues of DENSORobot/denso_robot_ros (RC8). The value of
+`MOVING_THRESHOLD` is an assumption. Another assumption is that the 8 ms cycle does not depend on the client.
 """
 
 from __future__ import annotations

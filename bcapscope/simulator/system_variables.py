@@ -180,7 +180,7 @@ _WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CommandHandler] = {
     ),
     **{(ObjectClass.ROBOT, name): _put_speed(field) for name, field in _SPEEDS.items()},
 }
-"""Handlers of variables whose writing runs a command or function, such as Motor."""
+"""Handlers of the variables that run a command or function when a client writes them, such as Motor."""
 
 _REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
 """Variables that clients cannot write in slave mode, because slave mode refuses the equivalent command or

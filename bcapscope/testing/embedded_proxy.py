@@ -28,8 +28,8 @@ class EmbeddedProxy(RecordingContext):
         with bcapscope.Proxy(to="192.168.0.1:5007", faults=["loss=5%"], seed=3) as proxy:
             run_my_client(proxy.host, proxy.port)
 
-    The proxy works like that of `bcapscope proxy`. The proxy records the traffic with the client and with the
-    controller. `calls` and `findings` wait until the recorder has been idle for 1 s.
+    The proxy works like the proxy of the command `bcapscope proxy`. The proxy records the traffic with the
+    client and with the controller. `calls` and `findings` wait until the recorder has been idle for 1 s.
 
     Attributes:
         host: Address on which the proxy listens.
@@ -46,7 +46,7 @@ class EmbeddedProxy(RecordingContext):
         seed: int | None = None,
         record: str | Path | None = None,
     ) -> None:
-        """Choose the controller and the faults; the proxy starts when the block begins.
+        """Choose the controller and the faults; the proxy starts when the `with` block begins.
 
         Args:
             to: Address of the controller, such as `192.168.0.1:5007`.

@@ -33,7 +33,7 @@ class EmbeddedSimulator(RecordingContext):
             run_my_client(simulator.host, simulator.port)
             assert not simulator.findings
 
-    The controller runs in a thread of its own until the block ends, also with `async with`. A client that
+    The controller runs in a thread of its own until the `with` or `async with` block ends. A client that
     blocks the event loop therefore does not delay the controller's replies.
 
     Attributes:
@@ -52,7 +52,7 @@ class EmbeddedSimulator(RecordingContext):
         seed: int | None = None,
         record: str | Path | None = None,
     ) -> None:
-        """Choose the controller; it starts when the block begins.
+        """Choose the controller, which starts when the `with` block begins.
 
         Args:
             profile: Kind of controller: `rc7`, `rc8`, `rc9` or `cserver`. Default: the profile of the

@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.protocol.tables.hresult import S_EXECUTING
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome, outcome_of, verdict_of
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
@@ -55,8 +56,9 @@ class FrameRole(StrEnum):
     """An exact copy of an earlier request or reply of the same call. The network or the capture made the
     copy, because all known clients give a retry a new serial."""
     CAPTURED_AGAIN = "captured again"
-    """An exact copy of an earlier frame of the same call, captured so soon after that frame that both are
-    probably one packet. An example is a second interface or a mirror port."""
+    """An exact copy of an earlier frame of the same call, captured so soon afterwards that the capture
+    probably holds one packet twice. The copy may come from a second interface or a mirror port.
+    """
 
 
 class CallState(StrEnum):
@@ -102,18 +104,27 @@ class Call:
         last_attempt: Latest attempt of the call, the only one to which the client accepts a reply.
         other_frames: All frames of the call except `request` and `reply`, in capture order.
         abandoned_at: Time when the client began another call before it received a reply to this call, ns
-            since 1970; 0 if the client began no such call. If the reply came after the client's timeout, the
-            time of that timeout.
+            since 1970; 0 if the client began no such call. If the reply came after the client's timeout,
+            `abandoned_at` is the time of the timeout.
         gave_up_inferred: Whether `abandoned_at` is only inferred from the times between the attempts.
-        is_guess: Whether the choice of frames for this call is a guess, because some attempts were not
-            captured.
+        sure_until: Serial of the latest attempt that surely belongs to this call; None if all captured
+            attempts surely belong to it.
+        may_go_on: Whether later attempts that are not in this call may belong to it. The client may have
+            received a reply to these later attempts.
+        may_continue_in: The client's next call, if it may consist of later attempts of this call; None for
+            a complete call.
+        was_overtaken: Whether the controller answered a later request; known only if `may_go_on` is set.
+        stray_replies: Replies and notices for attempts of this call that were not captured. They came before
+            the capture showed that the attempts belong to this call, and are also reported as stray replies.
+        is_at_controller: Whether the user says that the capture was taken at the controller.
         last_activity: Time of the latest frame of the call, ns since 1970.
-        no_reply_expected: Whether a reply can no longer follow, even though the client began no other call.
+        no_reply_expected: Whether a reply can no longer follow, although the client has not begun another
+            call.
         state: State of the call; a complete call is unanswered, settled or evicted.
-        crossing_ns: Maximum time in ns between a reply and a retry of this client that may have crossed on
-            the network. bcapscope determines this time when the call settles.
+        crossing_ns: Maximum time in ns between a reply and a retry that may have crossed on the network, for
+            this client. bcapscope determines this time when the call settles.
         skipped_handles: Number of handles that the controller skipped before the handle in the accepted
-            reply. The number is 0 if the controller skipped at least as many handles as the call has
+            reply. The number is also 0 if the controller skipped at least as many handles as the call has
             attempts.
         unseen_serials: Serials of the retries that were not captured, inferred from the serials around them.
         reserved_usage: How client and controller used the reserved field, as far as known when the call
@@ -129,7 +140,9 @@ class Call:
     gave_up_inferred: bool
     no_reply_expected: bool
     reply_missed: bool
-    is_guess: bool
+    may_go_on: bool
+    was_overtaken: bool
+    is_at_controller: bool
     state: CallState
     skipped_handles: int
     memory_bytes: int
@@ -140,10 +153,12 @@ class Call:
         "conversation",
         "crossing_ns",
         "gave_up_inferred",
-        "is_guess",
+        "is_at_controller",
         "kind",
         "last_activity",
         "last_attempt",
+        "may_continue_in",
+        "may_go_on",
         "memory_bytes",
         "no_reply_expected",
         "number",
@@ -154,7 +169,10 @@ class Call:
         "reserved_usage",
         "skipped_handles",
         "state",
+        "stray_replies",
+        "sure_until",
         "unseen_serials",
+        "was_overtaken",
     )
 
     def __init__(
@@ -176,10 +194,13 @@ class Call:
         self.other_frames: list[CallFrame] | tuple[()] = ()
         self.abandoned_at = 0
         self.no_reply_expected = self.gave_up_inferred = False
-        self.reply_missed = self.is_guess = False
+        self.reply_missed = self.may_go_on = self.was_overtaken = self.is_at_controller = False
+        self.may_continue_in: Call | None = None
+        self.sure_until: int | None = None
         self.state = _WAITING
         self.skipped_handles = self.memory_bytes = self.crossing_ns = 0
         self.unseen_serials: tuple[int, ...] = ()
+        self.stray_replies: tuple[FrameObservation, ...] = ()
 
     def __repr__(self) -> str:
         events = ", ".join(f"{event.role} {event.observation.number}" for event in self.frames)
@@ -205,8 +226,7 @@ class Call:
 
     @property
     def evicted(self) -> bool:
-        """Whether the tracker returned the call while a reply was still possible, because memory was
-        needed."""
+        """Whether the tracker evicted the call to limit memory, although a reply could still follow."""
         return self.state is CallState.EVICTED
 
     @property
@@ -238,6 +258,21 @@ class Call:
         return len(self.unseen_serials)
 
     @property
+    def latest_serial(self) -> int:
+        """Serial of the latest attempt, captured or not."""
+        last = self.last_attempt.item.serial
+        unseen = self.unseen_serials[-1] if self.unseen_serials else last
+        return unseen if (unseen - last) & 0xFFFF < 0x8000 else last
+
+    @property
+    def all_unseen_serials(self) -> tuple[int, ...]:
+        """Serials of the attempts that were not captured, with that of the first attempt if a retry names
+        it."""
+        if self.first_attempt_seen:
+            return self.unseen_serials
+        return (self.request.item.reserved, *self.unseen_serials)
+
+    @property
     def late_replies(self) -> tuple[FrameObservation, ...]:
         """Replies with the role `LATE`, which a client discards if it compares serials."""
         return self._frames_with_role(FrameRole.LATE)
@@ -254,7 +289,7 @@ class Call:
 
     @property
     def joined_frames(self) -> Iterator[JoinedObservation]:
-        """Yield the frames of the call that are joined from two places of the capture, in capture order."""
+        """Yield the frames of the call that were captured at two places, in capture order."""
         for event in self.frames:
             seen: object = event.observation
             if isinstance(seen, JoinedObservation):
@@ -267,6 +302,18 @@ class Call:
             return ()
         lost = (seen for seen in self.joined_frames if seen.was_lost_between)
         return tuple(sorted(lost, key=lambda seen: seen.time))
+
+    @property
+    def was_received(self) -> bool:
+        """Whether a captured frame shows that the controller received an attempt of this call."""
+        if self.reply is not None or self.stray_replies:
+            return True
+        return bool(self.notices or self.lost_replies or self.late_replies)
+
+    @property
+    def was_executed(self) -> bool:
+        """Whether S_EXECUTING was captured for an attempt of this call."""
+        return bool(self.notices) or any(each.item.code == S_EXECUTING for each in self.stray_replies)
 
     @property
     def duplicates(self) -> tuple[FrameObservation, ...]:
@@ -316,6 +363,10 @@ class Call:
         tries = (request for request in reversed(self.attempts) if request.item.serial == serial)
         return next(tries, self.request)
 
+    def surely_has(self, serial: int) -> bool:
+        """Return whether the attempt with a serial surely belongs to this call."""
+        return self.sure_until is None or (serial - self.sure_until) & 0xFFFF not in range(1, 0x8000)
+
     @property
     def convention(self) -> ReservedConvention:
         """How the client fills the reserved field of its requests."""
@@ -338,10 +389,10 @@ class Call:
     @property
     def reply_not_captured(self) -> bool:
         """Whether the client may have received a reply that the capture lacks."""
-        if self.reply is not None or not (self.reply_missed or self.is_guess):
+        if self.reply is not None or not (self.reply_missed or self.may_go_on):
             return False
         serial = self.last_attempt.item.serial
-        return self.is_guess or all(late.item.serial != serial for late in self.late_replies)
+        return self.may_go_on or all(late.item.serial != serial for late in self.late_replies)
 
     @property
     def outcome(self) -> Outcome:
@@ -367,8 +418,8 @@ class StrayReply:
         call_number: Number of the settled call that had the same serial; None if no such call is remembered.
         request_missed: Whether the serials show that the request was sent, but not captured. `request_missed`
             becomes False if the client uses the reply's serial later.
-        may_answer_evicted: Whether the reply may belong to a call that was evicted from memory. Such a reply
-            is reported neither as late nor as stray.
+        may_answer_evicted: Whether the reply may belong to a call that was evicted from memory. A reply that
+            may belong to an evicted call is reported neither as late nor as stray.
     """
 
     observation: FrameObservation

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from enum import StrEnum
 from operator import attrgetter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
-from bcapscope.protocol.tables.hresult import E_BUSY, is_failure
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING, is_failure
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, FrameObservation
+
+_FrameT = TypeVar("_FrameT", bound="FrameObservation")
 
 
 class Outcome(StrEnum):
@@ -23,7 +26,7 @@ class Outcome(StrEnum):
     REFUSED = "refused"
     """The result code reports a failure."""
     UNANSWERED = "unanswered"
-    """No reply came for a very long time, or before the client began another call or the connection ended."""
+    """No reply came for a very long time, or until the client began another call or the connection ended."""
     CAPTURE_ENDED = "capture_ended"
     """The capture ended before a reply; a reply may have followed."""
     NOT_FOLLOWED = "not_followed"
@@ -45,33 +48,37 @@ class CallVerdict(StrEnum):
     NOT_FOLLOWED = "not followed"
     NOT_CAPTURED = "not captured"
     EXECUTED_TWICE = "executed twice"
-    """The controller executed the call more than once: replies to its attempts differ in result or arguments.
-    A server that recognises a retry sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c;
-    the two replies in DENSO Wave 2009 are equal as well). Handles that were skipped before the accepted
-    handle also show a second execution, if at most one handle per unanswered attempt was skipped. The
-    controller then created objects whose handles the client never received.
+    """The controller executed the call more than once: replies to its attempts differ in result or value. A
+    server that recognises a retry sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c).
+    The two replies in DENSO Wave 2009 are equal as well. A second execution also shows in skipped handles
+    before the accepted handle, at most one per unanswered attempt. The controller then created objects
+    whose handles the client never received.
     """
     REPLY_LATE = "reply late"
-    """A reply was captured after the client had sent the next attempt or begun another call, so the client
-    discarded the reply. The client's timeout is too short, or the controller or the network was too slow."""
+    """A reply was captured after the client had sent the next attempt or begun another call. The client
+    discarded the reply. The client's timeout is too short, or the controller or the network was too slow.
+    """
     REPLY_LOST = "reply lost"
-    """A reply was captured, and the client later sent another attempt, too late for reply and attempt to have
-    crossed on the network (see `capture_point`). The reply was lost between the capture point and the client,
-    or the client was too busy to read it. *Reply lost* is also the verdict if S_EXECUTING was captured for an
-    attempt, but no result of that attempt. *Reply lost* is also the verdict if a proxy recorded a reply at
-    the controller's side, but not at the client's side.
+    """A reply was captured, but the client sent another attempt. The attempt came too late to have crossed
+    the reply on the network (see `capture_point`). The reply was lost between the capture point and the
+    client, or the client was too busy to read it. *Reply lost* is also the verdict if S_EXECUTING was
+    captured for an attempt, but no result of that attempt. *Reply lost* is also the verdict if a proxy
+    recorded a reply at the controller's side, but not at the client's side.
     """
     REQUEST_LOST = "request lost"
-    """S_EXECUTING was captured for the answered attempt, and nothing for the earlier attempts. The earlier
-    attempts were lost, because the controller would have executed or answered them. *Request lost* is also
-    the verdict if an attempt was captured at the client's side of a proxy but not at the controller's side.
-    If both requests and replies of a call were lost, the first loss determines the verdict.
+    """S_EXECUTING was captured only for the answered attempt. The earlier attempts were lost, because
+    otherwise the controller would have executed or answered them. *Request lost* is also the verdict if an
+    attempt was captured at the client's side of a proxy but not at the controller's side. *Request lost* is
+    also the verdict if a capture at the controller has neither an attempt nor a reply to it. If a call lost
+    both requests and replies, its first loss determines the verdict.
     """
     CANNOT_TELL = "cannot tell"
     """The client retried, and the capture does not show whether requests or replies were lost, or whether a
-    reply was late."""
+    reply was late: each of these verdicts would be wrong in some course of events that gives the same capture
+    (`tests/traffic/possible_worlds.py`)."""
 
 
+_NO_RESULTS = (E_BUSY, S_EXECUTING)
 _VERDICT_OF_OUTCOME = {outcome: CallVerdict[outcome.name] for outcome in Outcome}
 
 
@@ -93,71 +100,108 @@ def verdict_of(call: Call) -> CallVerdict:
         if outcome is Outcome.UNANSWERED and call.lost_between:
             return CallVerdict.REQUEST_LOST
         return _VERDICT_OF_OUTCOME[outcome]
-    if call.is_guess:
-        return CallVerdict.CANNOT_TELL
     return _by_frames(call)
 
 
 def _by_frames(call: Call) -> CallVerdict:
+    """Return the verdict on a call with retries or further frames, from the frames that surely belong to
+    it."""
     if call.skipped_handles or _replies_differ(call):
         return CallVerdict.EXECUTED_TWICE
-    if call.late_replies:
+    if _sure(call, call.late_replies):
         return CallVerdict.REPLY_LATE
-    return _verdict_on_losses(call)
-
-
-def _verdict_on_losses(call: Call) -> CallVerdict:
-    """Return the verdict on a call that was not executed twice and has no late reply."""
-    lost_between = call.lost_between
+    lost_between = [
+        seen
+        for seen in call.lost_between
+        if isinstance(seen.item, Frame) and call.surely_has(seen.item.serial)
+    ]
     if lost_between and (call.retries or call.reply is None):
         return CallVerdict.REQUEST_LOST if lost_between[0].is_request else CallVerdict.REPLY_LOST
-    if call.lost_replies:
-        return CallVerdict.CANNOT_TELL if may_have_crossed(call) else CallVerdict.REPLY_LOST
-    if call.reply is not None and call.retries:
-        return _by_notices(call, call.reply)
+    lost = [reply for reply in _sure(call, _lost_replies(call)) if reply.item.code != S_EXECUTING]
+    if lost and not may_have_crossed(call, lost):
+        return CallVerdict.REPLY_LOST
+    if lost or (call.retries and (call.reply is not None or call.may_go_on)):
+        return _by_attempts(call, lost)
     return _VERDICT_OF_OUTCOME[outcome_of(call)]
 
 
-def _by_notices(call: Call, reply: FrameObservation) -> CallVerdict:
-    """Return the verdict on an answered call with retries. The verdict depends on which attempts got an
-    S_EXECUTING notice.
+def _by_attempts(call: Call, lost: Sequence[FrameObservation]) -> CallVerdict:
+    """Return the verdict on a retried call, judged by which attempts got a reply or an S_EXECUTING notice.
+
+    The controller executes the first attempt that reaches it, and answers each attempt in order.
     """
-    noticed = {notice.item.serial for notice in call.notices}
-    if noticed - {reply.item.serial}:
+    answered = {reply.item.serial for reply in lost}
+    if call.reply is not None:
+        answered.add(call.reply.item.serial)
+    strays = (notice for notice in call.stray_replies if notice.item.code == S_EXECUTING)
+    noticed = {notice.item.serial for notice in _sure(call, (*call.notices, *strays))}
+    if noticed - answered and (answered or call.was_overtaken):
         return CallVerdict.REPLY_LOST
-    return CallVerdict.REQUEST_LOST if noticed else CallVerdict.CANNOT_TELL
+    first = call.request.item.serial if call.first_attempt_seen else call.request.item.reserved
+    if (noticed and first not in noticed) or _is_unseen_lost(call, answered | noticed):
+        return CallVerdict.REQUEST_LOST
+    return CallVerdict.CANNOT_TELL
+
+
+def _is_unseen_lost(call: Call, received: Set[int]) -> bool:
+    """Return whether an attempt that was not captured did not reach the controller.
+
+    A capture at the controller holds a reply to each attempt that reaches it, even if the capture lacks the
+    attempt itself. `received` holds the serials of the attempts with replies or notices.
+    """
+    return call.is_at_controller and any(
+        serial not in received and any((later - serial) & 0xFFFF < 0x8000 for later in received)
+        for serial in call.all_unseen_serials
+    )
+
+
+def _lost_replies(call: Call) -> tuple[FrameObservation, ...]:
+    return (*call.stray_replies, *call.lost_replies) if call.stray_replies else call.lost_replies
+
+
+def _sure(call: Call, frames: Sequence[_FrameT]) -> Sequence[_FrameT]:
+    """Return the frames that surely belong to a call."""
+    return (
+        frames
+        if call.sure_until is None
+        else [frame for frame in frames if call.surely_has(frame.item.serial)]
+    )
 
 
 def _replies_differ(call: Call) -> bool:
-    """Return whether the undamaged, completely captured replies differ in result or arguments.
+    """Return whether replies to the call differ in result or value. Damaged and incompletely captured replies
+    are ignored.
 
-    Replies with E_BUSY are not compared, because they do not show whether the controller executed the call.
+    E_BUSY and S_EXECUTING are not compared, because they do not show whether the controller executed the
+    call.
     """
-    replies = (call.reply, *call.late_replies, *call.lost_replies)
-    frames = [reply.item for reply in replies if reply is not None and not reply.item.problems]
-    contents = {frame.raw[9:] for frame in frames if frame.code != E_BUSY and frame.external_problem is None}
+    accepted = () if call.reply is None else (call.reply,)
+    replies = _sure(call, (*accepted, *call.late_replies, *_lost_replies(call)))
+    frames = [reply.item for reply in replies if not reply.item.problems]
+    contents = {
+        frame.raw[9:] for frame in frames if frame.code not in _NO_RESULTS and frame.external_problem is None
+    }
     return len(contents) > 1
 
 
-def may_have_crossed(call: Call) -> bool:
-    """Return whether every lost reply may have crossed the client's next attempt on the network.
+def may_have_crossed(call: Call, replies: Sequence[FrameObservation]) -> bool:
+    """Return whether each of the lost replies may have crossed the client's next attempt on the network.
 
     The client's next attempt may be an attempt that was not captured.
     """
     attempts = sorted(call.attempts, key=attrgetter("time"))
     times = [each.time for each in attempts]
     return all(
-        _may_cross(attempts, bisect_left(times, reply.time), reply, call.crossing_ns)
-        for reply in call.lost_replies
+        _may_cross(attempts, bisect_left(times, reply.time), reply, call.crossing_ns) for reply in replies
     )
 
 
 def _may_cross(
     attempts: Sequence[FrameObservation], next_index: int, reply: FrameObservation, crossing_ns: int
 ) -> bool:
-    if not 0 < next_index < len(attempts):
+    if next_index == len(attempts):
         return False
-    before, after = attempts[next_index - 1], attempts[next_index]
+    after = attempts[next_index]
     return after.time - reply.time <= crossing_ns or bool(
-        skipped_serials(before.item.serial, after.item.serial)
+        skipped_serials(reply.item.serial, after.item.serial)
     )

@@ -2,8 +2,8 @@
 
 A reply and a retry cross if the client sends the retry before it receives the reply. The reply is then late.
 If reply and retry did not cross, the client never received the reply, so the reply was lost. A capture on the
-client's computer shows whether the reply was late or lost. In a capture taken elsewhere, a reply that was
-captured before the retry may still have crossed it. The time between reply and retry is then shorter than the
+client's computer shows whether the reply was late or lost. In a capture taken elsewhere, a reply may have
+crossed the retry even if it was captured first. The time between reply and retry is then shorter than the
 round trip from the capture point to the client and back.
 """
 
@@ -11,6 +11,12 @@ from __future__ import annotations
 
 from bisect import insort
 from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from bcapscope.traffic.unseen_attempts import skipped_serials
+
+if TYPE_CHECKING:
+    from bcapscope.traffic.call import Call, FrameObservation
 
 CROSSING_AT_CLIENT_NS = 500_000
 """Maximum time in ns between a reply and a retry that cross, if the capture was taken on the client's
@@ -18,11 +24,12 @@ computer. The client may already be preparing the retry when the reply arrives.
 """
 
 LONGEST_ROUND_TRIP_NS = 100_000_000
-"""Assumed round trip to the client in ns, unless the traffic shows a shorter one. Factory networks delay a
-frame by milliseconds."""
+"""Assumed round trip to the client in ns, unless the traffic shows a shorter round trip. Factory networks
+delay a frame by milliseconds.
+"""
 
-_REACTIONS = 3  # number of reactions to collect; a single one can be a coincidence
-_MARGIN = 2  # factor on the round trip, because one can take longer than another
+_REACTIONS = 3  # number of reactions to collect, because a single short reaction can be a coincidence
+_MARGIN = 2  # factor on the shortest round trips, because other round trips take longer
 
 
 class CapturePoint(StrEnum):
@@ -39,17 +46,18 @@ class CapturePoint(StrEnum):
 class CrossingWindow:
     """The time within which a reply and a retry of one client may cross.
 
-    The client's reactions show this time. A reaction lasts from a captured reply to the client's next
-    request. A reaction consists of the round trip from the capture point to the client and back, and of the
-    client's time to prepare the request.
+    The window is inferred from the client's reactions. A reaction lasts from a captured reply to the client's
+    next request. A reaction consists of the round trip from the capture point to the client and back, and of
+    the client's time to prepare the request.
 
     Attributes:
-        considered_below_ns: Only reactions shorter than this can narrow the window.
+        considered_below_ns: Only reactions shorter than this time in ns can narrow the window.
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:
-        """Create a window. `taken_at` is the capture point; None to infer the window from the traffic."""
-        self.considered_below_ns = 0 if taken_at else LONGEST_ROUND_TRIP_NS
+        """Create a window. `taken_at` is the capture point; None if it is unknown. The window of a capture at
+        the client needs no reactions."""
+        self.considered_below_ns = 0 if taken_at is CapturePoint.CLIENT else LONGEST_ROUND_TRIP_NS
         self._taken_at = taken_at
         self._shortest: list[int] = []
 
@@ -60,12 +68,33 @@ class CrossingWindow:
             del self._shortest[_REACTIONS:]
             self.considered_below_ns = self._shortest[-1]
 
+    def add_answered_call(self, call: Call, following: FrameObservation) -> None:
+        """Learn from the time between the reply to a call and the client's next request.
+
+        A retried call shows nothing: the client may have given up when the reply came.
+        """
+        is_retried = not call.first_attempt_seen or call.last_attempt is not call.request
+        if (
+            call.reply is None
+            or is_retried
+            or skipped_serials(call.request.item.serial, following.item.serial)
+        ):
+            return
+        reaction = following.time - call.reply.time
+        if reaction < self.considered_below_ns:
+            self.add_reaction(reaction)
+
     def ignore_reactions(self) -> None:
-        """Drop all reactions and ignore further ones, because this client begins calls without waiting for
-        replies.
+        """Drop all reactions and ignore further reactions, because this client begins calls without waiting
+        for replies.
         """
         self.considered_below_ns = 0
         self._shortest.clear()
+
+    def settle(self, call: Call) -> None:
+        """Record in a complete call what is known about the capture point."""
+        call.crossing_ns = self.nanoseconds
+        call.is_at_controller = self._taken_at is CapturePoint.CONTROLLER
 
     @property
     def nanoseconds(self) -> int:

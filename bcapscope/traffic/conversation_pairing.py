@@ -5,7 +5,7 @@ state of its call.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame
@@ -13,10 +13,11 @@ from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING
 from bcapscope.traffic.call import Call, CallFrame, CallState, FrameObservation, FrameRole, StrayReply
 from bcapscope.traffic.call_kind import CallKinds
 from bcapscope.traffic.capture_point import CapturePoint, CrossingWindow
-from bcapscope.traffic.client_timeout import SHORTEST_TIMEOUT_NS, ShownTimeouts
-from bcapscope.traffic.frame_index import FrameIndex
+from bcapscope.traffic.client_timeout import SHORTEST_TIMEOUT_NS, ShownTimeouts, waits_since
+from bcapscope.traffic.frame_index import FrameIndexes
 from bcapscope.traffic.handle_sequence import OPENERS, HandleSequence
 from bcapscope.traffic.observation import Conversation, Direction, Transport
+from bcapscope.traffic.pairing_limits import FRAME_COST, LARGE_CALL, MAX_EXTRA_FRAMES
 from bcapscope.traffic.pairing_states import AWAITING_REPLY, TRANSITIONS, CallEvent, copy_event
 from bcapscope.traffic.pairing_windows import (
     COPIES_WITHIN_NS,
@@ -26,33 +27,18 @@ from bcapscope.traffic.pairing_windows import (
     unanswered_settles_at,
 )
 from bcapscope.traffic.requests_only import RequestsOnlyEvidence
-from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
+from bcapscope.traffic.reserved_field import ReplyReserved, ReservedFieldUsage
 from bcapscope.traffic.serial_table import SerialTable
-from bcapscope.traffic.unseen_attempts import (
-    UnseenRequests,
-    call_of_unseen_attempt,
-    skipped_serials,
-)
+from bcapscope.traffic.unseen_attempts import UnseenRequests, find_retried_call, settle_continuation
 
 SERVICE_START = 1
-
-MAX_EXTRA_FRAMES = 65536
-"""Maximum number of retries, notices and further replies of a conversation's open calls. These frames take
-about 30 MB of memory. The call that exceeds the limit is evicted with all earlier calls, and its further
-frames start another call. The older C client retries without end (start-jsk/denso b-Cap.c). At one retry
-every 20 ms, such a client reaches the limit within 20 minutes.
-"""
-
-_FRAME_COST = 512  # bytes of overhead per frame
-# Maximum size in bytes of a settled call that is kept in memory as the newest call.
-_LARGE_CALL = 64 * 1024
 
 _WAITING, _ANSWERED, _SETTLED = CallState.WAITING, CallState.ANSWERED, CallState.SETTLED
 _EXPIRY, _EVICTION = CallEvent.EXPIRY, CallEvent.EVICTION
 
 
 class ConversationPairing:
-    """Pairs the frames of one conversation, and yields its completed calls in starting order."""
+    """Pairs the frames of one conversation, and yields its completed calls, oldest first."""
 
     def __init__(
         self,
@@ -67,8 +53,8 @@ class ConversationPairing:
         Args:
             latest_evicted: Call number of the latest evicted call that may belong to this conversation; 0 if
                 there is none.
-            budget: Object that counts the bytes of the open calls of all conversations.
-            kinds: Object that finds the call kinds of requests, for all conversations.
+            budget: Object that counts the bytes of all open calls, in all conversations.
+            kinds: Object that finds the call kind of each request, shared by all conversations.
             taken_at: Where the capture was taken; None if only the traffic shows it.
         """
         self.open_calls: deque[Call] = deque()
@@ -83,7 +69,7 @@ class ConversationPairing:
         self._serials = SerialTable()
         self._by_serial = self._serials.open_calls
         self._newest_call: Call | None = None
-        self._frame_indexes: dict[Call, FrameIndex] = {}  # created on the first lookup in an open call
+        self._frame_indexes = FrameIndexes()
         self._extra_frames = 0  # number of frames in `other_frames` of all open calls
         self._latest_overfull = 0  # number of the latest call that exceeded MAX_EXTRA_FRAMES
         self._session_call = 0  # number of the latest Service_Start call
@@ -96,7 +82,7 @@ class ConversationPairing:
         self._crossing = CrossingWindow(taken_at)
         self._requests_only = RequestsOnlyEvidence()
         self._unseen_requests = UnseenRequests()
-        self._response_seen = False  # True after a notice, or a stray, damaged or missing reply
+        self._response_seen = False  # True after a notice, or after a stray, damaged or missing reply
         self._reused_serials = self._serials.reused
         self._release_serial = self._serials.release
 
@@ -109,25 +95,17 @@ class ConversationPairing:
         """Add a request. Return whether the request starts a new call, whose number is then `number`."""
         serial, reserved = frame.serial, frame.reserved
         if self._unseen_requests.waiting:
-            self._unseen_requests.check_next_request(serial)
+            strays = self._unseen_requests.pop_before(serial)
+            if strays:
+                return self._add_after_strays(strays, observation, frame, number)
         prior = self._by_serial.get(serial)
         if prior is not None and self._add_to_prior(prior, observation, frame):
             return False
         if reserved and reserved != serial and not self._is_tcp:
-            origin = self._by_serial.get(reserved)
-            if origin is None:
-                chains = self._reserved_usage.convention is ReservedConvention.CHAIN
-                origin = call_of_unseen_attempt(self._newest_call, self.open_calls, frame, chains)
-            if origin is not None and origin.request.item.raw[9:] == frame.raw[9:]:
-                self._add_retry(origin, observation, frame)
-                return False
-            self._start_call(observation, frame, number)
-            # the first attempt was not captured, and further retries can name its serial
-            self._by_serial[reserved] = self._by_serial[serial]
-            return True
+            return self._add_later_attempt(observation, frame, number)
         if not reserved and 0 in self._by_serial:
-            # The reserved field of a retry of serial 0 looks like that of a first attempt. Old clients may
-            # use serial 0 (start-jsk/denso b-Cap.c).
+            # If a first attempt has serial 0, its retries have 0 in the reserved field, as a first attempt
+            # has. Old clients may use serial 0 (start-jsk/denso b-Cap.c).
             call = self._by_serial[0]
             is_repeated = call.reply is None and call.request.item.raw[9:] == frame.raw[9:]
             if is_repeated and call is self._newest_call:
@@ -170,8 +148,8 @@ class ConversationPairing:
     def add_gap(self, direction: Direction) -> None:
         """Record that the capture lacks bytes that the client or the controller sent.
 
-        The bytes may hold the reply to any call after the latest one that was answered, because controllers
-        answer in order.
+        Controllers answer in order, so the missing bytes may hold the reply to any call after the latest
+        answered call.
         """
         if direction is Direction.RESPONSE:
             self._response_seen = True
@@ -186,7 +164,7 @@ class ConversationPairing:
             self._apply(call, CallEvent.NOTICE if is_notice else CallEvent.UNDELIVERED_REPLY, observation)
 
     def add_own_request(self, observation: FrameObservation, frame: Frame) -> None:
-        """Add a request that a proxy sent on its own. Only a copy of a client's request belongs to a call."""
+        """Add a proxy's own request to a call if the request is a copy of a client's request."""
         prior = self._by_serial.get(frame.serial)
         if prior is not None:
             self._add_to_prior(prior, observation, frame)
@@ -214,7 +192,7 @@ class ConversationPairing:
         begun_at = 0 if self._newest_call is None else self._newest_call.request.time
         for _ in range(min(count, len(self.open_calls))):
             call = self.open_calls.popleft()
-            # the client gave this call up so long ago that a reply would be late
+            # the client gave the call up so long ago that a further reply would be late
             is_past = 0 < call.abandoned_at <= begun_at - LATE_WITHIN_NS
             event = _EXPIRY if is_past else _EVICTION
             self._latest_evicted = max(self._latest_evicted, call.number)
@@ -249,24 +227,31 @@ class ConversationPairing:
             self._keep_frame(call, role, observation)
         call.last_activity = observation.time
         if self._extra_frames > MAX_EXTRA_FRAMES:
-            self._latest_overfull = self._latest_evicted = max(
-                self._latest_overfull, self._latest_evicted, call.number
-            )
+            self._latest_overfull = max(self._latest_overfull, self._latest_evicted, call.number)
+            self._latest_evicted = self._latest_overfull
             self._serials.release_all(call)
 
     # requests
+
+    def _add_after_strays(
+        self, strays: Sequence[StrayReply], observation: FrameObservation, frame: Frame, number: int
+    ) -> bool:
+        """Add a request, and the stray replies before it that answer attempts of its call."""
+        is_new = self.add_request(observation, frame, number)
+        call = self._by_serial.get(frame.serial)
+        if call is not None:  # not evicted
+            self._unseen_requests.assign(strays, call, frame.reserved)
+        return is_new
 
     def _start_call(self, observation: FrameObservation, frame: Frame, number: int) -> None:
         newest = self._newest_call
         if newest is None:
             pass
         elif newest.state is _ANSWERED:
-            reaction = observation.time - newest.last_activity
-            if reaction < self._crossing.considered_below_ns and not newest.other_frames:
-                self._crossing.add_reaction(reaction)
+            if observation.time - newest.last_activity < self._crossing.considered_below_ns:
+                self._crossing.add_answered_call(newest, observation)
         elif newest.state in AWAITING_REPLY:
-            since = max((newest.last_attempt.time, *(notice.time for notice in newest.notices)))
-            if observation.time - since >= SHORTEST_TIMEOUT_NS:
+            if observation.time - waits_since(newest) >= SHORTEST_TIMEOUT_NS:
                 newest.abandoned_at = observation.time
                 newest.state = TRANSITIONS[newest.state, CallEvent.NEXT_CALL].state
             else:
@@ -283,15 +268,32 @@ class ConversationPairing:
         call.memory_bytes = size = len(frame.raw)
         self._budget.held += size
 
+    def _add_later_attempt(self, observation: FrameObservation, frame: Frame, number: int) -> bool:
+        """Add a retry on UDP. Return True if it starts a new call because its first attempt is missing."""
+        serial, reserved = frame.serial, frame.reserved
+        origin, newest = self._by_serial.get(reserved), None
+        if origin is None:
+            convention = self._reserved_usage.convention
+            origin, newest = find_retried_call(self._newest_call, self.open_calls, frame, convention)
+        if origin is not None and origin.request.item.raw[9:] == frame.raw[9:]:
+            self._add_retry(origin, observation, frame)
+            return False
+        self._start_call(observation, frame, number)
+        # the first attempt was not captured, but further retries may name its serial
+        call = self._by_serial[reserved] = self._by_serial[serial]
+        self._serials.add_skipped(reserved, serial, call)
+        if newest is not None:
+            newest.may_continue_in = call
+        return True
+
     def _add_to_prior(self, prior: Call, observation: FrameObservation, frame: Frame) -> bool:
-        """Add a copy of a frame of `prior`, or the first attempt if a retry overtook it. Return whether the
-        frame was added."""
+        """Add a copy, or a first attempt that a retry overtook, to `prior`. Return whether it was added."""
         if self._is_tcp:
             return False
         starts_anew = frame.code == SERVICE_START and prior is not self._newest_call
         copies_within = SHORTEST_TIMEOUT_NS if starts_anew else COPIES_WITHIN_NS
         is_of_session = prior.number >= self._session_call
-        sent = self._frame_index_of(prior).sent_at.get(frame.raw) if is_of_session else None
+        sent = self._frame_indexes[prior].sent_at.get(frame.raw) if is_of_session else None
         if sent is not None and observation.time - sent <= copies_within:
             self._apply(prior, copy_event(observation.time, sent), observation)
             return True
@@ -317,9 +319,7 @@ class ConversationPairing:
             event = CallEvent.LATER_RETRY
             if call is self._newest_call:
                 event = CallEvent.RETRY
-                for serial in skipped_serials(last.serial, frame.serial):
-                    call.unseen_serials += (serial,)
-                    self._by_serial[serial] = call
+                self._serials.add_skipped(last.serial, frame.serial, call)
             self._learn_from_retry(call, frame)
             call.last_attempt = observation
         self._apply(call, event, observation)
@@ -328,7 +328,7 @@ class ConversationPairing:
         first = call.request.item
         origin = first.serial if call.first_attempt_seen else first.reserved
         self._reserved_usage = self._reserved_usage.after_retry(
-            origin, call.last_attempt.item.serial, frame.reserved, self._first_reserved == 0
+            origin, call.latest_serial, frame.reserved, self._first_reserved == 0
         )
 
     def _replace_request(self, call: Call, observation: FrameObservation) -> None:
@@ -336,8 +336,8 @@ class ConversationPairing:
         call.other_frames = [CallFrame(FrameRole.RETRY, call.request), *call.other_frames]
         call.request = observation
         self._extra_frames += 1
-        self._count_memory(call, len(observation.item.raw) + _FRAME_COST)
-        self._frame_index_of(call).add_frame(FrameRole.REQUEST, observation)
+        self._count_memory(call, len(observation.item.raw) + FRAME_COST)
+        self._frame_indexes[call].add_frame(FrameRole.REQUEST, observation)
 
     def _learn_from_first(self, serial: int, reserved: int) -> None:
         if not self._is_tcp:
@@ -352,7 +352,7 @@ class ConversationPairing:
     def _keep_frame(self, call: Call, role: FrameRole, observation: FrameObservation) -> None:
         call.add_frame(role, observation)
         self._extra_frames += 1
-        self._count_memory(call, len(observation.item.raw) + _FRAME_COST)
+        self._count_memory(call, len(observation.item.raw) + FRAME_COST)
         if call in self._frame_indexes:
             self._frame_indexes[call].add_frame(role, observation)
 
@@ -360,16 +360,10 @@ class ConversationPairing:
         call.memory_bytes += size
         self._budget.held += size
 
-    def _frame_index_of(self, call: Call) -> FrameIndex:
-        index = self._frame_indexes.get(call)
-        if index is None:
-            index = self._frame_indexes[call] = FrameIndex(call)
-        return index
-
     # replies
 
     def _learn_from_reply(self, call: Call, reply: Frame) -> None:
-        reserved = self._frame_index_of(call).reserved_by_serial.get(reply.serial)
+        reserved = self._frame_indexes[call].reserved_by_serial.get(reply.serial)
         if reserved is not None:
             self._reserved_usage = self._reserved_usage.after_reply(reserved, reply.reserved)
 
@@ -393,7 +387,7 @@ class ConversationPairing:
         event = CallEvent.REPLY if is_latest else CallEvent.EARLIER_REPLY
         if frame.code == S_EXECUTING:  # identical notices are no copies
             event = CallEvent.NOTICE
-        elif (earlier := self._frame_index_of(call).received_at.get(frame.raw)) is not None:
+        elif (earlier := self._frame_indexes[call].received_at.get(frame.raw)) is not None:
             event = copy_event(observation.time, earlier)
         self._apply(call, event, observation)
 
@@ -419,7 +413,7 @@ class ConversationPairing:
         call.reserved_usage = self._reserved_usage
         size = call.memory_bytes
         self._budget.held -= size
-        if size > _LARGE_CALL and call is self._newest_call:
+        if size > LARGE_CALL and call is self._newest_call:
             self._newest_call = None
         if call.kind.function_id in OPENERS:
             self._handles.count_skipped(call)
@@ -428,6 +422,7 @@ class ConversationPairing:
         frame = call.request.item
         serial = frame.serial
         if call.other_frames or (frame.reserved and frame.reserved != serial):
+            self._crossing.settle(call)
             self._extra_frames -= len(call.other_frames)
             self._serials.release_all(call)
         else:
@@ -445,6 +440,7 @@ class ConversationPairing:
             self._apply(call, CallEvent.OVERDUE_REPLY, call.reply)
         else:
             call.state = _SETTLED if call.state is _ANSWERED else TRANSITIONS[call.state, event].state
-        call.crossing_ns = self._crossing.nanoseconds
+        if call.may_continue_in is not None:
+            settle_continuation(call, self._reserved_usage.convention, self._latest_answered)
         if not self._latest_answered and not self._response_seen:
             call.reply_missed = self._requests_only.is_proven

@@ -10,7 +10,7 @@ from bcapscope.traffic.call import Call
 
 _SERVICE_START = ID["Service_Start"]
 OPENERS = frozenset((_SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)))
-"""Ids of the functions whose calls belong to the sequence."""
+"""Ids of the functions that take their handles from the sequence."""
 
 
 class HandleSequence:
@@ -22,8 +22,8 @@ class HandleSequence:
         self._last_handle = 0  # the last handle returned in this session
 
     def count_skipped(self, call: Call) -> None:
-        """Count the handles that the controller gave to unanswered attempts of a call. Only calls of
-        functions in `OPENERS` get handles.
+        """Count the handles that the controller gave for unanswered attempts of a call. Callers pass only
+        calls of functions in `OPENERS`, which return handles.
         """
         reply = call.reply
         if call.kind.function_id == _SERVICE_START:

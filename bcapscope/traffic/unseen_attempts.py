@@ -1,8 +1,8 @@
 """Attempts that were not captured, inferred from the serials around them.
 
 On UDP, every known client increments the serial by one per attempt. A skipped serial therefore belongs to an
-attempt that was not captured. The network lost this attempt before the capture point, or the capture missed
-it.
+attempt that was not captured. The network lost the skipped attempt before the capture point, or the capture
+missed it.
 """
 
 from __future__ import annotations
@@ -11,26 +11,29 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.tables.hresult import S_EXECUTING
+from bcapscope.traffic.reserved_field import ReservedConvention
 
 if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, StrayReply
 
 MAX_UNSEEN = 64
-"""Maximum number of successive attempts that were not captured. A larger gap in the serials shows something
-else, such as a restart of the client."""
+"""Maximum number of successive attempts that were not captured. A larger gap in the serials has another
+cause, such as a restart of the client.
+"""
 
 
 MAX_RECENT = 1024
 """A serial counts as recent if it differs from the latest serial by at most this number. `serial_table`
-remembers the serials of at least as many settled calls.
+remembers at least this number of serials of settled calls.
 """
 
 
 def skipped_serials(before: int, after: int) -> tuple[int, ...]:
-    """Return the serials between those of two successive captured frames of a client, oldest first.
+    """Return the serials between the serials of two successive captured frames of a client, oldest first.
 
-    The result is empty if the gap is too large to be caused by attempts that were not captured. Serial 0 is
-    left out, because most clients skip it.
+    The result is empty if the gap is too large to be caused by attempts that were not captured. The result
+    never contains serial 0, because most clients skip it.
     """
     gap = (after - before) & 0xFFFF
     if gap > MAX_UNSEEN + 1:
@@ -39,68 +42,153 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
 
 
 class UnseenRequests:
-    """The stray replies of one client that answer requests which were not captured.
+    """Stray replies of one client to requests that were not captured.
 
-    There are three cases. First, the client skipped the serial of the reply. Second, the client used this
-    serial before the capture began. Third, the serial follows the client's latest captured serial. In the
-    third case, the request may be a retry of the client's newest call. The next request shows whether the
-    client has used the serial.
+    The serial of a stray reply is either older or newer than the client's latest captured serial. If the
+    serial is older, the client sent the request before the capture began, or the capture missed it. If the
+    serial is newer, the request may be a retry of the client's newest call. The client's next request shows
+    whether the client has used a newer serial, and perhaps for which call.
 
     Attributes:
-        waiting: Whether the serial of the next request can change `request_missed` of a stray reply.
+        waiting: Whether stray replies wait for the client's next request.
     """
 
     def __init__(self) -> None:
-        # stray replies, each with the newest call at the time of the reply
-        self._ahead: list[tuple[StrayReply, Call]] = []
+        self._recent: list[StrayReply] = []
+        self._noticed: set[int] = set()
+        self._latest = 0  # serial of the latest attempt of the newest call, before the next request
+        self._newest: Call | None = None  # the newest call, which the stray replies followed
         self.waiting = False
 
     def add_stray_reply(self, stray: StrayReply, newest: Call | None) -> None:
         """Set `request_missed` of a stray reply, which belongs to no known call."""
-        if newest is None or stray.call_number is not None:
+        if stray.call_number is not None:
             return
-        serial, latest = stray.observation.item.serial, newest.last_attempt.item.serial
-        stray.request_missed = 0 < (latest - serial) & 0xFFFF <= MAX_RECENT
-        if 0 < (serial - latest) & 0xFFFF <= MAX_UNSEEN:
-            stray.request_missed = newest.is_guess = self.waiting = True
-            self._ahead.append((stray, newest))
-            del self._ahead[:-MAX_UNSEEN]
-
-    def check_next_request(self, serial: int) -> None:
-        """Set `request_missed` of earlier stray replies to False if the client uses their serials only now or
-        later.
-
-        A copy of the client's latest frame has no effect.
-        """
-        for stray, newest in self._ahead:
+        serial = stray.observation.item.serial
+        if newest is not None:
             latest = newest.last_attempt.item.serial
-            if serial == latest:
+            stray.request_missed = 0 < (latest - serial) & 0xFFFF <= MAX_RECENT
+            if not 0 < (serial - latest) & 0xFFFF <= MAX_UNSEEN:
                 return
+            stray.request_missed = self.waiting = True
+            if self._may_answer(newest, stray):
+                newest.may_go_on = newest.was_overtaken = True
+        self._newest, self.waiting = newest, True
+        if stray.observation.item.code == S_EXECUTING:
+            if serial in self._noticed:  # one notice is enough, and there may be thousands
+                return
+            self._noticed.add(serial)
+        self._recent.append(stray)
+        del self._recent[: -2 * MAX_UNSEEN]
+
+    def pop_before(self, serial: int) -> list[StrayReply]:
+        """Return the stray replies before the next request, which has the serial `serial`.
+
+        Set `request_missed` of a stray reply to False if the client had not used its serial before this
+        request. If the request is a copy of the client's latest request, nothing changes.
+        """
+        newest, strays = self._newest, self._recent
+        latest = serial - MAX_UNSEEN if newest is None else newest.last_attempt.item.serial
+        self._latest = latest
+        if newest is not None:
+            if serial == latest:
+                return []
+            if newest.sure_until is None:
+                newest.may_go_on = newest.was_overtaken = False
+        self._recent, self.waiting = [], False
+        found = []
+        for stray in strays:
             if (serial - latest) & 0xFFFF <= (stray.observation.item.serial - latest) & 0xFFFF:
-                stray.request_missed = newest.is_guess = False
-        self._ahead.clear()
-        self.waiting = False
+                stray.request_missed = False
+            else:
+                found.append(stray)
+        if not found:
+            self._noticed.clear()
+        return found
+
+    def assign(self, strays: Sequence[StrayReply], call: Call, named: int) -> None:
+        """Add stray replies to the call of the client's next request, if they answer its attempts.
+
+        The other stray replies may answer attempts of the previous call. `named` is the reserved field of the
+        next request. If `named` is the serial of an attempt that was not captured, an attempt before it may
+        be the last attempt of another call.
+        """
+        unseen, newest = call.all_unseen_serials, self._newest
+        is_joined = call is newest and named in call.unseen_serials
+        for stray in strays:
+            serial = stray.observation.item.serial
+            if serial in unseen and (serial == named or not is_joined):
+                stray.request_missed = True
+                call.stray_replies += (stray.observation,)
+            elif newest is not None and self._may_answer(newest, stray):
+                newest.may_go_on = newest.was_overtaken = True
+                if is_joined and newest.sure_until is None:
+                    newest.sure_until = self._latest
+        self._noticed.clear()
+
+    def _may_answer(self, call: Call, stray: StrayReply) -> bool:
+        """Return whether a stray reply may answer a later attempt of a call.
+
+        The controller sends S_EXECUTING only for the first attempt of a call that it receives. A call
+        therefore has at most one attempt with S_EXECUTING.
+        """
+        frame = stray.observation.item
+        if frame.code == S_EXECUTING:
+            return False
+        latest = call.last_attempt.item.serial if self.waiting else self._latest
+        steps: int = (frame.serial - latest) & 0xFFFF
+        executed = sum((serial - latest) & 0xFFFF <= steps for serial in self._noticed)
+        return executed == 0 or (executed == 1 and not call.was_received)
 
 
-def call_of_unseen_attempt(
-    newest: Call | None, open_calls: Sequence[Call], frame: Frame, chains: bool
-) -> Call | None:
-    """Return the client's newest call if a frame is a retry of this call after an attempt that was not
-    captured. The reserved field of the frame names the attempt that was not captured. `is_guess` of the
-    newest call becomes True if the attempt may belong to another call with the same request.
+def find_retried_call(
+    newest: Call | None, open_calls: Sequence[Call], frame: Frame, convention: ReservedConvention
+) -> tuple[Call | None, Call | None]:
+    """Find the call of a retry that names an attempt which was not captured.
+
+    Return the client's newest call twice if the frame is probably its retry. Return None and the newest call
+    if another call is as probable. Return None twice if the frame is no retry of the newest call.
 
     Args:
         newest: The client's newest call; None if there is none.
         open_calls: The client's open calls, oldest first.
-        chains: Whether the client is known to name the previous attempt in the reserved field, not the first
-            attempt.
+        frame: The captured retry.
+        convention: Convention of the client, as far as known. Only with `CHAIN` can a retry name an attempt
+            other than the first.
     """
     if newest is None or newest.request.item.raw[9:] != frame.raw[9:]:
-        return None
-    if skipped_serials(newest.last_attempt.item.serial, frame.serial)[-1:] != (frame.reserved,):
-        return None
-    is_open = chains and newest.reply is None and not newest.abandoned_at
+        return None, None
+    latest = newest.last_attempt.item.serial
+    is_next = skipped_serials(latest, frame.serial)[-1:] == (frame.reserved,)
+    if not is_next or convention in (ReservedConvention.SEED, ReservedConvention.OWN):
+        return None, None
+    if convention is not ReservedConvention.CHAIN or newest.reply is not None or newest.abandoned_at:
+        return None, newest
     before = open_calls[-2] if len(open_calls) > 1 else None
-    if not is_open or before is None or before.request.item.raw[9:] == frame.raw[9:]:
-        newest.is_guess = True
-    return newest if is_open else None
+    if newest.sure_until is None and (before is None or before.request.item.raw[9:] == frame.raw[9:]):
+        newest.sure_until = latest
+    return newest, newest
+
+
+def settle_continuation(call: Call, convention: ReservedConvention, latest_answered: int) -> None:
+    """Set `may_go_on` of an unanswered call whose retries may have been captured as the client's next call.
+
+    The next call may likewise continue in the call after it. The controller sends S_EXECUTING only for the
+    first attempt of a call that it receives, so a call ends where another call was executed.
+
+    Args:
+        call: The call, which is about to be complete.
+        convention: Convention of the client, as far as known.
+        latest_answered: Highest number of an answered call.
+    """
+    later, call.may_continue_in = call.may_continue_in, None
+    if convention in (ReservedConvention.SEED, ReservedConvention.OWN):
+        return  # the reserved field of the next call names its own first attempt
+    was_received = call.was_received
+    while later is not None and not (was_received and later.was_executed):
+        if later.reply is not None or later.may_go_on or not later.abandoned_at:
+            call.may_go_on = True
+            call.was_overtaken = latest_answered > call.number
+            return
+        was_received = was_received or later.was_received
+        later = later.may_continue_in

@@ -24,7 +24,7 @@ class LinkReceiver(Protocol):
 
 
 class Link(Protocol):
-    """A link to one peer. Each implementation decides how to deliver received data.
+    """A link to one peer. Each subclass decides how to deliver received data.
 
     Attributes:
         datagrams: True if the link carries datagrams, which may get lost or repeated; False for a stream.
@@ -45,7 +45,7 @@ class Link(Protocol):
         """Send data at once, without waiting.
 
         Raises:
-            OSError: The data cannot be sent, and the link has no `LinkReceiver` for the error.
+            OSError: The data cannot be sent, and the link has no `LinkReceiver` to report the error to.
         """
 
     def close(self) -> None:

@@ -24,6 +24,8 @@ from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.tracker import Tracker
 from tests.cli.run import CAPTURES
+from tests.samples.calls import MS, START, Datagrams, reply, request
+from tests.samples.files import pcap
 from tests.samples.legs import both_legs
 
 
@@ -45,6 +47,10 @@ def told(call: PairingResult, subject: TrackedObject | None) -> list[object]:
             call.abandoned_at,
             call.no_reply_expected,
             call.skipped_handles,
+            call.crossing_ns,
+            call.unseen_serials,
+            (call.may_go_on, call.was_overtaken, call.sure_until, call.is_at_controller),
+            [seen.number for seen in call.stray_replies],
         ]
         lines.append(call.evicted)
         lines += [call.last_attempt.number, call.last_activity, call.rtt]
@@ -134,6 +140,27 @@ def test_calls_through_a_proxy_come_back_with_both_legs(stack: ExitStack, tmp_pa
         assert near.controller_leg is not None
         assert leg.server == near.controller_leg.server
     assert verdicts == {CallVerdict.ANSWERED, CallVerdict.REQUEST_LOST, CallVerdict.REPLY_LOST}
+
+
+def test_calls_with_unseen_attempts_come_back(stack: ExitStack, tmp_path: Path) -> None:
+    network = Datagrams()
+    network.up(START, request(20, 0, "Service_Stop"))
+    network.down(START + 8 * MS, reply(21, 0))
+    network.up(START + 200 * MS, request(22, 20, "Service_Stop"))
+    network.down(START + 201 * MS, reply(22, 0))
+    network.up(START + 210 * MS, request(23, 0, "Service_Stop"))
+    network.down(START + 211 * MS, reply(24, 0))
+    path, folder = tmp_path / "unseen.pcap", tmp_path / "store"
+    path.write_bytes(pcap(network.packets))
+    folder.mkdir()
+    calls, rows = written(stack, folder, path)
+    verdicts = []
+    for index, (settled, subject) in enumerate(rows):
+        row = calls.read_call(index)
+        if isinstance(row.settled, Call):
+            assert told(row.settled, row.subject) == told(settled, subject)
+            verdicts.append(row.settled.verdict)
+    assert verdicts == [CallVerdict.REPLY_LOST, CallVerdict.NOT_CAPTURED]
 
 
 def test_frames_that_belong_to_no_call_yet(stack: ExitStack, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import pytest
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.traffic.filter.field_table import FIELDS
 from tests.capture import packets
+from tests.cli.late_retry import late_retry
 from tests.cli.run import CAPTURES, run, run_here
 from tests.samples.calls import MS, START, Datagrams, reply, request
 from tests.samples.files import pcap
@@ -65,13 +66,7 @@ def copies_in(call: dict[str, Any]) -> list[int]:
 def test_the_place_of_the_capture_decides_whether_a_reply_was_lost(
     tmp_path: Path, options: list[str], verdict: str
 ) -> None:
-    network = Datagrams()
-    network.up(START, request(1, 0, "Service_Stop"))
-    network.down(START + 7 * MS, reply(1, 0))
-    network.up(START + 8 * MS, request(2, 1, "Service_Stop"))
-    network.down(START + 9 * MS, reply(2, 0))
-    path = tmp_path / "retry.pcap"
-    path.write_bytes(pcap(network.packets))
+    path = late_retry(tmp_path)
     (line,) = run_here("calls", path, "--json", *options).lines
     assert json.loads(line)["verdict"] == verdict
     rules = [json.loads(line)["rule"] for line in run_here("diagnose", path, "--json", *options).lines]

@@ -5,7 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
+
 from bcapscope.cli.common.exit_codes import ExitCode
+from tests.cli.late_retry import late_retry
 from tests.cli.run import CAPTURES, run, run_here
 
 GOOD = CAPTURES / "slave-session.pcapng"
@@ -38,6 +41,15 @@ def test_a_capture_does_not_differ_from_itself() -> None:
     record = json.loads(line)
     assert record["notable"] is False
     assert not any(record[part] for part in ("differences", "only_good", "only_bad", "findings"))
+
+
+@pytest.mark.parametrize(("options", "is_lost"), [([], False), (["--taken-at", "client"], True)])
+def test_the_place_of_the_captures_decides_whether_a_reply_was_lost(
+    tmp_path: Path, options: list[str], is_lost: bool
+) -> None:
+    (line,) = run_here("compare", GOOD, late_retry(tmp_path), "--json", *options).lines
+    rules = [finding["rule"] for finding in json.loads(line)["findings"]]
+    assert ("reply-lost" in rules) is is_lost
 
 
 def test_json_is_one_object() -> None:

@@ -14,6 +14,7 @@ import pytest
 
 from bcapscope.cli.common.exit_codes import ExitCode
 from tests.analysis.scenes import Story
+from tests.cli.late_retry import late_retry
 from tests.cli.run import CAPTURES, run_here
 
 SESSION = CAPTURES / "slave-session.pcapng"
@@ -53,6 +54,17 @@ def test_json_says_the_same_as_csv(tmp_path: Path) -> None:
     book = json.loads((tmp_path / "way.json").read_bytes())
     table = [[float(cell) for cell in row.values()] for row in rows(tmp_path / "way.csv")]
     assert book["rows"] == table
+
+
+@pytest.mark.parametrize(
+    ("options", "code"), [([], ExitCode.NO_DATA), (["--taken-at", "client"], ExitCode.OK)]
+)
+def test_the_place_of_the_capture_decides_which_calls_a_filter_selects(
+    tmp_path: Path, options: list[str], code: ExitCode
+) -> None:
+    path = late_retry(tmp_path)
+    chosen = ["-f", "verdict == 'reply lost'", *options]
+    assert run_here("extract", path, "-o", tmp_path / "way.csv", *chosen).code == code
 
 
 def test_retries_are_gone(tmp_path: Path) -> None:

@@ -93,26 +93,61 @@ def test_a_few_reactions_show_nothing() -> None:
     assert verdict(0.2, 10.0, before=3) is LOST
 
 
-@pytest.mark.parametrize(
-    ("taken_at", "gap", "expected"),
-    [
-        (CapturePoint.CLIENT, 0.4, UNSURE),
-        (CapturePoint.CLIENT, 0.6, LOST),
-        (CapturePoint.BETWEEN, 99, UNSURE),
-        (CapturePoint.BETWEEN, 101, LOST),
-        (CapturePoint.CONTROLLER, 99, UNSURE),
-        (CapturePoint.CONTROLLER, 101, LOST),
-    ],
-)
-def test_the_place_that_the_user_names_counts(
-    taken_at: CapturePoint, gap: float, expected: CallVerdict
+@pytest.mark.parametrize("reaction", [0.1, 7.5])
+@pytest.mark.parametrize(("gap", "expected"), [(0.4, UNSURE), (0.6, LOST)])
+def test_a_capture_at_the_client_needs_no_reactions(
+    reaction: float, gap: float, expected: CallVerdict
 ) -> None:
-    assert verdict(0.1, gap, taken_at) is expected
-    assert verdict(7.5, gap, taken_at) is expected
+    assert verdict(reaction, gap, CapturePoint.CLIENT) is expected
+
+
+@pytest.mark.parametrize("taken_at", [CapturePoint.BETWEEN, CapturePoint.CONTROLLER])
+@pytest.mark.parametrize(
+    ("reaction", "gap", "expected"),
+    [(0.2, 0.8, UNSURE), (0.2, 1.0, LOST), (7.5, 15.4, UNSURE), (7.5, 15.6, LOST), (60, 99, UNSURE)],
+)
+def test_elsewhere_the_traffic_shows_how_far_the_client_is(
+    taken_at: CapturePoint, reaction: float, gap: float, expected: CallVerdict
+) -> None:
+    assert verdict(reaction, gap, taken_at) is expected
 
 
 def test_an_attempt_that_was_not_captured_may_have_crossed_the_reply() -> None:
     assert verdict(0.2, 30.0, retry=12) is UNSURE
+
+
+@pytest.mark.parametrize(("retry", "expected"), [(11, LOST), (12, UNSURE)])
+def test_a_reaction_counts_only_if_no_attempt_may_lie_before_it(retry: int, expected: CallVerdict) -> None:
+    """Where a serial is skipped, the client may have sent a retry in vain and gone on when the reply came."""
+    script = Script()
+    client = script.client()
+    for number in range(4):
+        at, serial = 100.0 * number, 20 * number + 10
+        client.ask(at, serial, 0, OTHER)
+        client.reply(at + 0.5, serial)
+        client.ask(at + 0.7, serial + retry - 10, 0, OTHER)
+        client.reply(at + 20, serial + retry - 10)
+    client.ask(1000, 100, 0, MOVE)
+    client.reply(1001, 100, 0, 0, POSE)
+    client.ask(1008, 101, 100, MOVE)
+    client.reply(1009, 101, 0, 0, POSE)
+    assert played(script)[-1].verdict is expected
+
+
+def test_a_reply_to_a_retry_shows_no_reaction() -> None:
+    """The capture lacks the first attempts, and the retries may have been the last ones."""
+    script = Script()
+    client = script.client()
+    for number in range(4):
+        at, serial = 100.0 * number, 3 * number + 10
+        client.ask(at, serial + 1, serial, OTHER)
+        client.reply(at + 0.5, serial + 1)
+        client.ask(at + 0.7, serial + 2, 0, OTHER)
+    client.ask(1000, 100, 0, MOVE)
+    client.reply(1001, 100, 0, 0, POSE)
+    client.ask(1008, 101, 100, MOVE)
+    client.reply(1009, 101, 0, 0, POSE)
+    assert played(script)[-1].verdict is UNSURE
 
 
 def test_a_client_that_does_not_wait_for_replies_shows_nothing() -> None:

@@ -26,6 +26,7 @@ SURROUNDINGS = st.builds(
     missed=st.sampled_from([0.0, 0.1, 0.4]),
     work=st.sampled_from([50, 400, 7000]),
     slow=st.sampled_from([0.0, 0.1, 0.4]),
+    notices=st.sampled_from([0, 0, 1, 7]),
     holds=st.booleans(),
 )
 SEEDS = st.integers(0, 2**32)
@@ -55,10 +56,6 @@ def check(call: Call, known: KnownCall, around: Surroundings) -> None:
     """Compare a call with what really happened to it."""
     replies = dict(known.replies)
     verdict = call.verdict
-    if call.is_guess:
-        assert call.is_plain or verdict is CallVerdict.CANNOT_TELL
-        assert verdict in (CallVerdict.ANSWERED, CallVerdict.CANNOT_TELL, CallVerdict.NOT_CAPTURED)
-        return
     told = f"{call} {call.outcome}, {verdict}; {known}"
     if verdict is CallVerdict.UNANSWERED:
         assert known.accepted is None, told
@@ -67,11 +64,22 @@ def check(call: Call, known: KnownCall, around: Surroundings) -> None:
         if call.outcome == "unanswered":
             assert known.accepted is None, told
     elif verdict is CallVerdict.REPLY_LOST:
-        assert any(replies[seen.number].came is None for seen in call.lost_replies), told
+        seen = [replies.get(each.number) for each in (*call.lost_replies, *call.stray_replies)]
+        is_noticed = bool(call.notices) or None in seen
+        lost = known.answered if is_noticed else [reply for reply in seen if reply is not None]
+        assert any(reply.came is None for reply in lost), told
+    elif verdict is CallVerdict.REQUEST_LOST:
+        received = {reply.attempt for reply in known.answered}
+        assert any(serial not in received for serial, _ in known.sent), told
     else:
-        assert verdict not in (CallVerdict.EXECUTED_TWICE, CallVerdict.REQUEST_LOST), told
+        assert verdict is not CallVerdict.EXECUTED_TWICE, told
+    if call.sure_until is not None:
+        return
     sent = [serial for serial, _ in known.sent]
-    first, last = sent.index(call.serials[0]), sent.index(call.last_attempt.item.serial)
+    last = sent.index(call.last_attempt.item.serial)
+    first = sent.index(call.serials[0])
+    if not call.first_attempt_seen:
+        first = sent.index(call.request.item.reserved) + 1
     assert set(call.unseen_serials) <= set(sent), told
     assert len(call.attempts) + call.unseen_retries == last - first + 1, told
 
@@ -84,7 +92,9 @@ def test_a_verdict_is_true_or_cannot_be_told(around: Surroundings, seed: int, na
     settled += tracker.close()
     for call in calls_of(settled):
         known = session.by_serial[call.request.item.serial]
-        assert call.is_guess or all(session.by_serial[serial] is known for serial in call.serials)
+        assert call.sure_until is not None or all(
+            session.by_serial[serial] is known for serial in call.serials
+        )
         check(call, known, around)
     first = first_request(session.observations)
     for stray in strays_of(settled):

@@ -8,7 +8,17 @@ from bcapscope.protocol.codec.variant import Variant
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.reserved_field import ReservedConvention
 from bcapscope.traffic.unseen_attempts import MAX_UNSEEN, skipped_serials
-from tests.traffic.playbook import MOVE, OTHER, POSE, Script, calls_of, play, strays_of, summaries
+from tests.traffic.playbook import (
+    MOVE,
+    OTHER,
+    POSE,
+    S_EXECUTING,
+    Script,
+    calls_of,
+    play,
+    strays_of,
+    summaries,
+)
 
 CHAINS = [
     (0, 10, 0, MOVE),
@@ -62,7 +72,7 @@ PLAYBOOKS: dict[str, tuple[list[str], list[tuple[object, ...]]]] = {
         [(24, 20, 0, OTHER), (25, -20, 0, POSE), (40, 22, 21, OTHER), (41, -22, 0, POSE)],
     ),
     "the serial named lies too far back": (
-        [">5 unanswered, unanswered", ">>6 <7 answered, cannot tell"],
+        [">5 unanswered, unanswered", ">>6 <7 answered, cannot tell, unseen 23"],
         [(24, 20, 0, OTHER), (40, 24, 22, OTHER), (41, -24, 0, POSE)],
     ),
 }
@@ -100,8 +110,8 @@ def test_a_client_that_repeats_itself_may_have_begun_another_call(
     lines = [(19, 19, 0, before), (20, -19, 0, POSE), (24, 20, 0, OTHER), (40, 22, 21, OTHER)]
     play(script, [*CHAINS, *lines, (41, -20, 0, POSE), (41.5, -22, 0, POSE)])
     call = calls_of(script.track())[2]
-    assert call.is_guess is is_guess
-    assert call.verdict is (CallVerdict.CANNOT_TELL if is_guess else CallVerdict.REPLY_LATE)
+    assert (call.sure_until is not None) is is_guess
+    assert call.verdict is CallVerdict.REPLY_LATE  # the client went on without this reply in either case
 
 
 def test_a_reply_to_an_attempt_that_was_not_captured_may_end_the_call() -> None:
@@ -133,3 +143,11 @@ def test_a_serial_of_a_settled_call_is_free_again() -> None:
     asked = [(0, 20, 0, OTHER), (16, 22, 20, OTHER), (17, -22, 0, POSE)]
     play(script, [*asked, (9000, 30, 0, MOVE), (9100, 31, 0, MOVE), (9101, -21, 0, POSE)])
     assert "stray 6 of 1" in summaries(script.track())
+
+
+def test_many_notices_do_not_hide_a_reply_that_may_end_the_call() -> None:
+    script = Script()
+    play(script, [(0, 20, 0, OTHER), (16, -21, 0, POSE)])
+    play(script, [(20 + number, -22, S_EXECUTING) for number in range(4 * MAX_UNSEEN)])
+    play(script, [(900, 23, 0, MOVE), (901, -23, 0, POSE)])
+    assert calls_of(script.track())[0].outcome is Outcome.NOT_CAPTURED

@@ -40,7 +40,7 @@ class ConnectionChecker(RuleChecker):
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         client = self.clients.find(conversation)
-        if client is not None:  # the registry forgets closed clients only later
+        if client is not None:  # the registry may still remember a closed client
             self.by_client[conversation] = True
             for occurrence in _closing_occurrences(client):
                 self.report_occurrence(occurrence)

@@ -103,8 +103,8 @@ def _error_to_clear(call: Call, client: ClientState) -> tuple[int, ...]:
 
 
 def _marked_guess(fact: Message, code: int) -> Message:
-    """Return `fact`. If the meaning of the code rests on a guess about the form of RC7's codes, add a remark
-    that says so.
+    """Return `fact`. If bcapscope only guesses the meaning of the code from the form of RC7's codes, add a
+    remark about this guess.
     """
     digits = rc7_digits_guessed(code)
     return fact if digits is None else Message("finding.rc7-guess", fact=fact, digits=digits)

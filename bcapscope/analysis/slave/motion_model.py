@@ -33,14 +33,14 @@ small step only before it or only after it.
 """
 
 SMALLEST_JUMP = 0.2
-"""Smallest step that can be a jump, in degrees or mm. At a cycle time of 8 ms, it means 25 degrees or mm per
-second. A smaller step is rounding or noise.
+"""Smallest step that can be a jump, in degrees or mm. At a cycle time of 8 ms, this step is a speed of 25
+degrees or mm per second. A smaller step is rounding or noise.
 """
 
 LARGEST_STEP = 180.0
 """Largest step in degrees or mm that can be normal motion. A larger step is always a jump. At a cycle time of
-8 ms, it means 22,500 degrees per second, or 22 m/s. No source gives a limit for every axis, but this step is
-far above the limit of any axis.
+8 ms, this step is a speed of 22,500 degrees or mm per second. No source gives a limit for every axis, but
+this step is far above the limit of any axis.
 """
 
 _FIGURE = "Fig"
@@ -298,8 +298,8 @@ class MotionModel:
         self._tail, self._tail_frames, self._tail_times = points[-4:], frames[-4:], times[-4:]
 
     def _find_stutters(self, moves: Bools, frames: NDArray[np.int64], new: int) -> None:
-        """Find repeated set points in the middle of a motion. Earlier calls have examined the steps before
-        index `new`.
+        """Find repeated set points in the middle of a motion. The steps before index `new` have already been
+        examined.
         """
         first = max(new - 2, 0)
         still = ~moves[1:-1] & moves[:-2] & moves[2:]
@@ -310,7 +310,7 @@ class MotionModel:
     def _find_jumps(
         self, steps: Floats, frames: NDArray[np.int64], times: NDArray[np.int64], new: int
     ) -> None:
-        """Find jumps of each kind. Earlier calls have examined the steps before index `new`."""
+        """Find jumps of each kind. The steps before index `new` have already been examined."""
         sizes = np.abs(steps[:, self._measured])
         absurd = sizes > LARGEST_STEP
         counted = np.logical_or.reduce(absurd, axis=1)  # no row counts twice

@@ -14,7 +14,7 @@ from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 class SelectedSlaveSessions(PipelineSubscriber):
     """Finds the slave-mode sessions that contain selected set points. Calls that are not selected can still
-    begin and end these sessions.
+    begin or end a session.
     """
 
     def __init__(

@@ -37,7 +37,8 @@ class SlaveSessionBuilder:
 
     Attributes:
         key: Conversation of the client that sends the set points, and the handle that this client uses for
-            the robot; until a set point arrives, they are those of the client that entered slave mode.
+            the robot; until a set point arrives, the conversation and handle of the client that entered slave
+            mode.
         mode: Number of the slave mode, and how this number is known.
         entry_call: The slvChangeMode call that began the session; None if the call was not captured.
         position: Position of the robot before the first set point; None if unknown.
@@ -84,7 +85,7 @@ class SlaveSessionBuilder:
 
     @property
     def handle(self) -> bytes:
-        """The robot's handle as raw bytes. It is the first argument of every set point."""
+        """The robot's handle as raw bytes: the first argument of every set point."""
         return self.key[1]
 
     @property
@@ -150,8 +151,8 @@ class SlaveSessionBuilder:
     def session(
         self, exit_: SessionExit, slave_setup: SlaveSetup, other_calls: tuple[CallFact, ...]
     ) -> SlaveSession:
-        """Return the slave-mode session with the end `exit_`. It does not include set points that wait to be
-        processed.
+        """Return the slave-mode session with the end `exit_`. The session does not include set points that
+        wait to be processed.
         """
         models = self.models or SessionModels(
             self.conversation.transport, slave_setup, SetPointBatch(), self._window

@@ -26,8 +26,8 @@ calls of a new kind are counted as `OTHER_KINDS` of their client.
 """
 
 MAX_CODES = 16
-"""Maximum number of result codes that are counted separately for each kind of call. The first codes that
-occur are counted.
+"""Maximum number of result codes that are counted separately for each kind of call. The codes that occur
+first are counted separately.
 """
 
 GRACE_NS = 200_000_000_000
@@ -39,7 +39,9 @@ OTHER_KINDS = CallKind(0, None)
 """Represents all kinds of call beyond `MAX_KINDS`. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
-"""Represents all clients that appear after twice `MAX_KINDS` pairs of client and call kind were counted."""
+"""Represents all clients that appear after the statistics hold twice `MAX_KINDS` pairs of client and call
+kind.
+"""
 
 _FLUSH_AT = 512
 _MILLISECOND = 1_000_000
@@ -122,8 +124,8 @@ class Statistics:
 
 
 class _CallTally:
-    """Counts calls of one kind. For speed, plain successes (nearly all calls) are collected and counted many
-    at once.
+    """Counts calls of one kind. For speed, plain successes (nearly all calls) are first collected and then
+    counted together.
     """
 
     def __init__(self) -> None:
@@ -301,8 +303,8 @@ class SlicedStatistics:
     started.
 
     Captures may be read out of chronological order. If a call starts more than `GRACE_NS` before the latest
-    start, all slices so far are completed. The same slice can then be returned a second time, with different
-    calls.
+    call, all slices so far are completed. Later calls of a completed slice are then returned in a second
+    slice for the same time.
     """
 
     def __init__(self, nanoseconds: int) -> None:

@@ -112,7 +112,7 @@ class CaptureReader:
         self.frame_origins = self._input.frame_origins
 
     def observations(self) -> Iterator[Observation]:
-        """Yield all frames of the input, or only those captured at the chosen side.
+        """Yield all frames of the input, or only the frames captured at the chosen side.
 
         Read errors do not raise an exception; `print_summary` prints them.
         """
@@ -291,7 +291,7 @@ class CaptureReader:
                 idle_at = 0
                 try:
                     while (packet := interrupts.read_or_stop(partial(next, packets, None))) is not None:
-                        # other traffic may leave no pause in which `capture.on_idle` is called
+                        # under constant other traffic, the capture never calls `capture.on_idle`
                         if packet[0] >= idle_at:
                             self.on_idle(packet[0])
                             idle_at = packet[0] + _IDLE_INTERVAL
@@ -336,7 +336,9 @@ class _NoMatch:
     has_matched: bool = False
 
     def sentence(self, words: MessageFormatter) -> str:
-        """Return a sentence that says that no record matched; "" if a record matched or none was tested."""
+        """Return a sentence that says that no record matched; "" if a record matched, or if no record was
+        tested.
+        """
         if self.has_matched or not self.tested:
             return ""
         records = Count(self.tested, str(self.wanted.kind))
@@ -349,7 +351,7 @@ class _NoMatch:
 class _Interrupted(Exception):
     """Ctrl-C ended reading, possibly inside a packet.
 
-    The capture is not reported as incomplete because of Ctrl-C.
+    After Ctrl-C, the command does not report the capture as incomplete.
     """
 
 

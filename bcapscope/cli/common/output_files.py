@@ -35,7 +35,8 @@ class AtomicFile:
     renames it.
 
     If `commit` is not called, the file is removed, even if a signal ends the command after
-    `interrupt_on_end_signals`. The file is open only during a write, so any number of such files can exist.
+    `interrupt_on_end_signals`. The file is open only during a write, so the limit of open files does not
+    matter.
     """
 
     def __init__(self, path: Path) -> None:

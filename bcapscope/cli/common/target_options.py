@@ -60,7 +60,7 @@ _OPTIONS = (
         "--retries",
         type=options.IntegerRange(0, 100),
         default=DEFAULT_RETRY_POLICIES.others.retries,
-        help="Retry a request at most this often on UDP. In an Async mode, the value 4 means 3 "
+        help="Maximum number of retries of a request on UDP. In an Async mode, the value 4 means 3 "
         "retries, as DENSO recommends. On TCP there are no retries: the only attempt waits as long "
         "as all UDP attempts together.",
     ),
@@ -68,9 +68,9 @@ _OPTIONS = (
         "--convention",
         type=click.Choice([each.value for udp in (True, False) for each in client_conventions(udp)]),
         callback=_convention,
-        help="Fill the reserved field by this convention. UDP: seed (first 0, then the first serial), own "
-        "(first its own serial, then the first serial), chain (first 0, then the previous serial). TCP: tcp0 "
-        "(0), tcp1 (1). Default: seed on UDP, tcp0 on TCP.",
+        help="Fill the reserved field by this convention. UDP: seed (first attempt 0, retries the first "
+        "serial), own (first attempt its own serial, retries the first serial), chain (first attempt 0, "
+        "retries the previous serial). TCP: tcp0 (0), tcp1 (1). Default: seed on UDP, tcp0 on TCP.",
     ),
     click.option(
         "--service",
@@ -113,7 +113,9 @@ def _target_options(host: options.Decorator, port_help: str) -> options.Decorato
 target_options = _target_options(
     click.argument("host", callback=_nonempty_host), "Connect to this port of the controller."
 )
-"""Decorator that adds the argument HOST and the connection options, passed as one argument `target`."""
+"""Decorator that adds the argument HOST and the connection options. The command gets them as one argument
+`target`.
+"""
 
 optional_target_options = _target_options(
     click.argument("host", required=False, default=""),

@@ -1,4 +1,4 @@
-"""The variable by which bcapscope's simulator identifies itself.
+"""The variable that identifies bcapscope's simulator.
 
 An address does not prove that a controller is simulated: a proxy to a real robot may listen on a loopback
 address. A real controller refuses to open an unknown variable (ShoheiKobata/orin_bcap_python_samples lists

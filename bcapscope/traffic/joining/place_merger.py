@@ -1,4 +1,4 @@
-"""Merge the captures of one conversation from two places. The result has each frame once, with its
+"""Merge the captures of one conversation from two places. Each frame occurs once in the result, with its
 sightings.
 """
 
@@ -24,11 +24,11 @@ frame is delivered without its second sighting.
 """
 
 MAX_COMPARED = 1024
-"""Maximum number of waiting frames that are compared with a frame, because a proxy may have changed it."""
+"""Maximum number of waiting frames that are compared with a frame that a proxy may have changed."""
 
 MAX_OVERDUE = 256
-"""Maximum number of lost frames that are remembered. If the other place captures a lost frame later, the
-merger recognises the frame. An example is a held message that the proxy's user released.
+"""Maximum number of lost frames that are remembered. The merger can then recognise a lost frame that the
+other place captures later, such as a held message that the proxy's user released.
 """
 
 NO_COMMENTS: Mapping[int, tuple[str, ...]] = {}
@@ -78,8 +78,8 @@ class PlaceMerger:
         """Start without observations.
 
         Args:
-            deliver: Function that receives each joined observation, not in order of time; see
-                `earliest_pending`.
+            deliver: Function that receives each joined observation. The observations are not in order of
+                time; see `earliest_pending`.
             is_relayed: Whether a proxy is between the places.
             coverage: When the capture of each place began and ended.
             clock_error: Uncertainty of the difference between the clocks of both places, ns.
@@ -162,7 +162,7 @@ class PlaceMerger:
         )
 
     def _give_up(self, waiting: _Waiting, *, is_at_end: bool) -> None:
-        """Deliver a frame that the other place did not capture with the same bytes in time."""
+        """Deliver a frame although the other place did not capture the same bytes in time."""
         observation, place = waiting.observation, waiting.place
         direction = observation.flow.direction
         key = direction, observation.item.raw
@@ -196,7 +196,7 @@ class PlaceMerger:
         self._deliver(joined)
 
     def _is_missed(self, observation: Observation, place: CapturePlace, is_at_end: bool) -> bool:
-        """Return whether the other place was capturing when this frame would have passed there."""
+        """Return whether the other place was capturing at the time when this frame should have passed it."""
         if not self._is_relayed and self.conversation.transport is Transport.TCP:
             return False  # TCP retransmits lost bytes, so the other capture has a gap
         other, time = self._coverage[1 - place], observation.time
@@ -206,7 +206,7 @@ class PlaceMerger:
             observation.flow.direction is Direction.REQUEST
         )
         if is_sender_side or _serial_of(observation) in self._own_serials:
-            return True  # a frame passes the sender's side first, so the other place had time to capture it
+            return True  # the frame passed the sender's side first, so the other place had time to capture it
         closing = self.conversation.connection_end
         if self._is_relayed and closing is not None and closing.ends_replies:
             return True  # the connection has ended, so no further frame can pass
@@ -242,8 +242,8 @@ class PlaceMerger:
     def _complete_overdue(
         self, key: tuple[Direction, bytes], place: CapturePlace, observation: Observation
     ) -> bool:
-        """Add the second sighting of a request that already counted as lost. Return whether there was such a
-        request.
+        """Add the second sighting of a request that already counted as lost. Return whether the sighting
+        belonged to such a request.
         """
         joined = self._overdue.get(key)
         if joined is None or not joined.is_request or place is not CapturePlace.CONTROLLER_SIDE:
@@ -254,8 +254,8 @@ class PlaceMerger:
         return True
 
     def _note_on(self, *observations: Observation) -> str:
-        """Return the comments on the packets of a frame. A proxy writes into these comments what it
-        changed.
+        """Return the comments on the packets of a frame. The proxy notes its changes to the frame in these
+        comments.
         """
         if not self._comments:
             return ""
