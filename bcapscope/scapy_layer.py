@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise, zip_longest
 from typing import Any, ClassVar
 
@@ -126,9 +126,6 @@ class _ReadArguments(list[Variant]):
         super().__init__(variants)
         self.raw = raw
 
-    def copy(self) -> _ReadArguments:
-        return _ReadArguments(self, self.raw)
-
 
 class _ArgumentsField(StrField):  # type: ignore[misc] # as above
     """The arguments of a frame: Python values and `Variant` objects. Programs read all arguments as `Variant`
@@ -146,25 +143,17 @@ class _ArgumentsField(StrField):  # type: ignore[misc] # as above
 
     def i2h(self, pkt: Packet | None, x: Any) -> Any:
         """Give the values the same types as `encode` does: from the function's definition, or else from the
-        Python values.
+        Python values. A value that does not fit the function gets its type from the Python value, too.
         """
-        if isinstance(x, RawVal):
-            return x
-        function = _function_of(pkt)
-        if function is None:
-            return tuple(map(variant_of, x))
-        return tuple(
-            variant_of(value) if param is None else argument_of(function, param, value)
-            for value, param in zip_longest(x, function.params[: len(x)])
-        )
+        return x if isinstance(x, RawVal) else tuple(_typed(pkt, x, is_strict=False))
 
     def do_copy(self, x: Any) -> Any:
-        return x.copy() if isinstance(x, _ReadArguments) else super().do_copy(x)
+        return x if isinstance(x, _ReadArguments) else super().do_copy(x)  # nothing changes it
 
     def i2m(self, pkt: Packet | None, x: Any) -> bytes:
         if isinstance(x, _ReadArguments):
             return x.raw
-        return b"".join(map(encode_argument, self.i2h(pkt, x or ())))
+        return b"".join(map(encode_argument, _typed(pkt, x or (), is_strict=True)))
 
     def i2len(self, pkt: Packet | None, x: Any) -> int:
         return len(x if isinstance(x, RawVal) else self.i2m(pkt, x))
@@ -404,6 +393,21 @@ def _function_of(packet: Packet | None) -> Function | None:
     """
     function_id = packet.function_id if isinstance(packet, BCAP) else None
     return FUNCTIONS.get(function_id) if isinstance(function_id, int) else None
+
+
+def _typed(packet: Packet | None, values: Sequence[object], *, is_strict: bool) -> Iterator[Variant]:
+    """Yield each value with the type that the function requires. If a value does not fit, `is_strict`
+    decides whether to raise LocalProtocolError.
+    """
+    function = _function_of(packet)
+    params = () if function is None else function.params[: len(values)]
+    for value, param in zip_longest(values, params):
+        try:
+            yield variant_of(value) if not function or not param else argument_of(function, param, value)
+        except LocalProtocolError:
+            if is_strict:
+                raise
+            yield variant_of(value)
 
 
 def _whole_frame_size(data: bytes) -> int:

@@ -26,6 +26,7 @@ from bcapscope.errors import BcapError, InputError, LocalProtocolError
 from bcapscope.protocol.codec.frame import HEADER_SIZE, Frame, Framing, encode_frame
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.variant_values import variant_of
 from bcapscope.scapy_layer import BCAP
 from tests.capture.packets import reply, request, service_start
 from tests.frames import FRAME_IDS, FRAMES, FramePair
@@ -125,6 +126,26 @@ def test_errors_are_those_of_bcapscope(
 ) -> None:
     with pytest.raises(error, match=reason):
         build()
+
+
+@pytest.mark.parametrize(
+    ("function", "values", "shown"),
+    [
+        ("Robot_Speed", [2, -1, "fast"], "fSpeed: VT_BSTR 'fast'"),
+        ("Robot_Execute", [2, 5, None], "bstrCommand: VT_I4 5"),
+        ("Service_Start", [None], "bstrOption: VT_EMPTY"),
+    ],
+)
+def test_values_that_do_not_fit_can_be_shown_but_not_built(
+    function: str, values: list[object], shown: str
+) -> None:
+    packet = BCAP(function=function, args=values)
+    assert packet.args == tuple(map(variant_of, values))
+    assert shown in packet.show(dump=True)
+    assert shown in repr(packet)
+    assert function in packet.summary()
+    with pytest.raises(LocalProtocolError, match=shown.partition(":")[0]):
+        bytes(packet)
 
 
 def test_the_former_names_are_deprecated() -> None:
