@@ -32,7 +32,7 @@ class PastedText:
 
     Attributes:
         count: Number of packets read so far.
-        comments: Comments on the latest packet, by packet number.
+        comments: The number of the latest packet, with the comments on this packet.
     """
 
     def __init__(self, lines: Iterable[str], words: MessageFormatter = ENGLISH_WORDS) -> None:

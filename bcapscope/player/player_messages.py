@@ -126,7 +126,7 @@ class Order(StrEnum):
 
 
 class PlayerCommand(msgspec.Struct, frozen=True):
-    """An order, or the answer to the last question."""
+    """What the user tells the player: an order to stop or halt, or the answer to the player's question."""
 
     order: Order | None = None
     answer: str = ""

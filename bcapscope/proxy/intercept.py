@@ -200,8 +200,8 @@ class Intercept:
         return min((held.until for held in self._held.values()), default=None)
 
     def pop_expired(self, now: int) -> list[HeldMessage]:
-        """Return the messages whose hold has ended. If a client no longer waits for its message, the
-        intercept will drop later retries.
+        """Release and return the messages that were held for the maximum time. If the client no longer waits
+        for the reply, the message and its later retries are dropped.
         """
         return [
             self.release(held.number, now, None if held.abandonment_reason(now) is None else b"")

@@ -79,7 +79,7 @@ class MessageSender:
     def _apply_guard(
         self, guard: RequestGuard, state: DirectionState, data: bytes, work: DecisionBuilder
     ) -> bytes:
-        """Return the frames of a request that the guard passes, and answer the frames that it refuses."""
+        """Return the requests in `data` that the guard allows, and answer the requests that it refuses."""
         passing, refused, dropped = guard.filter_frames(data)
         for frame, why in refused:
             self.refused_requests += 1

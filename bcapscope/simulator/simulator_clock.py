@@ -57,7 +57,7 @@ class SimulatorClock:
         return self._monotonic() - self.paused_ns
 
     def update(self) -> int:
-        """Return the model's time; if an event is long overdue, the time pauses from the event's due time."""
+        """Return the model's time. If an event is long overdue, the time goes back to when it was due."""
         ours = self._monotonic()
         now = ours - self.paused_ns
         if now - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
@@ -71,10 +71,10 @@ class SimulatorClock:
     def arrival_time(self, received_at: int) -> int:
         """Return the model's time at which a request arrived; `received_at` is in ns since 1970.
 
-        If the request waited too long, the model's time pauses from the request's arrival. The time does not
-        pause while a call runs, because the request is then most likely a retry of that call. Only the last
-        of several pauses is stored, because requests that arrived before a pause are read soon after the
-        pause.
+        If the request waited too long to be read, the model's time goes back to the request's arrival. This
+        does not happen while a call runs, because a request that arrives then is most likely a retry of that
+        call.
+        Only the last pause is stored, because the simulator reads requests soon after they arrive.
         """
         now, ours = self.update(), self._monotonic()
         moment = ours - max(0, self._wall() - received_at)

@@ -41,8 +41,7 @@ run.
 """
 
 HALT_KEY_WINDOW = 0.5
-"""Time in seconds after a halt by the terminal driver during which `action_halt` does not halt the robot
-again.
+"""Time in seconds for which `action_halt` does nothing after the terminal driver has halted the robot.
 """
 
 TERMINAL_CHECK_INTERVAL = 1.0

@@ -66,7 +66,7 @@ DUPLICATE_FRAMES = DiagnosisRule(
 )
 
 CHECKED_FROM_BYTES = 480
-"""Frames of at least this size in bytes are checked for being too large."""
+"""The rule checks only frames of at least this size in bytes."""
 
 
 _MAX_FLOWS = 4096

@@ -30,8 +30,7 @@ from bcapscope.traffic.pipeline import PipelineSubscriber
 from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 MAX_NOT_SELECTED = 64 * 2048
-"""Maximum number of unselected set points that are remembered until they are processed. No more set points
-than this can wait to be processed.
+"""Maximum number of remembered set points that the filter did not select.
 """
 
 

@@ -26,9 +26,7 @@ calls of a new kind are counted as `OTHER_KINDS` of their client.
 """
 
 MAX_CODES = 16
-"""Maximum number of result codes that are counted separately for each kind of call. The codes that occur
-first are counted separately.
-"""
+"""Number of result codes that have their own counts, for each kind of call. Further codes share one count."""
 
 GRACE_NS = 200_000_000_000
 """Time in ns from the end of a slice until all its calls are complete. A tracker keeps a call without further

@@ -114,7 +114,7 @@ class PlannedCallParser:
 
 
 def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]) -> None:
-    """Check that an option names, or an earlier call opens, the object that each call needs.
+    """Check that each call has its object: an option names the object, or an earlier call opens it.
 
     Raises:
         click.UsageError: a call needs an object that is neither named nor opened.

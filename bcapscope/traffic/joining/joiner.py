@@ -29,8 +29,8 @@ requests, and the client retries within this time (`pairing_windows.RETRY_WITHIN
 """
 
 MAX_WAITING = 32768
-"""Maximum number of observations that wait because earlier observations may follow. Beyond this limit,
-bcapscope joins or releases all held conversations at once.
+"""Maximum number of observations that wait because earlier observations may follow. Beyond this
+limit, bcapscope stops waiting for counterparts of the held conversations.
 """
 
 HELD_FRAMES = 512

@@ -163,7 +163,7 @@ class FrameList(RecordList):
         return f"{self._gutter(number)}{self._renderer.line(frame, call_kind, comments)}"
 
     def line_state(self, index: int) -> str:
-        """Return the marks before a line, because a change of marks makes the line look different."""
+        """Return the marks before a line. The line is drawn again if they change."""
         return self._gutter(self.record_at(index))
 
     def _gutter(self, number: int) -> str:
