@@ -1,8 +1,8 @@
 """Read the numbers in many frames at once.
 
 The frames of a slave-mode session's set points differ only in serial, reserved and the numbers in their
-arguments. A `ColumnReader` learns a template from one frame that was fully decoded and has no problems. With this
-template, the reader reads the numbers of all similar frames into columns.
+arguments. A `ColumnReader` learns a template from one frame that was fully decoded and has no problems. With
+this template, the reader reads the numbers of all similar frames into columns.
 """
 
 from __future__ import annotations
