@@ -53,8 +53,8 @@ def _content_key(request: Frame) -> bytes:
 
 
 class AttemptCounter:
-    """Finds the attempts of each call with the serials in the reserved field of retries. All conventions of
-    this field work.
+    """Finds the attempts of each call from the serials in the reserved fields of retries. Supports all
+    conventions for the reserved field.
 
     On TCP, every request is a first attempt, because clients do not retry on TCP.
     """

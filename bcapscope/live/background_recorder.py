@@ -167,8 +167,8 @@ class BackgroundRecorder:
             time.sleep(_CHECK_INTERVAL)
 
     def close(self) -> bool:
-        """Encode the waiting packets, write them and close the file. Encoding may take `_ENDS_WITHIN` seconds
-        at most, and so may writing.
+        """Encode the waiting packets, write them and close the file. Spend at most `_ENDS_WITHIN` seconds on
+        encoding, and as long again on writing.
 
         Return whether the capture is complete.
         """

@@ -115,7 +115,7 @@ class ServerCallLog:
     """Log lines for stdout. Each line is formatted after the client got its reply, and written within
     `_FLUSH_AFTER_NS`.
 
-    If a call is refused, the reason is printed to stderr, even without log lines.
+    If a call is refused, the reason is printed to stderr, even if calls are not logged.
     """
 
     _FLUSH_AFTER_NS = 20_000_000

@@ -168,7 +168,7 @@ class MessageFormatter:
         return self.text(Message(id, **places))
 
     def for_report(self, start: int, only_client: bool) -> MessageFormatter:
-        """Return a formatter in the same language for a report about traffic with this start."""
+        """Return a formatter in the same language for a report about traffic that began at `start`."""
         return MessageFormatter(self.language, start, only_client, self.find_frame)
 
     def for_captures(self, find_frame: Callable[[int], tuple[str, int] | None]) -> MessageFormatter:

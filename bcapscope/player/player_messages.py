@@ -249,7 +249,9 @@ class QuestionTopic(StrEnum):
 
 
 class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
-    """A question to the user. The player waits for the answer. The first choice always changes nothing."""
+    """A question to the user. The player waits for the answer. If the user picks the first choice, the player
+    changes nothing.
+    """
 
     topic: QuestionTopic
     text: Message
@@ -257,7 +259,9 @@ class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
 
 
 class PlayerProblem(msgspec.Struct, frozen=True, tag=True):
-    """A problem, and code and text of each error that the controller shows, newest first."""
+    """A problem of the play, with the controller's current errors, newest first: the code and the text of
+    each error.
+    """
 
     text: Message
     errors: tuple[tuple[int, str], ...] = ()
