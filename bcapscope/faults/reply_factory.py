@@ -26,8 +26,8 @@ class ReplyFactory:
     """Makes replies, and fills their reserved field in the same way as the controller does.
 
     The factory learns the controller's convention when a client sends a request whose reserved field is not
-    0, and the controller replies. Until then, the replies have 0 in this field, as the replies of DENSO's server do
-    (orin_bcap C/src/bCAPServer/bcap_server.c).
+    0, and the controller replies. Until then, the replies have 0 in this field, as the replies of DENSO's
+    server do (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
 
     def __init__(self) -> None:

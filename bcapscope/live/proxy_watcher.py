@@ -278,7 +278,7 @@ class ProxyWatcher:
         return reader.fill_ratio < _MAY_WAIT_SHARE
 
     def _decode(self) -> bool:
-        """Decode for at most `_DECODE_FOR`. Return True if undecoded records remain."""
+        """Decode for at most `_DECODE_FOR` seconds. Return True if undecoded records remain."""
         until = time.monotonic() + _DECODE_FOR
         recorded = None if self._recorder_task is None else self._recorder_task.reader.position
         while records := self._reader.read_records(_RECORDS_AT_ONCE, recorded):

@@ -57,8 +57,8 @@ class CleanupTask(StrEnum):
 
 
 class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
-    """Steps that remain to be undone. The player sends this message before each step and after each cleanup
-    task.
+    """Steps that the player must still undo. The player sends this message before each step and after each
+    cleanup task.
 
     Attributes:
         debts: Cleanup tasks that remain, oldest first.
@@ -92,7 +92,7 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
             anything.
         log: Path of a new CSV file for the controller's own log; None for no log.
         record: Path of a new recording of all frames; None for no recording.
-        aftermath: Steps of a crashed player to undo, without playing anything; None to play.
+        aftermath: Steps of a crashed player that this player undoes, without playing anything; None to play.
         first_serial: First serial to use, beyond every serial that a crashed player can have used.
     """
 
