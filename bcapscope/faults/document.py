@@ -31,7 +31,9 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.filter.tokens import with_nearest
 
 LONGEST_DOCUMENT = 1 << 20
-"""Maximum number of characters of a document. Documents that people write have at most ten thousand."""
+"""Maximum number of characters of a document. Documents that people write have at most ten thousand
+characters.
+"""
 
 T = TypeVar("T")
 

@@ -250,7 +250,7 @@ def _json(value: PlaceValue) -> Json:
 
 @cache
 def _translations(language: Language) -> GNUTranslations:
-    import gettext  # noqa: PLC0415 - `bcapscope --help` loads this module and shows no message
+    import gettext  # noqa: PLC0415 - keeps `bcapscope --help` fast
 
     path = os.path.join(os.path.dirname(__file__), "locale", language, "LC_MESSAGES", f"{DOMAIN}.mo")
     with open(path, "rb") as compiled:
