@@ -152,8 +152,8 @@ class HresultQuantity(int):
 
 
 class FrameCondition:
-    """A filter that selects requests and replies. For a reply, the filter can also
-    test the function and command of the reply's request.
+    """A filter that selects requests and replies. For a reply, the filter can also test the function and
+    command of the reply's request.
     """
 
     __slots__ = ("filter",)

@@ -195,7 +195,7 @@ class ProxySupervisor:
         self._raise_if_ended()
         self.relay.watch(self._end_signals.fileno(), self._on_signal)
         # Measured while other programs were busy: without real-time priority, one round trip in ten took 4 ms
-        # longer. With real-time priority, Linux always runs the relay on the processor that it used before,
+        # longer. With real-time priority, Linux runs the relay on the processor that it used before,
         # so this processor should not sleep.
         with realtime_priority() as grade:
             if not grade.realtime:
