@@ -47,8 +47,8 @@ MAX_ACTIVE = 32
 MAX_LOGGED = 128
 
 OTHER_CLIENT = 0
-"""Owner number for the arm if the pendant, or a client on another network, has it. Numbers of clients start
-at 1.
+"""Number of the arm's owner while the pendant, or a client on another network, has the arm. Numbers of
+clients start at 1.
 """
 
 
