@@ -154,8 +154,7 @@ class Intercept:
         return len(self._held) >= MAX_HELD or held >= MAX_BYTES
 
     def hold_or_pass(self, client: int, message: WireMessage) -> InterceptResult | None:
-        """Decide whether to hold a message. Return None if neither the filter nor an earlier decision of the
-        user applies to the message.
+        """Decide whether to hold a message. Return None if the intercept does nothing with the message.
 
         The proxy must pass all messages to this method, in order.
         """

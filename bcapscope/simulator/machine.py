@@ -273,7 +273,7 @@ class Machine:
             raise RefusedError(SOFTWARE_LIMIT + axis)
 
     def stop(self, now: int, code: int, is_reported: bool = True) -> None:
-        """End motions and slave mode immediately; the calls that wait for a motion or for slave mode return
+        """End motions and slave mode now; the calls that wait for a motion or for slave mode return
         `code`.
 
         If slave mode was on, the next slvMove also returns `code` (issues 20 and 49 of

@@ -122,8 +122,7 @@ class SimulatorServer:
         self._stops: list[_Connection] = []  # connections accepted beyond the limit for a stop, oldest first
         self._spares = SpareDescriptors(_SPARE_DESCRIPTORS)
         self._is_paused = False
-        # reserve no descriptors yet: the program itself needs descriptors first
-        self._tidied_at = -_TIDY_INTERVAL_NS
+        self._tidied_at = -_TIDY_INTERVAL_NS  # reserve no descriptors yet: the program needs some first
         self._spin_until = 0
         self._may_be_more = True
         self._polled_empty_at = 0  # time of the latest poll that found no data
@@ -266,9 +265,7 @@ class SimulatorServer:
                 if (accepted := accept_connection(self._tcp, self._free_descriptor)) is None:
                     break
             except OSError:
-                self._is_paused = (
-                    True  # otherwise `select` would immediately report the same connection again
-                )
+                self._is_paused = True  # otherwise `select` would immediately report this client again
                 break
             sock, address = accepted
             sock.setblocking(False)
