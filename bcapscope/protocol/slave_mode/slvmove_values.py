@@ -291,7 +291,7 @@ def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[
 
 def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
     """Return whether elements fit a guessed arrangement. User I/O must be valid. If there is hand I/O without
-    mini I/O, its upper 8 bits must be 0.
+    mini I/O, the upper 8 bits of the hand I/O must be 0.
     """
     named, problems = _name_parts(layout, parts)
     if not all(_is_valid_user_io(run) for run in (_user_io(named, "write"), _user_io(named, "read")) if run):
