@@ -25,7 +25,8 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers",
         "bcap(profile=None, scenario=None, faults=(), seed=None): set up the fixture bcap_simulator; the "
-        "arguments are those of bcapscope.Simulator. If a test uses bcap_proxy, the proxy injects the faults.",
+        "arguments are those of bcapscope.Simulator. If a test uses bcap_proxy, the proxy injects the "
+        "faults.",
     )
 
 
