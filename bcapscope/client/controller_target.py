@@ -40,6 +40,9 @@ class RetryPolicies(NamedTuple):
 DEFAULT_RETRY_POLICIES = RetryPolicies()
 """Policies that DENSO recommends."""
 
+DEFAULT_TIMEOUT_MS = DEFAULT_RETRY_POLICIES.others.timeout / _MS
+DEFAULT_RETRIES = DEFAULT_RETRY_POLICIES.others.retries
+
 OTHERS_IN_ASYNC_MODE = RetryPolicy(1000 * _MS, 3)
 """Retry policy that DENSO recommends in an Async mode for all calls except slvMove."""
 
@@ -60,8 +63,8 @@ class ControllerTarget:
     host: str
     port: int = DEFAULT_PORT
     tcp: bool = False
-    timeout: float = DEFAULT_RETRY_POLICIES.others.timeout / _MS
-    retries: int = DEFAULT_RETRY_POLICIES.others.retries
+    timeout: float = DEFAULT_TIMEOUT_MS
+    retries: int = DEFAULT_RETRIES
     convention: ReservedConvention | None = None
     service: str = ""
     name: str = ""
