@@ -70,7 +70,7 @@ class SlaveSetup(NamedTuple):
     """Facts that are known before the first set point: slave mode, formats and the robot's position.
 
     Attributes:
-        known_by: Name of the command that shows `mode_value`.
+        known_by: Name of the command from which `mode_value` is known.
     """
 
     mode_value: int | None
