@@ -105,7 +105,8 @@ class UdpConversations:
     ) -> list[tuple[Flow, TimedItem]]:
         if conversation.flows is not None:
             other = reverse_key(key)
-            for each in {key, other}:  # both keys are equal if a forged packet goes from an end to itself
+            # both keys are equal if a forged packet has the same source and destination
+            for each in {key, other}:
                 del self._undecided[each]
             self.flows[key], self.flows[other] = conversation.flows[sender], conversation.flows[1 - sender]
             while len(self.flows) > FLOWS_LIMIT:
