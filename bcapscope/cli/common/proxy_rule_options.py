@@ -71,7 +71,7 @@ class RuleOptions:
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
         """Create the rules of the proxy; return None if the options define no rules.
 
-        If a fault starts after a time, that time runs from the moment this method is called.
+        Some faults start only after a certain time. This time counts from the call of this method.
         """
         guard = self._make_guard()
         if not (self.faults or guard or self.intercept or self.scripts or self.control):
@@ -97,8 +97,8 @@ class RuleOptions:
     def attach_rules(
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
     ) -> ControlServer | None:
-        """Send the reports of the rules to the relay. Open the control socket and return its server; return
-        None without --control.
+        """Make the rules send their reports to the relay. Open the control socket and return its server;
+        return None without --control.
 
         Clients of the control socket can also read the entries of `state`.
 
