@@ -28,7 +28,8 @@ from bcapscope.wireshark.capture_sources import CaptureOptionError, CaptureSourc
     "--extcap-capture-filter",
     "capture_filter",
     metavar="FILTER",
-    help="Without --capture, print why capture filters are not supported. With --capture, this option has no effect.",
+    help="Without --capture, print why capture filters are not supported. With "
+    "--capture, this option has no effect.",
 )
 @click.option("--extcap-version", metavar="VERSION", expose_value=False, help="Has no effect.")
 @click.argument("given", nargs=-1, type=click.UNPROCESSED, metavar="[OPTION]...")
