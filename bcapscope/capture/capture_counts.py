@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 class CaptureCounts:
     """Numbers of packets and observations of a capture, as read so far.
 
-    If a packet yields no observation, at most one of the fields counts this packet.
+    If a packet yields no observation, at most one field besides `packets` counts this packet.
 
     Attributes:
         packets: Number of packets read.

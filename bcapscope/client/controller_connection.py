@@ -6,7 +6,12 @@ from contextlib import AsyncExitStack
 from types import TracebackType
 
 from bcapscope.client.blocking import Blocking
-from bcapscope.client.controller_target import DEFAULT_PORT, DEFAULT_RETRY_POLICIES, ControllerTarget
+from bcapscope.client.controller_target import (
+    DEFAULT_PORT,
+    DEFAULT_RETRIES,
+    DEFAULT_TIMEOUT_MS,
+    ControllerTarget,
+)
 from bcapscope.client.remote_objects import Controller, Service
 from bcapscope.client.session import open_target_session
 
@@ -71,8 +76,8 @@ def connect_controller(
     provider: str = "CaoProv.DENSO.VRC",
     name: str = "",
     option: str = "",
-    timeout: float = DEFAULT_RETRY_POLICIES.others.timeout / 1e6,
-    retries: int = DEFAULT_RETRY_POLICIES.others.retries,
+    timeout: float = DEFAULT_TIMEOUT_MS,
+    retries: int = DEFAULT_RETRIES,
 ) -> ControllerConnection:
     """Return a connection to a controller, for `with` or `async with`.
 

@@ -25,7 +25,7 @@ class RetryPolicies(NamedTuple):
     """Timeouts and numbers of retries (DENSO Wave 2009, How to use the Slave mode).
 
     Attributes:
-        others: Policy for all calls except slvMove. By default, it has 4 retries, and 3 retries in an Async
+        others: Policy for all calls except slvMove. The default is 4 retries, or 3 retries in an Async
             mode.
         sync: Policy for slvMove in a mode that is not Async: a timeout of 2 ms and 7 retries. All attempts
             together take two cycle times.
@@ -39,6 +39,9 @@ class RetryPolicies(NamedTuple):
 
 DEFAULT_RETRY_POLICIES = RetryPolicies()
 """Policies that DENSO recommends."""
+
+DEFAULT_TIMEOUT_MS = DEFAULT_RETRY_POLICIES.others.timeout / _MS
+DEFAULT_RETRIES = DEFAULT_RETRY_POLICIES.others.retries
 
 OTHERS_IN_ASYNC_MODE = RetryPolicy(1000 * _MS, 3)
 """Retry policy that DENSO recommends in an Async mode for all calls except slvMove."""
@@ -60,8 +63,8 @@ class ControllerTarget:
     host: str
     port: int = DEFAULT_PORT
     tcp: bool = False
-    timeout: float = DEFAULT_RETRY_POLICIES.others.timeout / _MS
-    retries: int = DEFAULT_RETRY_POLICIES.others.retries
+    timeout: float = DEFAULT_TIMEOUT_MS
+    retries: int = DEFAULT_RETRIES
     convention: ReservedConvention | None = None
     service: str = ""
     name: str = ""

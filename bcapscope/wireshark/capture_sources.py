@@ -18,10 +18,12 @@ from bcapscope.simulator.scenario_files import bundled_titles
 UNSET = "unset"
 """Value of a list in Wireshark for an option that is left out."""
 
-_FAULT_SEPARATOR = re.compile(r';(?=(?:[^"]*"[^"]*")*[^"]*$)')
-"""A semicolon outside quotation marks, which separates the faults in one text."""
+_FAULT = re.compile(r"""(?:"(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*'|[^;])+""")
+"""A fault in a text with several, which semicolons separate. A fault may contain semicolons in quotation
+marks.
+"""
 
-_NETWORK_SEPARATOR = re.compile(r"[\s,]+")
+_NETWORK = re.compile(r"[^\s,]+")
 
 
 class CaptureOptionError(BcapError):
@@ -52,7 +54,7 @@ class DialogOption:
         range: Smallest and largest number; "" for no limits.
         is_required: Whether Wireshark asks for a value before it captures.
         option: Option of the command; "" if it is `call`.
-        separator: Separator of several values, for each of which the command gets the option once.
+        each_value: Pattern of each value in a text with several. The command gets the option once for each.
     """
 
     call: str
@@ -65,13 +67,13 @@ class DialogOption:
     range: str = ""
     is_required: bool = False
     option: str = ""
-    separator: re.Pattern[str] | None = None
+    each_value: re.Pattern[str] | None = None
 
     def words(self, value: str) -> list[str]:
         """Return the words for the command line; none if the value is empty."""
         if self.type is DialogType.SWITCH:
             return [self.call] if value == "true" else []
-        values = [value] if self.separator is None else self.separator.split(value)
+        values = [value] if self.each_value is None else self.each_value.findall(value)
         stripped = [each for value in values if (each := value.strip()) not in ("", UNSET)]
         return [word for each in stripped for word in (self.option or self.call, each)]
 
@@ -168,14 +170,14 @@ def proxy_source() -> CaptureSource:
                 "Allowed clients",
                 "Accept only these addresses or networks, separated by commas. Empty: all.",
                 placeholder="all",
-                separator=_NETWORK_SEPARATOR,
+                each_value=_NETWORK,
             ),
             DialogOption(
                 "--fault",
                 "Faults",
                 "Inject these faults, separated by semicolons. See `bcapscope proxy --help-faults`.",
                 placeholder="loss=5%; delay=3ms if command == slvMove",
-                separator=_FAULT_SEPARATOR,
+                each_value=_FAULT,
             ),
             _SEED,
             DialogOption(

@@ -3,8 +3,8 @@ arrived.
 
 The model is a prediction, not an observation. It assumes:
 
-- The controller takes the first set point from the buffer when it arrives, and then one set point per period
-  (8 ms).
+- The controller takes the first set point from the buffer as soon as this set point arrives, and then takes
+  one set point per period (8 ms).
 - A set point reaches the controller at the time when the answered attempt was captured. If no attempt was
   answered, the time of the first attempt counts. The network delay is ignored, because it is nearly the same
   for all set points.

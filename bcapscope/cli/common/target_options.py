@@ -14,7 +14,8 @@ from bcapscope.cli.common import options
 from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.client.controller_target import (
     DEFAULT_PORT,
-    DEFAULT_RETRY_POLICIES,
+    DEFAULT_RETRIES,
+    DEFAULT_TIMEOUT_MS,
     ControllerTarget,
     split_host_port,
 )
@@ -27,8 +28,6 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.render.escape import printable
 
 __all__ = ["ControllerTarget", "exit_on_failure", "target_options"]
-
-_MS = 1_000_000
 
 
 def _convention(context: click.Context, _: click.Parameter, value: str | None) -> ReservedConvention | None:
@@ -53,13 +52,13 @@ _OPTIONS = (
         "--timeout",
         metavar="MS",
         type=options.NumberRange(0.1),
-        default=DEFAULT_RETRY_POLICIES.others.timeout / _MS,
+        default=DEFAULT_TIMEOUT_MS,
         help="Wait this long for the reply to each attempt, in ms. slvMove always uses DENSO's 2 ms.",
     ),
     click.option(
         "--retries",
         type=options.IntegerRange(0, 100),
-        default=DEFAULT_RETRY_POLICIES.others.retries,
+        default=DEFAULT_RETRIES,
         help="Maximum number of retries of a request on UDP. In an Async mode, bcapscope makes 3 retries "
         "instead of 4, as DENSO recommends. On TCP there are no retries: the only attempt waits as long "
         "as all UDP attempts together.",
