@@ -6,8 +6,8 @@ from array import array
 from bisect import bisect_right
 
 MAX_RUNS = 2_000_000
-"""Maximum number of runs in a table; a table of this size takes 40 MB. The table does not know the source of
-packets and frames after the last run.
+"""Maximum number of runs in a table; a table of this size takes 40 MB. If the table is full, the sources of
+later packets and frames are unknown.
 """
 
 

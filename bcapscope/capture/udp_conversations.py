@@ -55,8 +55,8 @@ class UdpConversations:
         """Accept a datagram with its 8-byte header, and return the items of conversations whose server is now
         known.
 
-        `timed_item` holds the datagram's times; its item is ignored. `note` is the reason why the datagram is
-        incomplete; None for a whole datagram.
+        Of `timed_item`, only the times and the packet number are used. `note` is the reason why the datagram
+        is incomplete; None for a whole datagram.
         """
         key = addresses + segment[:4]
         payload = segment[8:]

@@ -49,8 +49,8 @@ _UNKNOWN = -1
 _STEP = 1
 _SERIALS = 1 << 16
 _MOST_UNCAPTURED = 1000
-"""Maximum number of skipped serials that count as attempts that were not captured. A client that skips more
-serials does not count serials one by one.
+"""Maximum number of skipped serials that count as attempts that were not captured. If a client skips more
+serials, its serials do not increase one by one.
 """
 _TINY_STEP = 0.02
 """A step of an axis counts as motion only if it is larger than this share of the axis's largest step so far.

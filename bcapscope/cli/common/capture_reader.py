@@ -188,7 +188,7 @@ class CaptureReader:
         return self._input.origin_of(packet)
 
     def citing_words(self) -> MessageFormatter:
-        """Return the formatter of the command.
+        """Return the formatter for the command's messages.
 
         If several captures are read, the formatter adds to each frame number the capture and packet of the
         frame.
