@@ -149,7 +149,13 @@ class PlayerSlot:
         """Start a player; raises `OSError` if its process cannot be started."""
         assert self._player is None
         self._ended = None
-        self._player = await asyncio.to_thread(PlayerProcess, plan)
+        starting = asyncio.ensure_future(asyncio.to_thread(PlayerProcess, plan))
+        try:
+            self._player = await asyncio.shield(starting)
+        except asyncio.CancelledError:  # the screen is closed while the process starts
+            player = await starting
+            await asyncio.to_thread(player.close)
+            raise
 
     async def next_messages(self) -> list[PlayerMessage]:
         """Wait at most `POLL_SECONDS` seconds for messages of the player, and return those that arrived.
