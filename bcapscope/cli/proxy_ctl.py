@@ -177,7 +177,9 @@ def _held_lines(held: control.HeldStatus, words: MessageFormatter) -> list[str]:
 )
 @click.pass_obj
 def _edit(ctl: _ControlCommand, number: int, changes: tuple[str, ...], data: str | None) -> None:
-    """Send a held message with CHANGES. Write CHANGES as for the fault `rewrite`, such as: set arg[2][0]=10."""
+    """Send a held message with CHANGES. Write CHANGES as for the fault `rewrite`, such as: set
+    arg[2][0]=10.
+    """
     ctl.request(control.EditHeld(number, data or "", " ".join(changes)), control.DoneResponse)
 
 
