@@ -120,8 +120,7 @@ class CallKinds:
 class RecentRequests:
     """Remembers recent requests, so that a reply can be shown with the function of its request.
 
-    A reply belongs to the latest request with the same serial. DENSO's C server assigns replies in the same
-    way.
+    A reply belongs to the latest request with the same serial.
     """
 
     def __init__(self) -> None:
