@@ -41,8 +41,8 @@ def first_number(variant: Variant | None) -> int | None:
 
 
 def requested_motor_state(call: Call) -> bool | None:
-    """Return whether a Motor call, or a write to @SERVO_ON, requests the motor on. Return None if the
-    argument cannot be read.
+    """Return whether a call (Motor, or a write to @SERVO_ON) asks the controller to switch the motor on.
+    Return None if the argument cannot be read.
     """
     if call.kind.function_id == ID["Variable_PutValue"]:
         value = argument(call, 1)

@@ -36,7 +36,7 @@ class CallSelection:
         self._held_occurrences: dict[int, list[Occurrence]] = {}
 
     def on_frame(self, observation: Observation) -> None:
-        """From now on, keep the problems that rules report about this frame until its call is complete."""
+        """Until the call of this frame is complete, keep the problems that rules report about the frame."""
         self._unsettled_frame = observation.number if isinstance(observation.item, Frame) else None
 
     def on_call(self, call: Call) -> None:
@@ -67,9 +67,9 @@ class CallSelection:
         self._report_occurrence(self._marked(occurrence))
 
     def provisional_occurrences(self, at_end: Iterable[Occurrence]) -> Iterator[Occurrence]:
-        """Yield the kept problems and then the problems in `at_end`, each marked as if the traffic ended now.
-        A kept problem whose frame belongs to no completed call is not selected. This method passes nothing to
-        `report_occurrence`.
+        """Yield the kept problems, then the problems in `at_end`. Mark each problem as selected or not
+        selected, as if the traffic ended now. A kept problem is not selected if its frame belongs to no
+        completed call. This method passes nothing to `report_occurrence`.
         """
         return map(self._marked, chain(*self._held_occurrences.values(), at_end))
 

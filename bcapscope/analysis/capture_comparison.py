@@ -19,7 +19,7 @@ capture.
 """
 
 FEWEST_SAMPLES = 8
-"""Minimum number of calls or cycles in each capture for a difference in speed to be notable."""
+"""A difference in speed is notable only if each capture has at least this many calls or cycles."""
 
 NOTABLE_RATIO = 1.5
 """Smallest notable ratio of two times or two rates. Smaller ratios occur even between two captures of the
@@ -47,7 +47,7 @@ Value: TypeAlias = "float | str | None"
 
 @dataclass(frozen=True, slots=True)
 class ComparedCapture:
-    """The data of one capture that the comparison of two captures uses.
+    """Data of one capture, for the comparison of two captures.
 
     Attributes:
         slave_sessions: The first slave-mode sessions of the capture, at most `MAX_SESSIONS`, in the order of
@@ -70,7 +70,7 @@ class Difference:
     Attributes:
         subject: Kind of call to which the figure belongs, or number of the slave-mode session; None for all
             calls.
-        figure: Name of the figure, the same as in the JSON of ``stats`` if that JSON has the figure.
+        figure: Name of the figure. If the JSON of ``stats`` has the figure, it uses the same name.
         good: Value in the first capture, which is a number or a word; None if the capture has no such value.
         bad: Value in the second capture, in the same form as `good`.
         notable: True if two captures of the same faultless program would not differ this much.
@@ -118,12 +118,12 @@ class CaptureComparison:
     """All differences between two captures.
 
     Attributes:
-        differences: Figures that differ: first all notable figures, then all others. Within the notable and
-            the other figures, slave-mode sessions come first, then all calls together, then kinds of call,
-            longest total time first.
+        differences: Figures that differ: first all notable figures, then all others. Both groups of figures
+            have this order: slave-mode sessions, all calls together, kinds of call (longest total time
+            first).
         session_counts: Number of slave-mode sessions in the first and in the second capture.
         rules: Rules with a different number of findings. Rules with more findings in the second capture come
-            first, in the order in which ``diagnose`` lists them for that capture.
+            first; among these rules, the order is that of ``diagnose``.
     """
 
     differences: tuple[Difference, ...]
@@ -196,12 +196,14 @@ def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
 
 
 def _judge_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether two shares of calls differ notably, for events that are not random, such as refusals."""
+    """Return whether two shares of calls differ notably. The shares count events that are not random, such as
+    refusals.
+    """
     return isinstance(good, float) and isinstance(bad, float) and abs(good - bad) > NOTABLE_SHARE
 
 
 def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether two shares of calls with random events differ notably.
+    """Return whether two shares of calls differ notably. The shares count random events.
 
     The counts of random events, such as losses, have a Poisson distribution.
     """
@@ -213,7 +215,7 @@ def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> boo
 
 
 def _judge_word(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether the difference between two words is notable: whether both captures show the value."""
+    """Return whether two words differ notably. They do if both captures show the value."""
     unseen = (None, ExitReason.CAPTURE_ENDED.value)
     return good not in unseen and bad not in unseen
 
@@ -250,7 +252,7 @@ def _latency_figure(percentile: str) -> Callable[[CallFigures], Value]:
 _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], ...] = (
     ("calls", lambda figures: float(figures.calls), _never_notable),
     ("calls_per_s", lambda figures: figures.calls_per_second, _judge_ratio(NOTABLE_RATIO)),
-    # This share is never notable, because the share of line time follows from the rate and the latency.
+    # A difference of this share is never notable, because the share follows from the rate and the latency.
     ("line_time_share", lambda figures: figures.line_time_share, _never_notable),
     ("latency_ms.p50", _latency_figure("p50"), _judge_ratio(NOTABLE_RATIO, NOTABLE_MS)),
     ("latency_ms.p99", _latency_figure("p99"), _judge_ratio(NOTABLE_RATIO, NOTABLE_MS)),
@@ -259,13 +261,14 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], .
     ("late_replies_per_call", _per_call(lambda figures: figures.late_replies), _judge_chance_share),
     ("refused_share", _per_call(lambda figures: figures.refused), _judge_share),
     ("unanswered_share", _per_call(lambda figures: figures.unanswered), _judge_share),
-    # This share is never notable, because evictions depend on bcapscope's memory limit, not on the traffic.
+    # A difference of this share is never notable, because bcapscope's memory limit decides which calls it
+    # drops.
     ("not_followed_share", _per_call(lambda figures: figures.not_followed), _never_notable),
 )
 
 _SPEEDS = ("latency_ms.p50", "latency_ms.p99", "latency_ms.max")
-"""Figures that are compared only for one kind of call. For all calls together, these figures depend on which
-kinds of call the client made.
+"""Figures that are compared for each kind of call, but not for all calls together. For all calls together,
+these figures depend on which kinds of call the client made.
 """
 
 _PACES = ("calls_per_s", "line_time_share")

@@ -28,14 +28,14 @@ from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeEffec
 
 MAX_HANDLES = 1024
 """Maximum number of handles that are remembered for each client. DENSO's C server gives a client at most 1000
-(orin_bcap C/src/bCAPServer/bcap_server.c).
+handles (orin_bcap C/src/bCAPServer/bcap_server.c).
 """
 
 MAX_CLOSED_CLIENTS = 32
-"""Maximum number of remembered clients whose conversation was closed; they may have left slave mode on."""
+"""Maximum number of clients that are remembered after their conversation ended; slave mode may be on."""
 
 SLOW_CALL_NS = 50_000_000
-"""Latency in ns above which a call is slow: the controller may still execute it during the next call."""
+"""A call with a longer latency (ns) is slow: the controller may still execute it during the next call."""
 
 # Maximum total size in bytes of a remembered set point's frames; a real set point has a few hundred bytes.
 _LARGEST_POINT = 8192
@@ -58,8 +58,8 @@ _FOLLOWED_COMMANDS = frozenset(("takearm", "givearm", "motor", "clearerror", "sl
 
 MOTION_FUNCTIONS = frozenset(ID[f"Robot_{name}"] for name in ("Drive", "GoHome", "Move", "Rotate"))
 MOTION_COMMANDS = frozenset(("approach", "depart", "driveaex", "driveex"))
-"""Commands in lower case that move the robot outside slave mode; `MOTION_FUNCTIONS` has the functions that
-move the robot.
+"""Names, in lower case, of commands that move the robot outside slave mode. `MOTION_FUNCTIONS` contains the
+functions that move the robot.
 """
 
 
@@ -79,8 +79,8 @@ class ClientState:
         service_start: The Service_Start call of the current session; None if this call was not captured.
         failed_start: The Service_Start call that the controller refused, or that the controller probably did
             not execute because the serial of the call was 0; None while a session is open.
-        session_end: The Service_Stop or Controller_Disconnect call that ended the session, or may have ended
-            the session although no reply was captured; None while the session is open.
+        session_end: The Service_Stop or Controller_Disconnect call that ended the session, or that may have
+            ended it without a captured reply; None while the session is open.
         latest_calls: Latest call of each command in `_FOLLOWED_COMMANDS` in this session, successful or not;
             the key is the command in lower case; a write to @SERVO_ON counts as `motor`, and a Task_Start of
             RobSlave has the key `robslave`.
@@ -97,17 +97,15 @@ class ClientState:
         mode_value: Number of the slave mode, as in slvChangeMode; 0 while slave mode is off, None if unknown.
         mode_entered_by: The latest slvChangeMode call that entered slave mode.
         mode_ended_by: The latest call that ended slave mode.
-        uncleared_error: Since the client last cleared errors, the first failed call with a controller error
-            in its reply.
-        latest_error: The latest failed call with a controller error in its reply, even if the error was
-            cleared.
+        uncleared_error: The first call that reported a controller error after the client last cleared errors.
+        latest_error: The latest call that reported a controller error, even if the error was cleared.
         clear_call: The client's latest successful ClearError call.
-        error_was_read: Whether the client has read the details of the error since `uncleared_error`.
+        error_was_read: Whether the client has read the details of an error after the call `uncleared_error`.
         slow_call: Latest call that got no reply, or whose latency exceeds `SLOW_CALL_NS`; evicted calls do
             not count.
         may_be_answered: Whether a captured stray reply may answer one of the client's evicted calls.
         opened_objects: For each handle, the object for which the controller last gave this handle.
-        released_by: The latest calls that released handles, with object class and handle as the key.
+        released_by: The latest call that released each handle; the key is the object class and the handle.
         target_object: Object to which the handle of the current call refers; None if unknown.
         recent_set_points: Latest set points of the current slave-mode session, at most `RECENT_SET_POINTS`.
         silent_session: Latest slave-mode session that ended because the client stopped sending set points.
@@ -173,7 +171,7 @@ class ClientState:
     @property
     def slave_mode(self) -> SlaveMode | None:
         """Slave mode that the client has entered; None while slave mode is off. If the controller's
-        generation is unknown, the mode is that of an RC8.
+        generation is unknown, the mode number is understood as on an RC8.
         """
         return (
             slave_mode_by_number(self.mode_value, self.generation or Generation.RC8)
@@ -186,7 +184,7 @@ class ClientState:
         return [each for each in self._registry if each is not self and each.conversation.server.host == host]
 
     def cleared_by_other(self, error: Call, before: int) -> bool:
-        """Return whether another client cleared the errors between the call `error` and the time `before`."""
+        """Return whether another client cleared the errors after the call `error`, but before `before`."""
         clears = (other.clear_call for other in self.other_clients())
         times = (clear.request.time for clear in clears if clear is not None)
         return any(error.request.time <= time <= before for time in times)
@@ -249,7 +247,7 @@ class ClientState:
             self.failed_openings[creates] = call
 
     def topic_of(self, call: Call) -> str:
-        """Return the command of a call, or the name of its object; "" for calls that are not followed."""
+        """Return the command of a call, or the name of its object; "" for other calls."""
         function_id, command = call.kind
         if command is not None:
             return call.kind.folded_command if function_id in EXECUTES else ""

@@ -32,8 +32,8 @@ from bcapscope.traffic.pipeline import PipelineSubscriber, overriding_methods
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange
 
 MAX_CALL_KINDS = 4096
-"""Maximum size of the cache that shows which checkers want a kind of call. When the cache is full, it is
-emptied.
+"""Maximum size of a cache. For each kind of call, this cache contains the checkers that need such calls. When
+the cache is full, it is emptied.
 """
 
 MAX_FLOWS = 65536
@@ -62,11 +62,11 @@ class Diagnosis(PipelineSubscriber):
 
         Args:
             is_selected: Function that returns whether a call is selected; None to select all calls. The rules
-                check all calls, but report only findings about selected calls, and the causes of these
+                check all calls. They report only the findings about selected calls, and the causes of these
                 findings.
-            on_slave_session: Function that receives each complete slave-mode session. With `is_selected`, the
-                function receives only sessions with selected set points. The method `remaining_sessions`
-                returns the incomplete sessions.
+            on_slave_session: Function that receives each complete slave-mode session. If `is_selected` is
+                given, this function receives only sessions with selected set points. The method
+                `remaining_sessions` returns the incomplete sessions.
         """
         self._collector = FindingCollector()
         self._selection = (

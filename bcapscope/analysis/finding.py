@@ -16,7 +16,7 @@ class Severity(StrEnum):
     ERROR = "error"
     """A request failed or had no effect."""
     WARNING = "warning"
-    """The request succeeded this time, but can fail another time."""
+    """The request succeeded this time, but the next such request can fail."""
     NOTE = "note"
     """Information that helps you to understand the other findings."""
 
@@ -41,8 +41,8 @@ class Consequence:
     """A consequence that is named in the text of its root cause.
 
     Attributes:
-        after: Time in ns to this consequence from the previous one, or from the root cause for the first
-            consequence.
+        after: Time in ns from the previous consequence to this consequence. For the first consequence, it is
+            the time from the root cause.
     """
 
     clause: Message

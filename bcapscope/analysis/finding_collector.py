@@ -17,13 +17,13 @@ group key are added to the rule's first finding.
 """
 
 MAX_CALLS = 256
-"""Maximum number of calls whose problems can be looked up by call number; older calls are dropped."""
+"""The collector can look up the problems of at most this many calls by call number; it drops older calls."""
 
 MAX_FRAMES_NAMED = 16
 """Maximum number of frames that a finding lists for one occurrence of its problem."""
 
 INJECTED = "injected-fault"
-"""Id of the rule whose finding is the cause of all other findings about the same call."""
+"""Id of a rule. A finding of this rule is the cause of all other findings about the same call."""
 
 _MAX_NAMED_STEPS = 3
 """Maximum number of consequences that the sentence of a root cause names one by one."""
@@ -89,8 +89,8 @@ class FindingCollector:
     def _link_cause(self, occurrence: Occurrence) -> None:
         """Link a reported problem to its cause.
 
-        The cause is the latest problem that certainly explains the call, or else a problem in one of the
-        calls `explaining_calls`, or else the latest possible cause.
+        The collector looks for a cause in this order: the latest problem that certainly explains the call; a
+        problem in one of the calls `explaining_calls`; the latest possible cause.
 
         `findings` searches for the cause of every problem again, because a better cause may have been
         reported later.
@@ -128,13 +128,13 @@ class FindingCollector:
         return None
 
     def _best_cause(self, candidates: Sequence[Occurrence], effect: Occurrence) -> Occurrence | None:
-        """Return the latest candidate that can be the cause of `effect`; of several candidates that began at
-        the same time, the likeliest.
+        """Return the latest candidate that can be the cause of `effect`. If several candidates began at the
+        same time, return the likeliest of them.
 
         A candidate that began after the effect, or that is a consequence of the effect, cannot be its cause.
         """
         best, best_key = None, (0, 0)
-        # Candidates are roughly in chronological order, so only the latest few need all checks.
+        # Candidates are roughly in chronological order, so only the latest few candidates need all checks.
         for each in reversed(candidates):
             if each is effect or each.began > effect.completed or (best and each.began < best.began):
                 continue
@@ -170,7 +170,8 @@ class FindingCollector:
                         yield each
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Return a finding for each selected group that began since `new_findings` was last used.
+        """Return one finding for each selected `FindingGroup` that was added since `new_findings` was last
+        used.
 
         In these findings `consequence_of` is always None; only `findings` links consequences to causes.
         """
@@ -297,8 +298,8 @@ def _with_consequences(finding: Finding, root: FindingGroup, order: FindingOrder
 
 
 def _frames(group: FindingGroup) -> tuple[int, ...]:
-    """Return the frame numbers of the occurrence that the finding describes. For a problem that occurred
-    several times, add a frame of the first and of the last occurrence.
+    """Return the frame numbers of the occurrence that the finding describes. If the problem occurred several
+    times, add one frame of its first occurrence and one of its last occurrence.
     """
     frames = list(group.shown.frames)
     if len(frames) > MAX_FRAMES_NAMED:

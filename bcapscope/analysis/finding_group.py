@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence
 
 MAX_KEPT = 32
-"""Maximum number of first occurrences, and of last occurrences, that are kept for one finding.
+"""For one finding, at most this many first occurrences are kept, and at most this many last occurrences.
 """
 
 
@@ -18,8 +18,8 @@ class FindingGroup:
     Attributes:
         selected: True if the finding is about selected calls; False if the finding is reported only as the
             cause of another finding.
-        shown: Occurrence that the text of the finding describes. Only the copies of groups that
-            `FindingCollector.findings` makes have the attribute `shown`.
+        shown: Occurrence that the text of the finding describes. `FindingCollector.findings` makes copies of
+            the groups. Only these copies have the attribute `shown`.
     """
 
     def __init__(self, rule: DiagnosisRule, selected: bool) -> None:
@@ -36,7 +36,7 @@ class FindingGroup:
         (self._earliest if len(self._earliest) < MAX_KEPT else self._latest).append(occurrence)
 
     def keep_cause(self, occurrence: Occurrence) -> None:
-        """Keep an occurrence of the problem that has consequences, even if `add` did not keep it."""
+        """Keep an occurrence that has consequences, even if `add` did not keep it."""
         if len(self._causes) < MAX_KEPT and occurrence not in self._causes:
             self._causes.append(occurrence)
 

@@ -37,13 +37,14 @@ MAX_COUNTED = 65536
 """Maximum number of clients that are counted in addition to the clients with a timeline."""
 
 MAX_RETRY_CHAINS = 12
-"""Maximum number of calls of which the report shows every frame. The report chooses the calls with the most
-retries; among calls with equally many retries, the slowest.
+"""The report shows every frame of at most this many calls. The report chooses the calls with the most
+retries. If calls have equally many retries, it chooses the slowest.
 """
 
 LARGEST_RETRY_CHAIN = 2 << 20
-"""Maximum size in bytes of the frames of a call whose retries are shown one by one. A larger call is only
-counted."""
+"""The report shows the retries of a call one by one if the call's frames have at most this many bytes. A
+larger call is only counted.
+"""
 
 MAX_DAMAGED = 20
 """Maximum number of damaged frames that the report lists; it lists the first frames."""
@@ -96,7 +97,7 @@ class ReportData:
         slave_sessions: Slave-mode sessions in the order of their start times.
         slave_sessions_left_off: Number of slave-mode sessions that were counted but not kept, because there
             were more than `MAX_SESSIONS`.
-        verdicts: Number of calls by verdict, for all verdicts other than *answered* and *refused*.
+        verdicts: Number of calls for each verdict except *answered* and *refused*.
         retry_chains: The calls with the most retries, in chronological order.
     """
 

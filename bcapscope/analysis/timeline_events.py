@@ -11,8 +11,8 @@ from bcapscope.messages import Message
 from bcapscope.traffic.call_kind import CallKind
 
 ACTIVITY_PAUSE_NS = 500_000_000
-"""Pause in ns between two calls that ends one period of activity and begins the next. The pause is increased
-when there are too many periods.
+"""A pause of this length in ns between two calls ends a period of activity, and the next period begins. The
+pause is increased when there are too many periods.
 """
 
 MAX_ACTIVITY_PERIODS = 512
@@ -42,8 +42,8 @@ class TimelineEvent(NamedTuple):
     Attributes:
         begin: Start of the first joined event, ns since 1970.
         end: End of the last joined event, ns since 1970.
-        call_kind: Kind of the first call in the event; None for a period of activity or an event that
-            concerns no call.
+        call_kind: Kind of the first call in the event; None if the event is a period of activity, or concerns
+            no call.
     """
 
     begin: int

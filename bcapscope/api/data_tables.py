@@ -55,7 +55,8 @@ class Records(Generic[T_co]):
         """Start to read.
 
         Raises:
-            CaptureError: A capture cannot be read to its end. All records that could be read were yielded.
+            CaptureError: A capture cannot be read to its end. Before this error, the iterator yields all
+                records that it can read.
         """
         return self._read()
 
@@ -117,8 +118,8 @@ class TableRecords(Records[T]):
         return pyarrow.Table.from_batches(batches, schema)
 
     def _parts(self) -> Iterator[list[list[object]]]:
-        """Yield lists of column values, for a limited number of records at a time. Without records, yield
-        empty lists once.
+        """Yield lists of column values, for a limited number of records at a time. If there are no records,
+        yield empty lists once.
         """
         records, readers = iter(self), [column.read for column in self._columns]
         part = list(islice(records, _ROWS_AT_ONCE))

@@ -48,7 +48,7 @@ class Capture:
         taken_at: CapturePoint | None,
         on_error: Callable[[str, CaptureError], object] | None,
     ) -> None:
-        """Prepare to read captures, with the arguments of `open`.
+        """Prepare to read captures. The arguments have the same meaning as in `open`.
 
         Raises:
             CaptureError: A capture cannot be opened.
@@ -73,7 +73,7 @@ class Capture:
 
     @property
     def frames(self) -> TableRecords[AnnotatedFrame]:
-        """The frames, and also bytes that are not a frame, in the order in which they were captured.
+        """The frames, and the bytes that are not a frame, in the order of their capture.
 
         Raises:
             FilterError: The filter is not valid for frames.
@@ -107,8 +107,8 @@ class Capture:
         """The findings of all rules, root cause first. The first finding is yielded after the whole capture
         was read.
 
-        The filter selects calls. Only findings about the selected calls, and the causes of these findings,
-        are yielded.
+        The filter selects calls. The iterator yields only findings about the selected calls, and the causes
+        of these findings.
 
         Raises:
             FilterError: The filter is not valid for calls.
@@ -178,7 +178,8 @@ def open(
     taken_at: Literal["client", "between", "controller"] | None = None,
     on_error: Callable[[str, CaptureError], object] | None = None,
 ) -> Capture:
-    """Open captures (pcap or pcapng, plain or gzipped) and folders of captures, which are read as one.
+    """Open captures (pcap or pcapng, plain or gzipped) and folders of captures. All of them are read as one
+    capture.
 
     Several captures are read in the order of their first packets. Two captures of the same conversation,
     taken at different places, are joined.
@@ -189,11 +190,11 @@ def open(
             `Capture.frames`, and calls for the other attributes.
         ports: Ports of controllers, if they differ from the usual ports. If neither port of a conversation is
             known, the content shows which end is the controller.
-        side: If a conversation was captured at the client's side and at the controller's side, the side to
-            read; None to join both.
+        side: The side to read if a conversation was captured at the client's side and at the controller's
+            side; None to join both.
         taken_at: Where the captures were taken; None to infer the place from the traffic.
-        on_error: Receives the path and the error of a capture that cannot be read to its end, instead of an
-            exception. Reading continues with the next capture.
+        on_error: Function that receives the path and the error of a capture that cannot be read to its end.
+            No exception is then raised. Reading continues with the next capture.
 
     Raises:
         CaptureError: A capture cannot be opened, and there is no `on_error`.
@@ -214,7 +215,9 @@ def open(
 
 
 class _Problems:
-    """Keeps read errors until all readable data have been read."""
+    """Collects the errors that occur during reading, and keeps them until all readable data have been
+    read.
+    """
 
     def __init__(self, on_error: Callable[[str, CaptureError], object] | None) -> None:
         self._on_error = on_error

@@ -36,9 +36,10 @@ def encode(code: str | int, arguments: Sequence[object] = (), *, serial: int = 1
         code: For a request, the name of a function, such as ``"Robot_Execute"``, or its number. For a reply,
             the name of a result code, such as ``"S_OK"``, or its number, signed or unsigned.
         arguments: Python values. If `code` is the name of a function, all arguments of the function are
-            required, and the function determines their types. If `code` is a number or a result code, None
-            becomes VT_EMPTY, bool VT_BOOL, int VT_I4 (or VT_I8 if it is too large), float VT_R8, str VT_BSTR,
-            bytes an array of VT_UI1, and a list an array. A `Variant` keeps its type.
+            required, and the function determines their types. If `code` is a number or a result code, each
+            Python value gets a type: None gets VT_EMPTY; bool gets VT_BOOL; int gets VT_I4 (VT_I8 if it is
+            too large); float gets VT_R8; str gets VT_BSTR. Bytes become an array of VT_UI1, and a list
+            becomes an array. A `Variant` keeps its type.
         serial: Serial of the frame, from 0 to 65535.
         reserved: Reserved field; in a retry, the serial of an earlier attempt.
 

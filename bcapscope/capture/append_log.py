@@ -82,7 +82,7 @@ class CachedFileReader:
         return os.fstat(self._file.fileno()).st_size
 
     def read(self, start: int, size: int) -> bytes:
-        """Return `size` bytes from offset `start`; fewer only at the end of the file."""
+        """Return `size` bytes from offset `start`, or fewer bytes at the end of the file."""
         at = start - self._start
         if at < 0 or at + size > len(self._data):
             self._file.seek(start)
@@ -99,7 +99,7 @@ class CachedFileReader:
 
 
 class AppendLogReader:
-    """Reads the records that an `AppendLogWriter` writes, by number from 0."""
+    """Reads the records that an `AppendLogWriter` writes. The first record has number 0."""
 
     def __init__(self, path: Path) -> None:
         self._records = CachedFileReader(path)

@@ -53,8 +53,8 @@ class ByteSource:
 class GzipReader:
     """Decompresses a gzip file of one or several members while it is read.
 
-    The gzip reader of the standard library is not used: it waits until a buffer is full and, if the file is
-    damaged, loses bytes that it has already decompressed.
+    The gzip reader of the standard library is not used, because it waits until a buffer is full. If a file is
+    damaged, it also loses bytes that it has already decompressed.
     """
 
     def __init__(self, read: ChunkReader, head: bytes) -> None:
@@ -68,8 +68,8 @@ class GzipReader:
         """Return up to `size` decompressed bytes; b"" at the end.
 
         Raises:
-            CaptureError: The compressed data end early or are damaged. All bytes before the damage were
-                returned.
+            CaptureError: The compressed data end early or are damaged. Earlier calls have returned all bytes
+                that precede the damage.
         """
         while True:
             if self._decompressor.eof and not self._next_member():
@@ -109,8 +109,8 @@ class GzipReader:
         return data
 
     def _salvage(self, packed: bytes, size: int, error: zlib.error) -> bytes:
-        """Return the data before the damage, decompressed byte by byte; raise CaptureError if no data are
-        left.
+        """Decompress byte by byte, and return the data before the damage. Raise CaptureError if there are
+        none.
         """
         data = bytearray()
         position = 0

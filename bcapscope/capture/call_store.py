@@ -45,8 +45,9 @@ client's side and at the controller's side (0 if there is no sighting), `is_miss
 class _Record(msgspec.Struct, array_like=True):
     """Stored form of a call or a stray reply. A record refers to frames by their observation numbers.
 
-    For a stray reply, `number` is 0 and `request` is the number of the reply's frame. If it is a late reply,
-    `reply` is the number of its call; if not, `reply` is 0. `evicted` holds `may_answer_evicted`.
+    For a stray reply, `number` is 0 and `request` is the number of the reply's frame. If the stray reply is a
+    late reply, `reply` is the number of its call; otherwise, `reply` is 0. `evicted` holds
+    `may_answer_evicted`.
     """
 
     number: int
@@ -91,13 +92,16 @@ class StoredCall(NamedTuple):
 
 
 class CallStoreWriter:
-    """Writes each complete call or stray reply as a row, and stores for each frame the number of its row."""
+    """Writes each complete call or stray reply as a row. For each frame, also stores the number of its
+    row.
+    """
 
     def __init__(self, folder: Path) -> None:
         """Create the files in the folder of an observation store."""
         self._calls = AppendLogWriter(folder / _CALLS)
         self._file = (folder / _ROW_BY_FRAME).open("xb", buffering=0)
-        self._new_rows: dict[int, int] = {}  # row by frame number, added since the last flush
+        # row of each frame that was added since the last flush; the key is the frame number
+        self._new_rows: dict[int, int] = {}
 
     @property
     def count(self) -> int:
@@ -198,7 +202,8 @@ class CallStore:
         return self._records.refresh()
 
     def read_call(self, index: int) -> StoredCall:
-        """Read a row by its index from 0. The rows are in the order in which the calls became complete.
+        """Read the row with this index; the first row has index 0. The rows are in the order in which the
+        calls became complete.
 
         Raises:
             IndexError: No row has this index.

@@ -20,13 +20,13 @@ class CaptureCounts:
         missing: Number of bytes missing in the gaps of TCP streams.
         not_ip: Number of packets of protocols other than IP, such as ARP.
         broken: Number of packets that cannot be decoded because their headers are damaged or cut off.
-        not_bcap: Number of IP packets that carry something other than b-CAP. Empty TCP segments are not
-            counted.
-        cut: Number of packets that the capture holds only in part, without their end.
+        not_bcap: Number of IP packets that carry something other than b-CAP. This number does not include
+            empty TCP segments.
+        cut: Number of packets that lack their end in the capture.
         fragments_lost: Number of fragmented IP packets dropped because fragments were missing or
             contradictory.
         contradictions: Number of TCP retransmissions whose content differs from the first transmission.
-        unknown_links: Number of packets with an unknown link type, by link type.
+        unknown_links: For each unknown link type, the number of packets.
     """
 
     packets: int = 0

@@ -57,8 +57,8 @@ class CaptureFile:
         """Yield the packets.
 
         Raises:
-            CaptureError: The stream is not a capture, or is damaged or incomplete. All packets before the
-                damage were yielded.
+            CaptureError: The stream is not a capture, or is damaged or incomplete. Before this error, the
+                iterator yields all packets that precede the damage.
         """
         source = ByteSource(self._read_chunk)
         if source.ensure_bytes(2) and source.data.startswith(GZIP_MAGIC):
@@ -78,7 +78,7 @@ class CaptureFile:
 
 
 def open_capture(path: str | os.PathLike[str]) -> CaptureFile:
-    """Open a capture file, compressed with gzip or not; the format is detected from the content.
+    """Open a capture file, which may be compressed with gzip. The content of the file shows its format.
 
     Raises:
         CaptureError: The file cannot be opened.
@@ -90,7 +90,7 @@ def open_capture(path: str | os.PathLike[str]) -> CaptureFile:
 
 
 def is_capture(path: str) -> bool:
-    """Return whether a file begins like a readable capture, compressed with gzip or not.
+    """Return whether a file begins like a readable capture. The file may be compressed with gzip.
 
     A file that cannot be opened counts as a capture, so that the user gets an error.
     """

@@ -1,4 +1,6 @@
-"""Read captures as one input: folders, several captures, and conversations captured at two places."""
+"""Read several captures, and folders of captures, as one input. A conversation may be captured at two
+places.
+"""
 
 from __future__ import annotations
 
@@ -57,11 +59,11 @@ class CaptureInput:
         Args:
             paths: Paths of captures and of folders with captures.
             ports: Ports of controllers; if empty, the usual ports.
-            on_problem: Receives the path and the error of a capture that cannot be read to its end. Reading
-                continues with the next capture.
-            open_file: Opens a capture by its path.
-            packets_of: Returns the packets to decode, usually those of the given captures.
-            side: If a conversation was captured at both sides, the side to read; None for both.
+            on_problem: Function that receives the path and the error of a capture that cannot be read to its
+                end. Reading continues with the next capture.
+            open_file: Function that opens the capture with a given path.
+            packets_of: Function that returns the packets to decode, usually those of the given captures.
+            side: The side to read if a conversation was captured at both sides; None to read both sides.
             taken_at: Where the captures were taken; None to infer the place from the traffic.
         """
         self.on_first_time: Callable[[int], object] = lambda time: None
@@ -104,7 +106,7 @@ class CaptureInput:
     def observations(self) -> Iterator[Observation]:
         """Yield all frames of the input, or only the frames captured at the side given to `__init__`.
 
-        Read errors do not raise an exception; `on_problem` receives them.
+        If a capture cannot be read to its end, no exception is raised; `on_problem` receives the error.
         """
         observations = self._all_observations()
         return observations if self._side is None else self._of_side(observations, self._side)
@@ -150,8 +152,8 @@ class CaptureInput:
 
     @property
     def own_requests(self) -> int:
-        """Number of requests that a proxy sent without a request from a client. Only requests in
-        conversations whose two legs the pipeline joined are counted.
+        """Number of requests that a proxy sent without a request from a client. A request counts only if the
+        pipeline joined the two legs of its conversation.
         """
         return 0 if self._joiner is None else self._joiner.own_requests
 
@@ -165,7 +167,7 @@ class CaptureInput:
 
     @property
     def paths(self) -> Sequence[str]:
-        """Paths of the captures in the order in which they are read, without folders."""
+        """Paths of the captures, in the order of reading. Folders are not included."""
         return self._captures.paths
 
     @property
@@ -204,7 +206,9 @@ class CaptureInput:
         return self._captures.origin_of(packet)
 
     def find_frame(self, frame: int) -> tuple[str, int] | None:
-        """Return the name of a frame's capture, and the number of its packet there; None if not known."""
+        """Return the name of the capture that holds a frame, and the number of the frame's packet in this
+        capture; None if not known.
+        """
         origin = self.frame_origins.origin_of(frame)
         return None if origin is None else (origin.name, origin.packet)
 

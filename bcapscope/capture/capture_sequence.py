@@ -31,7 +31,8 @@ class PacketOrigin(NamedTuple):
 
     Attributes:
         path: Path of the capture, as it was given.
-        name: Name of the capture for the user: without its folder, unless another capture has the same name.
+        name: Name of the capture that users see. It includes the folder only if another capture has the same
+            file name.
         packet: Number of the packet in the capture, from 1.
     """
 
@@ -61,7 +62,7 @@ class CaptureSequence:
     once.
 
     Attributes:
-        paths: Paths of the captures; in the order of reading once reading has begun.
+        paths: Paths of the captures. After reading has begun, they are in the order of reading.
         size: Size of all files in bytes; None if a stream is among them, or before reading has begun.
     """
 
@@ -75,10 +76,10 @@ class CaptureSequence:
         """Prepare to read captures.
 
         Args:
-            names: Name of each capture for the user, by its path.
-            open_file: Opens a capture by its path.
-            on_problem: Receives the path and the error of a capture that cannot be read to its end. Reading
-                continues with the next capture.
+            names: Name that users see for each capture; the key is the path.
+            open_file: Function that opens the capture with a given path.
+            on_problem: Function that receives the path and the error of a capture that cannot be read to its
+                end. Reading continues with the next capture.
         """
         self.paths = list(paths)
         self.size: int | None = None
@@ -124,7 +125,7 @@ class CaptureSequence:
             yield from self._merged(deque((index, each.began) for _, (index, each) in part))
 
     def _in_order(self) -> list[_Input]:
-        """Return the captures in the order in which to read them, without files that have no packet."""
+        """Return the captures in the order of reading. Leave out files that have no packet."""
         inputs = [_Input(path, 0, _file_size(path)) for path in self.paths]
         if len(inputs) < 2:
             return inputs
@@ -185,8 +186,8 @@ class CaptureSequence:
 
 
 def capture_names(paths: Sequence[str]) -> dict[str, str]:
-    """Return the name of each capture for the user: without its folder, unless two captures have the same
-    file name.
+    """Return the name that users see for each capture. It includes the folder only if two captures have the
+    same file name.
     """
     count = Counter(Path(path).name for path in paths)
     return {path: name if count[name := Path(path).name] == 1 else path for path in paths}

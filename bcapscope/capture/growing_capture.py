@@ -14,8 +14,8 @@ from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 
 POLL_INTERVAL = 0.02
-"""Time in s between two checks for new data, too short for users to notice. Polling is necessary, because not
-every operating system can report that a file has grown.
+"""Time in s between two checks for new data. Users do not notice such a short time. Polling is necessary,
+because not every operating system can report that a file has grown.
 """
 
 

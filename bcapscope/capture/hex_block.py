@@ -91,7 +91,7 @@ class HexBlock:
         return bytes.fromhex(self.digits[: 2 * self.size])
 
     def line_numbers(self) -> list[tuple[int, int]]:
-        """Return the byte offset in the block and the line number of each row."""
+        """For each row, return its byte offset in the block and its line number."""
         return [(place // 2, line) for place, line in self._rows]
 
     def add(self, line: int, row: HexDigits) -> None:
@@ -154,15 +154,17 @@ class HexBlock:
         return False
 
     def _position_of(self, offset: str, base: int) -> int | None:
-        """Return the byte position of an offset in the block; None if `offset` is not a number in `base`."""
+        """Convert the text `offset` to a byte position in the block. Return None if the text is not a number
+        in `base`.
+        """
         try:
             return int(offset.rstrip(":"), base) - int(self.offset.rstrip(":"), base) - self._skipped
         except ValueError:
             return None
 
     def _fill_gap(self, count: int, line: int) -> bool:
-        """Fill a gap of `count` bytes with copies of the last row if an asterisk stands for them. If there is
-        no asterisk, only note the gap. Return False if the gap is too large.
+        """If an asterisk stands for a gap of `count` bytes, fill the gap with copies of the last row. If
+        there is no asterisk, only note the gap. Return False if the gap is too large.
         """
         if count <= self.asterisk_bytes:
             row = self._digits[self._rows[-1][0] :]

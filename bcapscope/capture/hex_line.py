@@ -15,13 +15,15 @@ from typing import NamedTuple, TypeAlias
 import msgspec
 
 MIN_HEX_BYTES = 8
-"""Minimum number of adjacent bytes in the middle of prose that are read as hex. Dates, times, MAC addresses,
-and words that consist only of the letters a to f are shorter. The smallest argument of a frame has ten bytes.
+"""In the middle of prose, adjacent bytes are read as hex only if there are at least this many. Dates, times,
+MAC addresses, and words that consist only of the letters a to f are shorter. The smallest argument of a frame
+has ten bytes.
 """
 
 LONGEST_ROW = 512
-"""Maximum length, in columns, of a line whose right end may show the bytes as characters. A dump with 64
-bytes per row has 240 columns."""
+"""Only a line with at most this many columns may show its bytes as characters at the right end. A dump with
+64 bytes per row has 240 columns.
+"""
 
 
 # The pieces of a line are msgspec structs, because every line of a dump creates several pieces.
@@ -70,7 +72,7 @@ LinePiece: TypeAlias = ProseText | HexDigits | RepeatMark | EndOffset
 
 
 class _Run(NamedTuple):
-    """Consecutive tokens of a line that may be hex, or a single token."""
+    """A single token of a line, or several consecutive tokens that may be hex."""
 
     start: int
     stop: int

@@ -29,21 +29,20 @@ MAX_REPEATED = 1024 * 1024
 text could fill the memory."""
 
 LARGEST_LIKELY = 64 * 1024
-"""Largest plausible value of the length field, in bytes. A larger value is treated as damage, since frames of
-real sessions are below 10 KiB."""
+"""Largest plausible value of the length field, in bytes. A larger value is treated as damage, because frames
+of real sessions have less than 10 KiB.
+"""
 
 _LONGEST_COMPLETED = 1024
-"""Size in bytes of the largest block to which a few bytes beside words may be added. UDP frames have at most
-503 bytes (orin_bcap dn_udp.h).
+"""A few bytes beside words may be added to a block only if the block has at most this many bytes. UDP frames
+have at most 503 bytes (orin_bcap dn_udp.h).
 """
 
 LONGEST_CAPTION = 120
-"""Maximum number of characters to keep of a caption."""
+"""At most this many characters of a caption are kept."""
 
 LONGEST_PARAGRAPH = 500
-"""Number of characters at the end of a paragraph in which bcapscope looks for words that state a
-direction.
-"""
+"""bcapscope searches this many characters at the end of a paragraph for words that state a direction."""
 
 _SENTENCE_END = re.compile(r"(?<=[.!?。])\s+")
 
@@ -247,7 +246,7 @@ def _last_frame_start(block: HexBlock) -> int:
 
 
 def _frame_length(data: bytes) -> int | None:
-    """Return the length field of a frame at the start of `data`; None if SOH is missing or the length is
+    """Return the length that the frame at the start of `data` states; None if SOH is missing or the length is
     implausible.
     """
     length = int.from_bytes(data[1:5], "little") if len(data) >= 5 and data[0] == SOH else 0
@@ -298,7 +297,7 @@ def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
 def _is_bcap_hex(block: HexBlock) -> bool:
     """Return whether a block holds b-CAP bytes.
 
-    Many bytes of b-CAP are zero, which distinguishes them from other hex.
+    Many bytes of b-CAP frames are zero. This distinguishes b-CAP from other hex.
     """
     data = block.data
     if block.is_captioned and block.direction is not None:
@@ -444,6 +443,8 @@ def _direction_in(words: str) -> Direction | None:
 
 
 def shorten_caption(words: str) -> str:
-    """Return a caption without decoration; for a long paragraph, only the end of its last sentence."""
+    """Return a caption without decoration. If the caption is a long paragraph, return only the end of its
+    last sentence.
+    """
     words = words.strip(" \t-*#•:=")
     return words if len(words) <= LONGEST_CAPTION else _SENTENCE_END.split(words)[-1][-LONGEST_CAPTION:]

@@ -24,7 +24,7 @@ _PART_COST = 128  # bytes of memory that a fragment takes in addition to its con
 
 
 class ReassembledPacket(NamedTuple):
-    """A fragmented packet of which all fragments have arrived.
+    """A packet that was put together from its fragments.
 
     Attributes:
         packet: The whole packet.

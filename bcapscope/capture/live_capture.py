@@ -38,14 +38,14 @@ _COOKED_HEADER = struct.Struct(">HHH8sH")
 
 
 def open_live_capture(name: str) -> LiveCapture:
-    """Start to capture on an interface such as `eth0`, or on `ANY_INTERFACE`. The system buffers packets from
-    this call on.
+    """Start to capture on an interface such as `eth0`, or on `ANY_INTERFACE`. From this call on, the system
+    stores packets in a buffer.
 
-    Iteration over the capture yields packets as they arrive, until interrupted. The iteration raises
-    CaptureError if the capture fails, such as when the interface disappears. Use the capture as a context
-    manager: leaving the context ends the capture. The capture's attribute `lost` is the number of packets
-    that the system dropped for lack of buffer space. The capture calls its attribute `on_idle` after
-    `READ_TIMEOUT` without a packet.
+    Iterate over the capture to get packets as they arrive. The iteration lasts until it is interrupted. The
+    iteration raises CaptureError if the capture fails, such as when the interface disappears. Use the capture
+    as a context manager: leaving the context ends the capture. The capture's attribute `lost` is the number
+    of packets that the system dropped for lack of buffer space. If no packet arrives during `READ_TIMEOUT`,
+    the capture calls the function in its attribute `on_idle`.
 
     Raises:
         CaptureError: The interface does not exist, the right to capture is missing, or the capture fails.
@@ -125,7 +125,7 @@ class _PacketSocket:
                 ) from error
             name, protocol, kind, hardware, mac = address
             if kind == socket.PACKET_OUTGOING and name == "lo":
-                continue  # the loopback interface delivers the same packet again as incoming
+                continue  # The loopback interface delivers each packet a second time, as an incoming packet.
             interface = self._interfaces.setdefault(name, Interface(LINUX_COOKED, name))
             header = _COOKED_HEADER.pack(kind, hardware, len(mac), mac[:8], protocol)
             yield kernel_timestamp(ancillary, 0), header + data, len(header) + len(data), interface, ()

@@ -165,7 +165,7 @@ class ObservationStore:
         return self._records.refresh()
 
     def read_frame(self, number: int) -> AnnotatedFrame:
-        """Return an observation by its number, the kind of its call, and the comments on its packet.
+        """Return the observation with this number, the kind of its call, and the comments on its packet.
 
         Raises:
             IndexError: No observation has that number.
@@ -189,7 +189,7 @@ class ObservationStore:
         return AnnotatedFrame(observation, kind, tuple(map(decode_text, record.comments)))
 
     def time_of(self, number: int) -> int:
-        """Return the arrival time of an observation by its number, ns since 1970.
+        """Return the arrival time of the observation with this number, ns since 1970.
 
         Raises:
             IndexError: No observation has that number.

@@ -60,8 +60,8 @@ class PacketDecoder:
         counts: Numbers of packets and observations so far.
         comments: Comments of the latest `COMMENTS_LIMIT` packets that have comments; the key is the packet
             number.
-        note_packet: Function that receives a frame number and the number of the frame's packet. Until the
-            next call of this function, each later frame is in the packet after the previous frame's packet.
+        note_packet: Function that receives a frame number and the number of the frame's packet. The next
+            frame is in the next packet, and so on, until this function is called again.
         end_time: Latest capture time of all packets so far, of any protocol, ns since 1970; 0 before the
             first packet.
     """
@@ -101,12 +101,13 @@ class PacketDecoder:
         numbers continue.
 
         Raises:
-            CaptureError: Reading `packets` failed. All observations before the error were yielded.
+            CaptureError: Reading `packets` failed. Before this error, the iterator yields all observations
+                that precede the damage.
         """
         counts, broken = self.counts, None
         number, packet, time, latest = counts.items, counts.packets, 0, self.end_time
         interface, ethernet, wanted = None, False, True
-        note = self.note_packet  # not needed on the fast path, where each packet holds the next frame
+        note = self.note_packet  # the fast path does not call it: each of its packets holds the next frame
         flow_of, new, templates = self._udp.flows.get, tuple.__new__, self._templates
         unpack, begin_of = _UDP_IN_ETHERNET.unpack_from, _SOH_AND_LENGTH.unpack_from
         try:
@@ -177,8 +178,8 @@ class PacketDecoder:
     def _decode_any(
         self, time: int, data: bytes, original: int, interface: Interface, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        """Parse all headers of a packet. This method is the general path, for packets that the fast path does
-        not cover.
+        """Parse all headers of a packet. This general method decodes packets that the fast path does not
+        cover.
         """
         cut = original > len(data)
         self.counts.cut += cut

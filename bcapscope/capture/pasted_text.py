@@ -32,7 +32,7 @@ class PastedText:
 
     Attributes:
         count: Number of packets read so far.
-        comments: The number of the latest packet, with the comments on this packet.
+        comments: Comments on the latest packet; the key is the number of this packet.
     """
 
     def __init__(self, lines: Iterable[str], words: MessageFormatter = ENGLISH_WORDS) -> None:
@@ -48,7 +48,7 @@ class PastedText:
         """Yield the packets.
 
         Raises:
-            CaptureError: The iterable of lines raised it.
+            CaptureError: The iterable of lines raised this error.
         """
         ends = Endpoint("client", 0), Endpoint("server", 0)
         conversation = Conversation(*ends, Transport.UNKNOWN, ServerEvidence(ServerEvidenceKind.TEXT))

@@ -33,8 +33,8 @@ def read_pcap(source: ByteSource) -> Iterator[Packet]:
     """Yield the packets of a capture that begins with one of `MAGICS`.
 
     Raises:
-        CaptureError: The file ends inside a record, or a record claims more than `RECORD_LIMIT` bytes. All
-            packets before the damage were yielded.
+        CaptureError: The file ends inside a record, or a record claims more than `RECORD_LIMIT` bytes. Before
+            this error, the iterator yields all packets that precede the damage.
     """
     if not source.ensure_bytes(_HEADER_SIZE):
         raise CaptureError(Message("capture.cut-header", length=len(source.data)), 0)

@@ -23,10 +23,10 @@ INTERFACES_LIMIT = 65536
 """
 
 LONGEST_NAME = 128
-"""Maximum number of characters to keep of an interface's name."""
+"""At most this many characters of an interface's name are kept."""
 
 COMMENTS_SIZE = 65_535
-"""Maximum number of bytes to read of all comments on a packet together. The limit is the largest size that
+"""At most this many bytes are read of all comments on one packet together. The limit is the largest size that
 one comment can have.
 """
 
@@ -61,8 +61,8 @@ def read_pcapng(source: ByteSource) -> Iterator[Packet]:
     Since a simple packet block has no time, its packet gets the time of the previous packet.
 
     Raises:
-        CaptureError: The file ends inside a block, or a block contradicts itself. All packets before the
-            damage were yielded.
+        CaptureError: The file ends inside a block, or a block contradicts itself. Before this error, the
+            iterator yields all packets that precede the damage.
     """
     section = _Section()
     position = count = time = 0

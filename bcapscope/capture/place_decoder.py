@@ -1,4 +1,4 @@
-"""Decode several captures, some of which hold the same conversation, captured at different places."""
+"""Decode several captures. Some of them hold the same conversation, captured at different places."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from bcapscope.traffic.joining.place_merger import Coverage
 from bcapscope.traffic.observation import Conversation, Observation
 
 OpenSequence = Callable[[Sequence[str]], CaptureSequence]
-"""Function that opens several files as one sequence. If a file cannot be read, the sequence reports the error
-to the user.
+"""Function that opens several files, to be read as one sequence. If a file cannot be read, the sequence
+reports the error to the user.
 """
 
 
@@ -193,8 +193,8 @@ def _part(plan: PlacePlan, place: CapturePlace, open_sequence: OpenSequence) -> 
 
 
 def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
-    """Group the plans that have conversations in common, such as plans for the files of two ring recordings.
-    Each group is in chronological order.
+    """Group the plans that have conversations in common. An example is the plans for the files of two ring
+    recordings. Each group is in chronological order.
     """
     groups: list[list[PlacePlan]] = []
     for plan in sorted(plans, key=lambda each: each.files[0].begins):
@@ -207,7 +207,7 @@ def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
 
 
 def _sides_of(group: Sequence[PlacePlan]) -> tuple[dict[ConversationEnds, CaptureSide], ...]:
-    """Return the shared conversations for each place. The keys are the ends of a conversation as captured at
+    """For each place, return the shared conversations. The keys are the ends of a conversation as captured at
     this place.
     """
     coverage = (

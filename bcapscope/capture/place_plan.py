@@ -27,7 +27,9 @@ from bcapscope.traffic.joining.place_merger import JOIN_WITHIN_NS
 from bcapscope.traffic.observation import Direction, Observation
 
 SAMPLE_PACKETS = 20_000
-"""Maximum number of packets, of any protocol, that bcapscope reads of each file to compare files."""
+"""To compare files, bcapscope reads at most this many packets of each file. Packets of all protocols
+count.
+"""
 
 MAX_FILES = 100
 """Maximum number of files that are compared to find shared conversations. Comparing more files would take too
@@ -35,7 +37,7 @@ long.
 """
 
 FEWEST_JOINED = 2
-"""Minimum number of equal frames that two files must hold so that a conversation in both is joined."""
+"""A conversation in two files is joined only if both files hold at least this many equal frames."""
 
 
 @dataclass(slots=True)
@@ -105,7 +107,7 @@ class _Sample:
 
     @classmethod
     def read(cls, path: str, ports: Collection[int], begin: int = 0) -> _Sample:
-        """Read a sample of a file, from the time `begin` on."""
+        """Read a sample of a file. The sample begins at the time `begin`."""
         sample = cls(path)
         with suppress(CaptureError), open_capture(path) as capture:
             packets = (packet for packet in capture if packet[0] >= begin)
@@ -246,7 +248,7 @@ class _Measurement:
 
     @staticmethod
     def _drop_old(waiting: dict[tuple[Direction, bytes], Observation], now: int) -> None:
-        """Drop the frames that the other place did not capture within the permitted time."""
+        """Drop the frames that were not captured at the other place within the permitted time."""
         while waiting:
             oldest = next(iter(waiting))
             if waiting[oldest].time + JOIN_WITHIN_NS >= now:
@@ -255,7 +257,9 @@ class _Measurement:
 
 
 def _counted(packets: Iterable[Packet], file: PlaceFile) -> Iterator[Packet]:
-    """Yield packets, and store in `file` their number and the times of the first and last packet."""
+    """Yield packets. Store in `file` how many packets there are, and the times of the first and the last
+    packet.
+    """
     for packet in packets:
         file.packets += 1
         file.begins = file.begins or packet[0]

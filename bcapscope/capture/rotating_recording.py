@@ -28,7 +28,7 @@ _SMALLEST = 10_000
 """Smallest size limit, in bytes, that users can set for the files of a ring."""
 
 _BLOCK_OVERHEAD = 512
-"""Memory in bytes that a block waiting to be written needs in addition to its data."""
+"""While a block waits to be written, it needs this much memory (in bytes) in addition to its data."""
 
 _DISK_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
@@ -82,7 +82,7 @@ class RotatingRecording(io.RawIOBase):
     One thread may add packets while another thread calls `flush`, but only if the recording is one file.
 
     The caller calls `rotate_if_full` before each packet. A new file therefore begins only when there is a
-    packet for it, so no file is empty, and an old file is removed only when needed.
+    packet for it. No file is empty, and an old file is removed only when needed.
 
     On a full disk, a ring removes its oldest file and continues. Each file takes at most half of the disk
     space that was free when the file began. Therefore the ring always has an older file to remove when the
@@ -150,8 +150,8 @@ class RotatingRecording(io.RawIOBase):
         """Write all pending blocks to the file.
 
         Raises:
-            OSError: The file cannot be written, such as on a full disk. The file then holds only the blocks
-                of earlier flushes.
+            OSError: The file cannot be written, such as on a full disk. After this error, the file holds only
+                the blocks of earlier flushes.
         """
         count = len(self._pending)
         if not count:
@@ -272,7 +272,7 @@ class RotatingRecording(io.RawIOBase):
                     raise
 
     def _write_file_header(self) -> None:
-        """Write the file header immediately, so that other programs can read the file from the start."""
+        """Write the file header immediately. Other programs can then read the file from the start."""
         self.flush()
         self._header_size = self._size
 

@@ -25,7 +25,7 @@ class RunTable:
         """Begin a run: `start` corresponds to `number` in `source`, `start` + 1 to `number` + 1, and so on.
 
         If the new run begins at the same number as the latest run, the new run replaces the latest run. If
-        the new run only continues the latest run, nothing is added.
+        the new run only continues the latest run, the table does not change.
         """
         if len(self._starts) > MAX_RUNS:
             return

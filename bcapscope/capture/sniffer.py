@@ -25,8 +25,8 @@ type), and number of bytes that follow.
 """
 
 READ_TIMEOUT = 0.25
-"""Maximum time in s that a read waits for a packet. After each read, both processes handle interrupts, and
-notice whether the other process has ended.
+"""When bcapscope reads, it waits at most this time in s for a packet. After each read, both processes handle
+interrupts, and notice whether the other process has ended.
 """
 
 

@@ -38,12 +38,12 @@ between the same ends therefore starts with a higher number (RFC 9293, 3.4.1).
 """
 
 _MAX_HOST_PAIRS = 4096
-"""Maximum number of pairs of hosts whose packet headers are cached. The same limit applies to pairs of
+"""The packet headers of at most this many pairs of hosts are cached. The same limit applies to pairs of
 address and port.
 """
 
 _MAX_SIZES = 64
-"""Maximum number of datagram sizes whose headers are cached for the same two ends."""
+"""For the same two ends, the headers of at most this many datagram sizes are cached."""
 
 _IPV4 = struct.Struct(">BBHHHBBH8s")
 _IPV6 = struct.Struct(">IHBB32s")
@@ -107,7 +107,9 @@ class SocketRecording:
         return pair_encoder(first, second)
 
     def write_blocks(self, blocks: bytes, pairs: int) -> None:
-        """Write `pairs` pairs of blocks that a function from `datagram_pair_encoder` returned."""
+        """Write blocks that a function from `datagram_pair_encoder` returned; `pairs` is the number of pairs
+        of blocks.
+        """
         self._writer.write_blocks(blocks, 2 * pairs)
 
     def write_segment(

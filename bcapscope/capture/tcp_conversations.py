@@ -21,8 +21,8 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import SERVER_PORT, Flow, ServerEvidence, ServerEvidenceKind, Transport
 
 CONNECTIONS_LIMIT = 1024
-"""Maximum number of TCP connections to follow at a time. Beyond this number, bcapscope stops following the
-connection that was idle longest.
+"""bcapscope follows at most this many TCP connections at a time. Beyond this number, bcapscope stops
+following the connection that was idle longest.
 """
 
 
@@ -103,8 +103,8 @@ class TcpConversations:
     def _receive_in_order(
         self, tracked: _TrackedConnection, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]] | None:
-        """Accept the next segment of a known conversation on a fast path. Return None if `_receive_any` must
-        handle the segment.
+        """Accept the next segment of a known conversation. This is a fast path. Return None if `_receive_any`
+        must handle the segment.
         """
         conversation = tracked.conversation
         flows = None if conversation is None or conversation.is_tentative else conversation.flows

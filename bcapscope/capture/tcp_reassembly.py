@@ -18,8 +18,10 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import GUARANTEED_BUFFER, StreamPiece, StreamSplitter
 
 REORDER_LIMIT = 1024 * 1024
-"""Maximum number of bytes of one direction to hold back while a segment is missing. The TCP windows of
-controllers and their clients stay below 64 KiB. Suricata gives up at 1 MiB too (stream.reassembly.depth)."""
+"""While a segment of one direction is missing, at most this many later bytes are held back. The TCP windows
+of controllers and their clients stay below 64 KiB. The limit of Suricata is also 1 MiB
+(stream.reassembly.depth).
+"""
 
 ACK_LIMIT = 1 << 30
 """Maximum number of bytes that an acknowledgement can confirm beyond the captured data. The limit is the size
@@ -27,12 +29,12 @@ of the largest TCP window (RFC 7323, 2.3).
 """
 
 MARKS_LIMIT = 128
-"""Maximum number of segments of one incomplete frame whose arrival times are kept separately. All streams
+"""For one incomplete frame, the arrival times of at most this many segments are kept separately. All streams
 together keep at most 25 MB of arrival times.
 """
 
 _SEGMENT_COST = 128  # memory in bytes that a held segment needs in addition to its content
-_RECENT = 16  # number of latest segments of a stream with which retransmissions are compared
+_RECENT = 16  # retransmissions are compared with at most this many latest segments of the stream
 _LONGEST_RECENT = 2048  # number of bytes to compare per segment; more than an Ethernet frame carries
 _HEADER = struct.Struct(">4xIIBB")
 
@@ -135,7 +137,7 @@ class TcpStream:
         return bool(self._ahead) or self._end_offset is not None
 
     def receive_frame(self, segment: TcpSegment, time: int, packet: int) -> TimedItem | None:
-        """Accept the next segment on a fast path if the segment is exactly one frame.
+        """Accept the next segment if it is exactly one frame. This is a fast path.
 
         Call this method only while `is_waiting` is False. For any other segment, return None and consume
         nothing; the caller then calls `receive`.

@@ -17,14 +17,14 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import SERVER_PORT, Flow, Transport
 
 FLOWS_LIMIT = 65536
-"""Maximum number of flows to remember. A controller accepts at most twenty clients (orin_bcap
+"""At most this many flows are remembered. A controller accepts at most twenty clients (orin_bcap
 C/src/bcap_server.c).
 
-If a client whose flow was dropped returns, its traffic becomes a new conversation."""
+If the flow of a client was dropped and the client returns, its traffic becomes a new conversation."""
 
 UNDECIDED_LIMIT = 1024
-"""Maximum number of conversations whose server is unknown. Beyond this number, bcapscope guesses the server
-of the oldest conversation with an unknown server.
+"""At most this many conversations may have an unknown server. Beyond this number, bcapscope guesses the
+server of the oldest conversation with an unknown server.
 """
 
 

@@ -18,9 +18,9 @@ from bcapscope.traffic.observation import (
 )
 
 HELD_ITEMS_LIMIT = 64
-"""Maximum number of items of a conversation that bcapscope holds back while the conversation's server is
-unknown. When this number is reached, bcapscope guesses the server. A single S_OK reply or a single request
-identifies the server, so real traffic needs one or two items.
+"""While the server of a conversation is unknown, bcapscope holds back at most this many items of the
+conversation. When this number is reached, bcapscope guesses the server. A single S_OK reply or a single
+request identifies the server, so real traffic needs one or two items.
 """
 
 
@@ -39,8 +39,8 @@ def reverse_key(key: bytes) -> bytes:
 
 
 HELD_BYTES_LIMIT = 16 * 1024
-"""Maximum total size in bytes of the items of a conversation that bcapscope holds back while the server is
-unknown. When this size is reached, bcapscope guesses the server. Frames of real sessions are below 10 KiB.
+"""While the server of a conversation is unknown, bcapscope holds back items of at most this total size in
+bytes. When this size is reached, bcapscope guesses the server. Frames of real sessions have less than 10 KiB.
 The server of up to 2,048 conversations can be unknown at a time.
 """
 
@@ -62,7 +62,8 @@ class TimedItem(NamedTuple):
 
 
 class UndecidedConversation:
-    """The items that two ends send each other over one transport, held until the server is known.
+    """Holds the items that two ends send each other over one transport, until it is known which end is the
+    server.
 
     Attributes:
         flows: Flow of each sender, by index 0 or 1; None until the server is known.
@@ -81,7 +82,7 @@ class UndecidedConversation:
         self.is_tentative = is_tentative
         self._held_items: list[tuple[int, TimedItem]] = []
         self._held_bytes = 0
-        # time when each stream ended; the key is the sender, and whether a RST ended the stream
+        # Time when each stream ended. The key is a pair: the sender, and whether a RST ended the stream.
         self._closed: dict[tuple[int, bool], int] = {}
         self.flows: tuple[Flow, Flow] | None = None
 

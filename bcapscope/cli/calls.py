@@ -136,8 +136,8 @@ def _call_lines(
 
 
 class _ShownCalls(PipelineSubscriber):
-    """Collects the calls that the filter selects, each with the object that its handle refers to, and prints
-    a summary.
+    """Collects the calls that the filter selects, and prints a summary. Adds to each call the object to which
+    its handle refers.
     """
 
     needs_targets = True

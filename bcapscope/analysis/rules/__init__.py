@@ -24,7 +24,7 @@ from bcapscope.analysis.rules.slave_mode_rules import SlaveModeChecker
 from bcapscope.analysis.rules.wire_rules import WireChecker
 
 CHECKERS: tuple[type[RuleChecker], ...] = (
-    ProxyChecker,  # comes first, so that findings of the checkers below can name its findings as causes
+    ProxyChecker,  # first, because its findings can be causes of the other checkers' findings
     WireChecker,
     ConnectionChecker,
     ReplyChecker,

@@ -40,7 +40,7 @@ class ConnectionChecker(RuleChecker):
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         client = self.clients.find(conversation)
-        if client is not None:  # the registry remembers some clients whose conversation was closed
+        if client is not None:  # The registry remembers some clients after their conversation was closed.
             self.by_client[conversation] = True
             for occurrence in _closing_occurrences(client):
                 self.report_occurrence(occurrence)
@@ -93,7 +93,7 @@ def _hung_up(last: Call, closing: ConnectionEnd) -> Occurrence:
 
 
 def _hung_up_by_proxy(last: Call, closing: ConnectionEnd) -> Occurrence:
-    """Return the problem that a proxy closed its connection to the client while its connection to the
+    """Return the problem: a proxy closed its connection to the client, although its connection to the
     controller was open.
     """
     near = last.conversation

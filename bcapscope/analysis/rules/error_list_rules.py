@@ -83,11 +83,12 @@ class _RefusedCalls:
     refusal.
 
     Attributes:
-        began: Earliest time at which the error that caused the first refusal can have occurred, ns since
-            1970; for a refused set point, this is the time of the previous set point; for any other call, it
-                  is the time of the refused call.
+        began: Earliest possible time of the error that caused the first refusal, ns since 1970. If the
+            refused call is a set point, it is the time of the previous set point. Otherwise, it is the time
+            of the refused call.
         codes: Result codes with which the calls were refused.
-        reported: For the code of each error that was reported as a cause, the call that read this error.
+        reported: For each error that was reported as a cause, the call that read this error; the key is the
+            error code.
     """
 
     def __init__(self, first: Call, code: int, client: ClientState) -> None:
@@ -110,9 +111,7 @@ class _RefusedCalls:
 
 
 class _ControllerErrors:
-    """The refusals, the reads of the error list and the ClearError calls that were captured for one
-    controller.
-    """
+    """All captured refusals, reads of the error list, and ClearError calls of one controller."""
 
     def __init__(self) -> None:
         self.refused: dict[Conversation, _RefusedCalls] = {}
@@ -128,7 +127,7 @@ class ErrorListChecker(RuleChecker):
     earlier refusal.
 
     The calls of different clients are not passed to the checker in chronological order. The checker therefore
-    remembers the errors that were read last, and also compares these errors with refusals that it receives
+    remembers the latest errors that a client read. It compares these errors with refusals that it receives
     later.
     """
 
@@ -185,8 +184,8 @@ class ErrorListChecker(RuleChecker):
     def _compare(self, errors: _ControllerErrors, refused: _RefusedCalls, read: _ErrorRead) -> None:
         """Report an error that a client read, if this error explains the first refusal.
 
-        The error list begins with the newest error. An error that comes after the error of the refusal in
-        this list is therefore older than the refusal.
+        The error list begins with the newest error. In this list, each error after the error of the refusal
+        is therefore older than the refusal.
         """
         first, code = refused.first, read.code
         read_at = read.call.request.time
@@ -243,6 +242,6 @@ def _read_error(call: Call, client: ClientState) -> _ErrorRead | None:
 
 
 def _rule_of(code: int) -> DiagnosisRule:
-    """Return the rule that reports a result code, whichever call the controller refused with this code."""
+    """Return the rule that reports a result code for every kind of call."""
     rules: Iterator[DiagnosisRule] = (each.rule for each in REFUSALS if code in each.codes)
     return next((rule for rule in rules if rule is not ARM_TAKEN_BY_OTHER), CONTROLLER_ERROR)

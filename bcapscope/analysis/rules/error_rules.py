@@ -1,5 +1,5 @@
-"""Rules about errors that a client does not clear, or clears before it has read them. This module also has
-the rule for all errors without a rule of their own.
+"""Rules about errors that a client does not clear, and about errors that it clears before it has read them.
+This module also has the rule for all errors without a rule of their own.
 """
 
 from __future__ import annotations
@@ -87,12 +87,12 @@ _TIMEOUT_CODES = (E_TIMEOUT, 0x8150012D, 0x81500151, 0x82201F92, 0x82201694, 0x8
 
 
 class _CallsAfterError:
-    """The calls that a client made after a controller error, without clearing the error.
+    """The calls that a client made after a controller error and before it cleared the error.
 
     Attributes:
         error_call: The call that reported the error.
         count: Number of these calls that can change or move something.
-        first: The first call that `count` counts.
+        first: The first call that is included in `count`.
         clear_attempt: The first ClearError call that got no successful reply.
     """
 

@@ -185,7 +185,8 @@ def _explain_beyond_range(call: Call, client: ClientState) -> RefusalReason | No
     key = "" if axis is None else f"J{axis}"
     if axis is None or pose_type not in (PoseType.J, None) or len(pose) < axis:
         return RefusalReason(group_key=key)
-    value = float(f"{pose[axis - 1]:.6g}")  # 6 digits, because single precision has no more exact digits
+    # Use 6 digits: a number in single precision has no more exact digits.
+    value = float(f"{pose[axis - 1]:.6g}")
     reason = Message("reason.beyond-range", axis=AXES[PoseType.J][axis - 1].name, value=value)
     return RefusalReason(reason, group_key=key)
 

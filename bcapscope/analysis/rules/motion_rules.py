@@ -33,7 +33,7 @@ SPEED_CHANGED_IN_MOTION = DiagnosisRule(
 
 _REMEMBERED = 32
 """Maximum number of motions, and of speed changes, that the checker remembers for all controllers together.
-The checker may receive a speed change before or after the motion that it affects, because calls of different
+The checker may receive a speed change before or after the affected motion, because the calls of different
 clients may complete in any order.
 """
 

@@ -38,8 +38,8 @@ _MAX_NAMES = 4096
 
 
 class _HandleTally:
-    """Current and highest number of open handles of one object, and the call with which this number exceeded
-    the limit.
+    """How many handles of one object are open, the highest number so far, and the call that exceeded the
+    limit.
     """
 
     def __init__(self) -> None:
@@ -48,7 +48,7 @@ class _HandleTally:
 
 
 class ObjectChecker(RuleChecker):
-    """Counts the handles that a client opened for each object and has not released."""
+    """Counts the open handles of each object, for each client."""
 
     rules = (HANDLE_LEAK,)
 
@@ -128,9 +128,7 @@ def _leak(call: Call, kind: ObjectClass, name: str, handles: int, is_update: boo
 
 
 def _may_be_released(call: Call) -> bool:
-    """Return whether the controller answered this call, or may have answered it although no reply was
-    captured.
-    """
+    """Return whether the controller answered this call; True also if the capture may lack the reply."""
     return call.reply is not None or call.evicted or call.reply_not_captured
 
 

@@ -201,8 +201,8 @@ def _off_pace(
 
 
 def _buffer_slack_ns(client: ClientState) -> int:
-    """Return how long a full buffer lasts without a new set point, in ns. If the mode is unknown, the buffer
-    is assumed to have `DEFAULT_SLOTS` slots.
+    """Return the time in ns for which a full buffer lasts without a new set point. If the mode is unknown,
+    the buffer is assumed to have `DEFAULT_SLOTS` slots.
     """
     mode = client.slave_mode if client.mode_entered_by else None
     return round(slack_ms(DEFAULT_SLOTS if mode is None else mode.buffer_slots) * MS)

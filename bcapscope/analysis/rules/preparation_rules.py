@@ -103,8 +103,8 @@ _TOKEN_CODES = with_rc7_forms(
 _LICENCE_CODES = (0x80000901, 0x8000020C, 0x83500009, 0x83500126)
 _RESET_CODES = (0x83500372, 0x81501069, 0x81501070)
 _SWITCHES_OFF = 4
-"""Lowest error level at which the controller stops all axes and switches the motor off, according to the
-public list of controller errors.
+"""At this error level and above, the controller stops all axes and switches the motor off (public list of
+controller errors).
 """
 _MOTOR_CODES = with_rc7_forms((0x81501003, 0x2006))
 _ARM_CODES = with_rc7_forms((E_ARM_NOT_TAKEN, 0x21F7))
@@ -294,9 +294,7 @@ def _explain_arm_taken(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _may_be_given_back(client: ClientState) -> bool:
-    """Return whether the client that holds the arm may have given it back, because the capture lacks the
-    reply to its GiveArm call.
-    """
+    """Return whether a client may have given back the arm: the capture lacks the reply to its GiveArm."""
     return _unanswered(client, "givearm") is not None
 
 
@@ -322,7 +320,7 @@ def _explain_arm_missing(call: Call, client: ClientState) -> RefusalReason | Non
 
 
 def _error_since(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the number of the call that reported the client's latest error; () unless this error came after
+    """Return the number of the call that reported the client's latest error; () if no error came after
     `call`.
     """
     error = client.latest_error

@@ -67,8 +67,8 @@ class ProxyChecker(RuleChecker):
 
 
 def with_place(call: Call, fact: Message) -> Message:
-    """Add to `fact` where frames of the call were lost or held, if two captures or the proxy's recording show
-    this.
+    """If two captures or the proxy's recording show where frames of the call were lost or held, add this to
+    `fact`.
     """
     lost = call.lost_between
     if lost:

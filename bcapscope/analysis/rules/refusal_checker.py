@@ -95,7 +95,7 @@ def _impact(rule: DiagnosisRule, call: Call, client: ClientState) -> RobotImpact
 
 
 def _error_to_clear(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the number of the call whose error a refused ClearError call should have cleared. The cause of
+    """Return the call number of the error that a refused ClearError call should have cleared. The cause of
     this error is often also the reason why the controller refuses ClearError.
     """
     error = client.uncleared_error

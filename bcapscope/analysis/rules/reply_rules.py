@@ -102,7 +102,8 @@ _MAX_STRAYS = 64
 
 @dataclass(slots=True)
 class _Pending:
-    """Calls and replies of a client that the checker can judge only when it knows the client's later traffic.
+    """Calls and replies of one client. The checker can judge them only when it knows the client's later
+    traffic.
 
     Attributes:
         given_up: The latest call that got no reply; the client has given this call up, or the client program
@@ -296,8 +297,8 @@ class _Grouping(TypedDict, total=False):
 
 
 def _grouped_by_place(call: Call) -> _Grouping:
-    """Return arguments for `report_call`, so that calls captured at two places get a finding and advice of
-    their own.
+    """Return arguments for `report_call`. With these arguments, calls that were captured at two places get a
+    finding and advice of their own.
     """
     advice = advice_by_place(call)
     return {} if advice is None else {"group_key": group_by_place(call), "advice": advice}
@@ -397,7 +398,7 @@ def _waited_for_room(call: Call, client: ClientState) -> bool:
 
 
 class _AttemptIndex:
-    """Index of the attempts of a call by serial and time. Searches stay fast even for thousands of attempts
+    """Finds an attempt of a call by its serial and a time. Searches stay fast even for thousands of attempts
     and replies.
     """
 

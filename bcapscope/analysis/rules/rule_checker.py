@@ -19,7 +19,7 @@ SECOND = 1_000_000_000
 MS = 1_000_000
 
 SAME_CALL = 0
-"""Value of `cause_within_ns` for a rule whose problems can only be caused by problems of the same call."""
+"""A rule has this value of `cause_within_ns` if only problems of the same call can cause its problems."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class DiagnosisRule:
 
     Attributes:
         id: Short name of the rule, as in JSON.
-        possible_causes: Ids of the rules whose findings can be the cause of this rule's findings.
+        possible_causes: Ids of the rules that can report a cause of this rule's findings.
         cause_within_ns: Maximum time in ns from the end of a possible cause to the start of the problem.
     """
 
@@ -81,8 +81,8 @@ class Occurrence:
             and call.
         selected: True if the problem concerns selected calls; False if it is reported only as the cause of
             another problem.
-        explains: Numbers of calls whose problems certainly follow from this problem; this attribute is for
-            causes that a rule finds only after the consequences were reported.
+        explains: Numbers of calls; the problems of these calls certainly follow from this problem. A rule
+            uses this attribute if it finds a cause after the consequences were reported.
         impact: Effect of the problem on the motion of the robot.
     """
 
@@ -140,11 +140,11 @@ class RuleChecker:
     must not change the checker, because bcapscope also calls them while live traffic continues.
 
     Attributes:
-        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove), of which there may
-            be millions. If False, `on_call` gets only the first set point of each run of alike set points
-            (see `AlikeSetPoints`). If True, `on_call` gets every set point of a run, each with the client's
-            state before the run.
-        by_client: Data of the checker for each client, until the client is dropped from memory.
+        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove). There may be
+            millions of set points. If False, `on_call` gets only the first set point of each run of alike set
+            points (see `AlikeSetPoints`). If True, `on_call` gets every set point of a run, each with the
+            client's state before the run.
+        by_client: Data that the checker keeps for each client, until the client is dropped from memory.
     """
 
     rules: ClassVar[tuple[DiagnosisRule, ...]]
@@ -173,7 +173,7 @@ class RuleChecker:
         """Report a problem of a call. Unless you give `began` and `completed`, the problem lasts from the
         call's request to its last frame.
 
-        The frames of `evidence_call` and of the call prove the problem. The class `Occurrence` describes the
+        The frames of `call` and of `evidence_call` prove the problem. The class `Occurrence` describes the
         other arguments.
         """
         self.report_occurrence(
@@ -194,8 +194,8 @@ class RuleChecker:
         )
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        """Return whether `on_call` needs calls of this kind and health. `Diagnosis` caches the result. For
-        alike set points, `needs_every_set_point` decides whether `on_call` gets them.
+        """Return whether `on_call` needs calls of this kind and health. `Diagnosis` caches the result.
+        `needs_every_set_point` decides whether `on_call` gets alike set points.
         """
         return health is not CallHealth.SMOOTH
 
@@ -206,8 +206,8 @@ class RuleChecker:
         """Check a large frame, a frame with problems, or bytes that are not a frame."""
 
     def on_new_flow(self, observation: Observation) -> None:
-        """Check the first observation of a flow (one direction of a conversation): a frame, or bytes that are
-        not a frame.
+        """Check the first observation of a flow (one direction of a conversation). The observation is a
+        frame, or bytes that are not a frame.
         """
 
     def on_stray_reply(self, stray: StrayReply) -> None:

@@ -1,4 +1,4 @@
-"""Sources that several rules refer to."""
+"""Names of documents and programs that several rules give as their source."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ C_CLIENT = "orin_bcap C/src/bCAPClient/bcap_client.c"
 
 
 def guide(*sections: str) -> str:
-    """Return the source for some sections of DENSO's guide to slave mode."""
+    """Return the title of DENSO's guide to slave mode, followed by the given sections."""
     return f"{GUIDE}, {' and '.join(sections)}"

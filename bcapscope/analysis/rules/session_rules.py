@@ -51,8 +51,7 @@ and the controller was fast.
 _SILENT_NS = 10 * SECOND
 _REPLACED_AFTER_NS = 2 * SECOND
 _USUAL_PAUSES = 2
-"""A silent client counts as gone only when it has been silent for this multiple of its longest earlier
-pause.
+"""A client counts as gone only after a silence of this many times its longest earlier pause.
 """
 
 _SMALLEST_WDT_MS = 80
@@ -215,9 +214,7 @@ class SessionChecker(RuleChecker):
 
 
 def _may_have_left(session: SlaveSession) -> bool:
-    """Return whether the client called slvChangeMode after its last set point, and the capture lacks the
-    reply.
-    """
+    """Return whether the capture lacks the reply to an slvChangeMode after the client's last set point."""
     last = session.last_set_point
     return any(
         call.reply_frame is None and call.command is not None and call.command.casefold() == "slvchangemode"
@@ -271,7 +268,7 @@ def _has_wdt(service: Call) -> bool:
 
 
 def _successor(client: ClientState, since: int) -> ClientState | None:
-    """Return a client from the same IP address that began a session after this client fell silent."""
+    """Return another client with the same IP address, if it began a session after this client fell silent."""
     host = client.conversation.client.host
     for other in client.other_clients():
         first = other.first_call
@@ -364,8 +361,8 @@ def _share_call_slot(one: Call, other: Call) -> bool:
 
 
 def _running_call(client: ClientState, call: Call) -> Call | None:
-    """Return the client's latest slow call; None if the controller cannot have been executing it when `call`
-    was sent.
+    """Return the client's latest slow call. Return None if the controller cannot have been executing this
+    slow call when `call` was sent.
     """
     slow = client.slow_call
     return slow if slow is not None and _may_have_run(slow, call) else None

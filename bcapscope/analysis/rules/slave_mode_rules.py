@@ -194,8 +194,8 @@ def _explain_outside(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _explain_mode_change(latest: Call) -> RefusalReason:
-    """Return the reason for a refusal: the client's latest slvChangeMode was refused, or its reply was not
-    captured.
+    """Return the reason for a refusal: the client's latest slvChangeMode was refused, or the capture lacks
+    the reply to it.
     """
     case = "unanswered" if latest.reply is None else "refused"
     return RefusalReason(

@@ -73,7 +73,7 @@ _MAX_FLOWS = 4096
 _FEWEST_REPLIES = 4
 _RESYNC_WITHIN_NS = SECOND
 _MAX_PROBLEMS_NAMED = 3
-"""Maximum number of problems of one frame that the text of a finding names."""
+"""The text of a finding names at most this many problems of one frame."""
 
 
 class WireChecker(RuleChecker):
@@ -143,7 +143,7 @@ class WireChecker(RuleChecker):
             self.report_call(DUPLICATE_FRAMES, call, fact)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Report that a capture holds only replies, and no requests, of a conversation.
+        """Report that a capture contains the replies of a conversation, but not its requests.
 
         If the capture holds only a single reply or a few notices, report nothing: the capture may have begun
         in the middle of a call.

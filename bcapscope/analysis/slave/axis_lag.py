@@ -9,7 +9,7 @@ import numpy as np
 from bcapscope.analysis.statistics.distribution import Bools, Floats
 
 MAX_CYCLES = 32
-"""Largest lag that can be found, in cycles: a quarter of a second at a cycle time of 8 ms."""
+"""Largest lag in cycles that can be found. At a cycle time of 8 ms, it is a quarter of a second."""
 
 _ROWS_AT_ONCE = 256
 """Maximum number of set points that each call of `add` compares. This number is enough for an estimate, and
@@ -40,7 +40,7 @@ class AxisLag:
         """
         history = np.vstack((self._commanded, commanded))
         first = len(self._commanded)
-        # set points at the start of the session, which have too few set points before them
+        # Skip the first set points of the session: they have too few set points before them.
         skipped = max(0, MAX_CYCLES - first)
         until = min(len(commanded), skipped + _ROWS_AT_ONCE)
         if until > skipped:

@@ -17,8 +17,8 @@ The model is a prediction, not an observation. It assumes:
 The controller's phase is the moment in each period at which the controller takes a set point. A capture does
 not show this phase. If only one period lacks a set point, the phase may be the reason, so the model counts
 the underflow as possible, not as predicted. The model predicts an overflow only if the buffer would be full
-for every phase. `bcapscope.protocol.slave_mode.modes` has the number of slots of each mode, the period, and
-the sources of these numbers.
+whatever the phase is. `bcapscope.protocol.slave_mode.modes` has the number of slots of each mode, the period,
+and the sources of these numbers.
 """
 
 from __future__ import annotations
@@ -47,14 +47,13 @@ _MOVING = {1: True, 0: False, -1: None}
 
 
 class PredictedUnderflow(NamedTuple):
-    """A moment at which the model's buffer was empty when the controller needed a set point.
+    """A moment when the controller needed a set point, but the buffer of the model was empty.
 
     Attributes:
         time: Time when the controller needed a set point, ns since 1970.
         late_frame: Number of the request frame of the set point that arrived too late.
         late_ms: Time from `time` to the arrival of the late set point, ms.
-        moving: Whether the robot was moving, because the two set points before `time` differ; None if
-            unknown.
+        moving: Whether the robot was moving: the two set points before `time` differ. None if unknown.
     """
 
     time: int
@@ -118,9 +117,9 @@ class BufferFacts:
 
 
 def slack_ms(slots: int) -> float:
-    """Return how long a full buffer lasts without a new set point, in ms. A buffer lasts one period per slot,
-    but at least two periods. Even a buffer with a single slot lasts two periods, because the slot is refilled
-    while the controller executes the previous set point.
+    """Return the time in ms for which a full buffer lasts without a new set point. A buffer lasts one period
+    per slot, but at least two periods. Even a buffer with a single slot lasts two periods, because the slot
+    is refilled while the controller executes the previous set point.
     """
     return float(max(slots, 2) * PERIOD_MS)
 
@@ -148,12 +147,12 @@ class BufferBehaviour:
 
 
 class SetPointArrivals(NamedTuple):
-    """Columns with one row for each set point, in the order in which they were sent.
+    """A table with one row for each set point. The rows are in the order in which the set points were sent.
 
     Attributes:
         times: Time when each set point arrived, in ns since the `origin` of the model.
-        in_buffer_by: Latest time at which each set point entered the buffer: in modes in which the controller
-            sets the pace, the time of the reply; in other modes, the arrival time.
+        in_buffer_by: For each set point, the latest time at which it can have entered the buffer. If the
+            controller sets the pace, this is the time of the reply; otherwise, it is the arrival time.
         codes: HRESULT of each reply; 0 if no reply was captured.
         frames: Frame number of each first request.
         reply_frames: Frame number of each reply; 0 if no reply was captured.
@@ -172,9 +171,7 @@ class BufferModel:
     """Predicts how many set points the buffer held when each set point arrived. Add set points in order."""
 
     def __init__(self, behaviour: BufferBehaviour, origin: int) -> None:
-        """Create a model. `origin` is a time in ns since 1970, from which the times of all set points are
-        counted.
-        """
+        """Create a model. The times of all set points are relative to `origin`, which is in ns since 1970."""
         self._behaviour = behaviour
         self._origin = origin
         self._capacity_ns = behaviour.slots * _PERIOD

@@ -1,4 +1,4 @@
-"""Read the numbers in many frames together.
+"""Read the numbers of many frames in one step.
 
 The frames of a slave-mode session's set points differ only in the serial, the reserved field and the numbers
 in their arguments. A `ColumnReader` learns a template from one frame that was fully decoded and has no
@@ -24,12 +24,13 @@ from bcapscope.protocol.codec.frame_template import FrameTemplate, number_counts
 from bcapscope.protocol.codec.variant import Variant
 
 MAX_TEMPLATES = 16
-"""Maximum number of templates per direction of a slave-mode session. Frames that match no template are read
-one by one.
+"""Maximum number of templates for each direction of a slave-mode session. Frames that match no template are
+read one by one.
 """
 
 MAX_NUMBERS = 256
-"""A frame with more numbers than this is not read with a template; the frame of a set point has about twelve.
+"""If a frame has more numbers than this, no template is used to read it; the frame of a set point has about
+twelve.
 """
 
 PickedNumbers: TypeAlias = "tuple[Sequence[float], float | None]"
@@ -42,9 +43,9 @@ class NumberPicker:
 
     Attributes:
         pick: Function that returns the pose and the time stamp in an argument; it returns () for a missing
-            pose, and None for a missing time stamp. To learn a template, `ColumnReader` calls `pick` with an
-            argument in which each number is replaced by its index. The function must therefore not depend on
-            the values of the numbers.
+            pose, and None for a missing time stamp. To learn a template, `ColumnReader` replaces each number
+            of an argument by its index, and calls `pick` with this argument. The function must therefore not
+            depend on the values of the numbers.
     """
 
     argument: int
@@ -113,8 +114,8 @@ class ColumnReader:
         self._template_count = 0
 
     def read(self, bodies: FrameBytes, count: int, axes: int) -> PoseColumns:
-        """Return the time stamp and the first `axes` numbers of the pose in each of the first `count` frames.
-        Every frame must have a complete header.
+        """For each of the first `count` frames, return the time stamp and the first `axes` numbers of the
+        pose. Every frame must have a complete header.
         """
         columns = PoseColumns(count, axes)
         rows = np.arange(count)
@@ -172,8 +173,8 @@ class ColumnReader:
         return True
 
     def _locate_numbers(self, raw: bytes, form: FrameTemplate) -> PickedNumbers:
-        """Return the indexes of the numbers of the pose and the time stamp. The picker receives an argument
-        in which each number is replaced by its index, so it returns indexes.
+        """Return the indexes of the pose's numbers and of the time stamp. In the argument for the picker,
+        each number is replaced by its index, so the picker returns indexes.
         """
         arguments, places = form.prototype, tuple(_number_positions(form.spans))
         if sum(number_counts(arguments)) != len(places) or self._picker.argument >= len(arguments):

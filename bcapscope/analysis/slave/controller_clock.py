@@ -18,7 +18,7 @@ _LONG_ENOUGH_MS = 1000.0
 _WRAP_AT_LEAST = 1 << 31
 
 _US_AT_LEAST = 30.0
-"""If time stamps advance by at least this number per ms of the capture, their unit is µs. The number is the
+"""If time stamps advance by at least this number per ms of capture time, their unit is µs. The number is the
 geometric mean of 1 (unit ms) and 1000 (unit µs), so neither a fast client nor a pause leads to the wrong
 unit.
 """
@@ -26,8 +26,8 @@ unit.
 
 @dataclass(frozen=True, slots=True)
 class ClockFacts:
-    """Facts about the controller's clock and its time stamps, which replies contain with receive format
-    0x010.
+    """Facts about the controller's clock and its time stamps. With receive format 0x010, replies contain
+    these time stamps.
 
     Attributes:
         microseconds: True if the time stamps are in µs, False if they are in ms.
@@ -75,7 +75,8 @@ class ControllerClock:
         # time in ms since the first time stamp, by the controller's clock and by the capture's clock
         self._last = (0.0, 0.0)
         self._raw_last = 0
-        self._ticks = 0  # last minus first time stamp, in the unit of the time stamps, with wraps added
+        # last time stamp minus first time stamp, in the unit of the time stamps, with wraps added
+        self._ticks = 0
         self._count = self._repeated = self._backwards = self._wraps = self._missing = 0
         # sums of x, y, x² and xy; x is controller time, y is capture time minus x
         self._sums = np.zeros(4)
@@ -152,8 +153,8 @@ class ControllerClock:
 
 
 def _counts_microseconds(ticks: NDArray[np.int64], seen: Floats) -> bool | None:
-    """Return whether time stamps are in µs, judged by how far they advance per ms; None if no time has
-    passed.
+    """Return whether time stamps are in µs. They are if they advance fast enough per ms. Return None if no
+    time has passed.
     """
     passed = float(seen[-1] - seen[0])
     counted = abs(int(ticks[-1]) - int(ticks[0]))

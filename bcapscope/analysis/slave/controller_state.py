@@ -17,13 +17,13 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.slave_mode_tracker import execute_parameter, requested_mode
 
 MAX_CALLS = 1024
-"""Maximum number of calls other than set points that are kept for each controller."""
+"""For each controller, at most this many calls are kept; set points do not count."""
 
 MAX_BYTES = 1 << 20
 """Maximum total size in bytes of the calls that are kept for each controller."""
 
 MAX_PENDING = 16
-"""Maximum number of slave-mode sessions without a set point that are kept for each controller."""
+"""For each controller, at most this many slave-mode sessions are kept that have no set point yet."""
 
 _POSITIONS = {"curjnt": PoseType.J, "curpos": PoseType.P, "curtrn": PoseType.T}
 
@@ -33,8 +33,7 @@ class ControllerState:
 
     Attributes:
         recent_calls: Latest calls other than set points, in the order in which they were completed.
-        pending_sessions: Slave-mode sessions that a client has begun, but in which no set point has been sent
-            yet.
+        pending_sessions: Slave-mode sessions that have begun, but that have no set point yet.
         unanswered_entry: Latest slvChangeMode call that enters slave mode and has no captured reply; None if
             there is no such call.
         reported_mode: Slave mode that the controller reported outside a known slave-mode session, and the
@@ -89,8 +88,9 @@ class ControllerState:
         return dropped
 
     def claim_pending(self, key: SessionKey) -> SlaveSessionBuilder | None:
-        """Return the pending slave-mode session to which a first set point belongs: a session of the same
-        client or, if there is none, the oldest session of any client. Return None if no session is pending.
+        """Find the pending slave-mode session to which a first set point belongs. Return a session of the
+        same client; if there is none, return the oldest session of any client. Return None if no session is
+        pending.
         """
         if not self.pending_sessions:
             return None

@@ -67,8 +67,8 @@ def stronger_clue(known: GenerationClue, found: GenerationClue) -> GenerationClu
 
 
 def clue_of_set_point(parameter: Variant) -> GenerationClue:
-    """Return the clue that the number type of a set point gives. RC8 and later generations take double
-    precision, RC7 takes single precision.
+    """Return what the number type of a set point shows about the controller's generation. RC8 and later
+    generations take double precision, RC7 takes single precision.
     """
     value = parameter.value
     if parameter.vt == ARRAY | VT.VARIANT and isinstance(value, tuple) and value:
@@ -84,7 +84,9 @@ def clue_of_set_point(parameter: Variant) -> GenerationClue:
 
 
 def clue_of_call(call: Call) -> GenerationClue:
-    """Return the clue that a successful call other than a set point gives; `NO_CLUE` for most calls."""
+    """Return what a successful call shows about the controller's generation; `NO_CLUE` for most calls. The
+    call must not be a set point.
+    """
     if call.reply is None or is_failure(call.reply.item.code):
         return NO_CLUE
     function_id, command = call.kind

@@ -123,19 +123,19 @@ class Jump(NamedTuple):
 class MotionFacts:
     """Facts about the commanded motion of a slave-mode session, and about the returned poses.
 
-    Set points that the controller refused because its buffer was full are left out, because the client sends
+    The facts leave out set points that the controller refused because its buffer was full. The client sends
     these set points again.
 
     Attributes:
         read: Number of set points with a readable pose.
         unread: Number of set points with an unreadable pose or a pose of another type.
-        not_finite: Number of set points with a NaN or an infinity, which no other figure includes.
+        not_finite: Number of set points with a NaN or an infinity. No other figure includes these set points.
         not_finite_frames: Numbers of the first request frames with a NaN or an infinity.
         pose_type_guessed: Whether the pose type was inferred from the number of values in a pose.
         returned: Number of replies with a pose of the same type as the commanded pose.
         repeated: Number of set points that are equal to the previous set point.
-        stutters: Number of repeated set points in the middle of a motion, at which the robot has to stop for
-            one period.
+        stutters: Number of repeated set points in the middle of a motion. At each of them, the robot has to
+            stop for one period.
         stutter_frames: Numbers of the request frames of the first stutters.
         jumps: Number of jumps of all kinds (see `JumpKind`).
         figure_changes: How often the value Fig (the posture) changes from one set point to the next; 0 for

@@ -19,7 +19,9 @@ LONGEST_CYCLE_MS = 8.0 * PERIOD_MS
 """Longest cycle in ms that counts for the pace. A longer cycle is a pause."""
 
 PROMPT_MS = 1.0
-"""Longest time in ms from a reply to the next set point, if the client waits for nothing but the reply."""
+"""If a client waits only for the reply, it sends the next set point within this time in ms after the
+reply.
+"""
 
 _SKIPPED = 1.5
 _PROMPT_SHARE = 0.8
@@ -32,7 +34,7 @@ class MotionPace(NamedTuple):
         cycles: Number of cycles while the robot moves; pauses do not count.
         cycle_ms: Typical time between set points; if most cycles skip a period, it is the median of all
             cycles; if not, it is the mean of the cycles that skip no period.
-        long_cycle_ms: Time between set points that nine of ten cycles do not exceed.
+        long_cycle_ms: Cycle time that nine of ten cycles do not exceed.
         skipped: Number of cycles that are at least one and a half periods long.
         waits_for_reply: Whether the client sent most set points as soon as the previous reply arrived, so
             that the replies set the pace.
@@ -74,7 +76,7 @@ class MotionPaceModel:
         self._on_time.add(paced[paced < _SKIPPED * grid_ms])
 
     def facts(self) -> MotionPace | None:
-        """Return the pace; None if the robot moved in no cycle."""
+        """Return the pace; None if the robot did not move in any cycle."""
         every, on_time = self._cycles.distribution(), self._on_time.distribution()
         if every is None:
             return None

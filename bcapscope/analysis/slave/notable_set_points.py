@@ -34,8 +34,8 @@ class SetPointFact(NamedTuple):
 
 
 def set_point_fact(rows: SetPointTable, row: int, cycles: Floats) -> SetPointFact:
-    """Return the facts of the set point in `row`. `cycles` has the cycle times in ms; the cycle time of the
-    very first set point is NaN.
+    """Return the facts about the set point in row number `row` of `rows`. `cycles` has the cycle times in ms;
+    the cycle time of the very first set point is NaN.
     """
     answered, cycle = bool(rows.answered[row]), float(cycles[row])
     return SetPointFact(

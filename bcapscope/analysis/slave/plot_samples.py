@@ -50,8 +50,8 @@ class PlotSampler:
     """
 
     def __init__(self, axes: int, origin: int) -> None:
-        """Create a sampler for poses with `axes` axes. `origin` is a time in ns since 1970, from which the
-        times of all set points are counted.
+        """Create a sampler for poses with `axes` axes. The times of all set points are relative to `origin`,
+        which is in ns since 1970.
         """
         self._axes = axes
         self._origin = origin

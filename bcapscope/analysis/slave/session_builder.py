@@ -36,9 +36,8 @@ class SlaveSessionBuilder:
     """Builds the facts of a slave-mode session, even while the session continues.
 
     Attributes:
-        key: Conversation of the client that sends the set points, and the handle that this client uses for
-            the robot; until a set point arrives, the conversation and handle of the client that entered slave
-            mode.
+        key: Conversation and robot handle of the client that sends the set points. Until the first set point
+            arrives, they are those of the client that entered slave mode.
         mode: Number of the slave mode, and how this number is known.
         entry_call: The slvChangeMode call that began the session; None if the call was not captured.
         position: Position of the robot before the first set point; None if unknown.
@@ -48,8 +47,8 @@ class SlaveSessionBuilder:
         error_exit: End of the session, if an error ended it; None if no error occurred, or if a later set
             point was accepted.
         after_end: Number of set points that were refused or unanswered because the session had ended.
-        last_accepted: Time of the first request of the latest processed set point that was accepted, ns since
-            1970; None if no set point was accepted.
+        last_accepted: Time when the latest accepted set point was first sent, ns since 1970; None if no
+            processed set point was accepted.
     """
 
     def __init__(
@@ -95,9 +94,9 @@ class SlaveSessionBuilder:
 
     @property
     def last_activity(self) -> int:
-        """Time of the reply to the latest set point, in ns since 1970; without a reply, time of its request.
-        0 if unknown. The result is at least `entered_at`: a client that does not wait for the reply to
-        slvChangeMode can send set points before `entered_at`.
+        """Time of the reply to the latest set point, in ns since 1970; if there is no reply, the time of the
+        set point's request; 0 if unknown. The result is at least `entered_at`: a client that does not wait
+        for the reply to slvChangeMode can send set points before `entered_at`.
         """
         last = max(self.batch[-1].time, self.batch[-1].reply_time) if self.batch else self._last_activity
         return max(last, self.entered_at or 0)
@@ -119,7 +118,7 @@ class SlaveSessionBuilder:
             self.batch.clear()
 
     def processed(self, slave_setup: SlaveSetup) -> SlaveSessionBuilder:
-        """Return a copy of this builder that has processed the set points in the batch."""
+        """Return a copy of this builder. The copy has processed the set points in the batch."""
         if not self.batch:
             return self
         processed = copy.copy(self)

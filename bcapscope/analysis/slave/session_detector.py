@@ -39,24 +39,24 @@ detector may still get the call of another client that ended the session.
 """
 
 SILENCE_NS = 1_000_000_000
-"""If a client sends no set point during this time (in ns) before the end of the capture, the client counts as
-having stopped.
+"""If a client sends no set point during this time (in ns) before the end of the capture, bcapscope assumes
+that the client has stopped.
 """
 
 SUSPECT_WITHIN_NS = 2_000_000_000
-"""Maximum time in ns from a failed call of any client to the reply which shows that slave mode is off. An
-earlier failed call does not count as the cause.
+"""Maximum time in ns from a failed call of any client until a reply shows that slave mode is off. An earlier
+failed call does not count as the cause.
 """
 
 STILL_TAKING_NS = 200_000_000
-"""Maximum time in ns for which a controller may still accept set points after an error that ends slave mode.
+"""After an error that ends slave mode, a controller may still accept set points for at most this time in ns.
 No source gives this time. The value is 25 cycles of 8 ms, because a controller may first stop the robot on
 its path.
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
-"""A slave-mode session lists calls other than set points from `BEFORE_NS` before the session to
-`AFTER_NS` after the session, in ns.
+"""A slave-mode session lists calls that are not set points, from `BEFORE_NS` ns before its start to
+`AFTER_NS` ns after its end.
 """
 
 MAX_SESSIONS = 64
@@ -76,7 +76,9 @@ _HANDLE = slice(15, 29)
 
 
 class _EndedSession(NamedTuple):
-    """A slave-mode session that has ended and is held back (see `HOLD_BACK_NS`)."""
+    """A slave-mode session that has ended, but that the detector has not returned yet (see
+    `HOLD_BACK_NS`).
+    """
 
     builder: SlaveSessionBuilder
     exit: SessionExit
@@ -139,9 +141,7 @@ class SlaveSessionDetector:
         return finished
 
     def _on_time(self, call: Call) -> Sequence[SlaveSession]:
-        """Return the ended slave-mode sessions that need not be held back any longer at the time of
-        `call`.
-        """
+        """Return each ended slave-mode session that was held back long enough at the time of `call`."""
         self._latest_time = max(self._latest_time, call.last_activity)
         return self._release_ended(self._latest_time - HOLD_BACK_NS) if self._held_back else ()
 
@@ -177,7 +177,7 @@ class SlaveSessionDetector:
         return self._remaining[1]
 
     def process_waiting(self) -> None:
-        """Process all set points that still wait in batches, and thereby pass them to `on_set_points`."""
+        """Process all set points that are still in batches. This also passes them to `on_set_points`."""
         for builder in (*self._unfinished, *(ended.builder for ended in self._held_back)):
             self._process_batch(builder)
 
@@ -321,8 +321,8 @@ class SlaveSessionDetector:
             builder.mode = controller.reported_mode
 
     def _on_disconnect(self, call: Call, handle: bytes | None) -> None:
-        """End all slave-mode sessions of the client that made `call`; with `handle`, only the sessions of the
-        robot with this handle.
+        """End all slave-mode sessions of the client that made `call`; if `handle` is given, end only the
+        sessions of the robot with this handle.
         """
         pending = self._controller(call).pending_sessions
         for builder in (*self._active.values(), *pending.values()):
@@ -431,7 +431,7 @@ def _silent_exit(builder: SlaveSessionBuilder) -> SessionExit:
 
 
 def _exit_by_call(reason: ExitReason, call: Call, frames: tuple[int, ...] = ()) -> SessionExit:
-    """Return the end of a session that `call` ended. The frames of `call`, and `frames`, prove this end."""
+    """Return the end of a session that `call` ended. The frames of `call` and the other `frames` prove it."""
     return SessionExit(reason, _call_end(call), (*_call_frames(call), *frames), call.hresult, call_fact(call))
 
 

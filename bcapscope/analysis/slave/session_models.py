@@ -49,8 +49,8 @@ _UNKNOWN = -1
 _STEP = 1
 _SERIALS = 1 << 16
 _MOST_UNCAPTURED = 1000
-"""Maximum number of skipped serials that count as attempts that were not captured. If a client skips more
-serials, its serials do not increase one by one.
+"""If a client skips at most this many serials, they count as attempts that were not captured. If a client
+skips more serials, it evidently does not number its requests one by one.
 """
 _TINY_STEP = 0.02
 """A step of an axis counts as motion only if it is larger than this share of the axis's largest step so far.
@@ -70,7 +70,7 @@ class SlaveSetup(NamedTuple):
     """Facts that are known before the first set point: slave mode, formats and the robot's position.
 
     Attributes:
-        known_by: Name of the command from which `mode_value` is known.
+        known_by: Name of the command that showed `mode_value`.
     """
 
     mode_value: int | None
@@ -200,8 +200,8 @@ class SessionModels:
         return self._slicer.slices()
 
     def _uncaptured(self, rows: SetPointTable, batch: SetPointBatch) -> NDArray[np.int64]:
-        """Return, for each set point, how many attempts just before it were not captured, judged by the
-        skipped serials.
+        """For each set point, count the attempts just before it that were not captured. Skipped serials show
+        these attempts.
         """
         serials = batch.requests.serials(len(batch))
         last_serial, last_retries = self._last_sent
@@ -214,8 +214,8 @@ class SessionModels:
         return np.where((before >= 0) & (skipped > 0) & (skipped <= _MOST_UNCAPTURED), skipped, 0)
 
     def _steps(self, commanded: PoseColumns) -> NDArray[np.int64]:
-        """Return for each set point whether the robot moves to it: 1 if it moves, 0 if it does not, -1 if
-        this is unknown.
+        """For each set point, return 1 if the robot moves to it, 0 if the robot stands still, and -1 if this
+        is unknown.
 
         The first value belongs to the last set point before `commanded`. A step that is tiny compared with
         the largest step so far does not count as motion, because a smooth motion ends with tiny steps.

@@ -52,8 +52,9 @@ class SessionSlicer:
     """Divides a slave-mode session into slices of equal length. The first slice starts at the `origin`."""
 
     def __init__(self, window: int, origin: int) -> None:
-        """Create a slicer. `window` is the length of each slice, `origin` the start of the first slice, in
-        ns."""
+        """Create a slicer. `window` is the length of each slice, and `origin` is the start of the first
+        slice; both are in ns.
+        """
         self._left_off = 0
         self._window = window
         self._origin = origin

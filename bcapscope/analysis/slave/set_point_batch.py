@@ -14,7 +14,7 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call import Call
 
 LARGE_FRAME = 2048
-"""Size in bytes above which a frame is stored separately; the frame of a set point has about a tenth of this
+"""A frame with more bytes than this is stored separately; the frame of a set point has about a tenth of this
 size.
 """
 
@@ -70,7 +70,7 @@ class FrameBytes:
         return found
 
     def clear(self) -> None:
-        """Remove all frames. The next frames keep the common size."""
+        """Remove all frames. The common size stays the same for the next frames."""
         self.data = bytearray()
         self.odd_sized = {}
 
@@ -101,8 +101,8 @@ class SetPointBatch:
         row_data: The `SetPointRow` of each set point, as 64-bit integers.
         irregular: Index and call of each irregular set point. A set point is irregular if it was retried, was
             not answered with S_OK, or has a frame of unusual size.
-        other_attempts: For the index of a set point, the number of attempts of the client's other calls that
-            were captured just before it.
+        other_attempts: Number of attempts of the client's other calls that were captured just before a set
+            point. The key is the index of the set point.
     """
 
     def __init__(self) -> None:
@@ -120,7 +120,9 @@ class SetPointBatch:
         return SetPointRow(*_ROW.unpack_from(self.row_data, start))
 
     def add_other_call(self, call: Call) -> None:
-        """Count the attempts of a call that the same client made, and that is not a set point."""
+        """Count the attempts of a call that is not a set point. The client of the set points made this
+        call.
+        """
         self._attempts_since += len(call.attempts)
 
     def _note_other_attempts(self) -> None:

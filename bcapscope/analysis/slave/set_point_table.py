@@ -15,7 +15,7 @@ from bcapscope.traffic.call import Call
 
 @dataclass(frozen=True, slots=True)
 class SetPointTable:
-    """Columns with one row for each set point, in the order in which they were sent.
+    """A table with one row for each set point. The rows are in the order in which the set points were sent.
 
     Times are in ns since `origin`. Frames are given by their observation numbers.
 

@@ -1,7 +1,8 @@
-"""Facts about one slave-mode session, as plain fields that output, programs and rules can use.
+"""Facts about one slave-mode session, stored in plain fields.
 
-Times are in ns since 1970-01-01 UTC, durations in ms, and frames are observation numbers. If a list could
-grow long in a bad capture, it has only the first few entries, and a separate field has their total number.
+Times are in ns since 1970-01-01 UTC. Durations are in ms. Frames are given by their observation numbers. If a
+list could grow long in a bad capture, it has only the first few entries, and a separate field has their total
+number.
 """
 
 from __future__ import annotations
@@ -58,8 +59,8 @@ class KnownMode(NamedTuple):
     Attributes:
         value: Number of the mode, as in the argument of slvChangeMode; None if unknown.
         known_by: Command that shows the value: "slvChangeMode" or "slvGetMode"; "" if the value is unknown.
-        meaning: The slave mode that `value` means on controllers of this generation; on an RC8, if the
-            generation is unknown; None if `value` is undefined or unknown.
+        meaning: The slave mode that `value` means on controllers of this generation. If the generation is
+            unknown, it is the meaning on an RC8. None if `value` is undefined or unknown.
         guessed: Whether `meaning` is the meaning on an RC8, because the generation is unknown.
         pose_type: Pose type of the set points; it follows from the mode or, if the mode is unknown, from the
             number of values in a pose.
@@ -99,8 +100,8 @@ class ExitReason(StrEnum):
     ERROR = "error"
     """The controller refused a set point with an error that ends slave mode."""
     OTHER_CALL = "other call"
-    """The controller refused a set point because slave mode was off. Another call, which any client can have
-    made, had failed with an error that ends slave mode.
+    """The controller refused a set point because slave mode was off. Before that, another call of any client
+    had failed with an error that ends slave mode.
     """
     OTHER_CLIENT = "other client"
     """Another client of the controller called slvChangeMode."""
@@ -190,8 +191,8 @@ class SlaveSession:
         samples: Set points for charts; each can stand for several neighbouring set points.
         entry_call: The slvChangeMode call that began the session; None if the session began before the
             capture.
-        entered_at: Time when the session began: the time of the reply to `entry_call`, or of the first set
-            point if there is no such reply.
+        entered_at: Time when the session began: the time of the reply to `entry_call`; if there is no such
+            reply, the time of the first set point.
         send_format: Send format that the controller accepted; None if no slvSendFormat was captured.
         receive_format: Receive format that the controller accepted; None if no slvRecvFormat was captured.
         pace: Pace of the set points while the robot moves; None if the capture shows no motion.
@@ -199,7 +200,7 @@ class SlaveSession:
         motion: Facts about the commanded motion; None if there are no set points.
         forbidden_retry_frames: Numbers of the first retry frames that the mode forbids.
         other_calls: Latest calls that any client made to this controller during the session and shortly
-            before or after, in chronological order. Set points are not included.
+            before or after, in chronological order. The list `other_calls` does not include set points.
         slices: Figures of the session for each slice of time; () if no slices were requested.
     """
 

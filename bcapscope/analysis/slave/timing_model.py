@@ -179,8 +179,8 @@ class TimingModel:
         self._gaps: list[SetPointFact] = []
 
     def add(self, rows: SetPointTable) -> Floats:
-        """Add set points; return for each the time since the previous set point in ms, NaN for the very first
-        one.
+        """Add set points. For each of them, return the time in ms since the previous set point; NaN for the
+        very first set point.
         """
         cycles = np.diff(rows.times, prepend=self._last) / 1e6
         if self._first is None:

@@ -29,12 +29,14 @@ MAX_CODES = 16
 """Number of result codes that have their own counts, for each kind of call. Further codes share one count."""
 
 GRACE_NS = 200_000_000_000
-"""Time in ns from the end of a slice until all its calls are complete. A tracker keeps a call without further
-frames open for 180 s (`pairing_windows.EXECUTION_NS`).
+"""Time in ns from the end of a slice until all its calls are complete. If a call gets no further frame, a
+tracker keeps the call open for 180 s (`pairing_windows.EXECUTION_NS`).
 """
 
 OTHER_KINDS = CallKind(0, None)
-"""Represents all kinds of call beyond `MAX_KINDS`. No function has the id 0."""
+"""Stands for all kinds of call that are not counted separately, because `MAX_KINDS` was reached. No function
+has the id 0.
+"""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
 """Represents all clients that appear after the statistics hold twice `MAX_KINDS` pairs of client and call
@@ -55,16 +57,16 @@ class CallFigures:
         open: Number of calls still open when the traffic ended.
         not_followed: Number of calls that were evicted from memory while open, because too many calls were
             open.
-        not_captured: Number of calls whose reply was not captured. The capture lacks bytes that the
-            controller sent, or holds only requests.
+        not_captured: Number of calls whose reply was not captured. This happens if the capture lacks bytes
+            that the controller sent, or contains only requests.
         request_bytes: Size of all requests in bytes, including retries.
         calls_per_second: Number of calls divided by the length of the period in seconds; None if the length
             is 0.
         line_time_share: Sum of the latencies divided by the length of the period; None if the length is 0;
             more than 1 if several conversations wait at the same time.
         latency: Time from the first request to the accepted reply, ms; None if no call was answered.
-        refusal_codes: Each HRESULT of a failure, with the number of calls that it answered. The most frequent
-            HRESULT comes first.
+        refusal_codes: For each HRESULT of a failure, the number of calls that were answered with it. The most
+            frequent HRESULT comes first.
     """
 
     calls: int
@@ -109,7 +111,7 @@ class Statistics:
         clients: One row per client; the client with the most calls comes first.
         commands: One row per kind of call and client; the longest total latency comes first.
         kinds: One row per kind of call over all clients; the longest total latency comes first.
-        places: Figures of each conversation that two places captured.
+        places: Figures of each conversation that was captured at two places.
     """
 
     start: int
@@ -212,8 +214,9 @@ class StatisticsBuilder(PipelineSubscriber):
     """
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
-        """Create a builder that counts the calls for which `is_selected` returns True, by default all
-        calls."""
+        """Create a builder that counts the calls for which `is_selected` returns True. By default, it counts
+        all calls.
+        """
         self._is_selected = is_selected
         self._tallies: dict[tuple[Conversation, CallKind], _CallTally] = {}
         self._conversation: Conversation | None = None
@@ -302,9 +305,9 @@ class SlicedStatistics:
     """Computes figures of calls for each slice of time. A call belongs to the slice in which the call
     started.
 
-    Captures may be read out of chronological order. If a call starts more than `GRACE_NS` before the latest
-    call, all slices so far are completed. Calls that are added to a completed slice later are returned in a
-    second slice for the same time.
+    The calls of different captures may not be in chronological order. If a call starts more than `GRACE_NS`
+    before the latest call, all slices so far are completed. If a call belongs to a slice that is already
+    completed, it is returned later in a second slice for the same time.
     """
 
     def __init__(self, nanoseconds: int) -> None:
@@ -316,7 +319,7 @@ class SlicedStatistics:
         self._builders: dict[int, StatisticsBuilder] = {}
 
     def add_call(self, call: Call) -> list[Statistics]:
-        """Count a call; return the slices that are now complete, in order."""
+        """Count a call; return the slices of time that are now complete, earliest first."""
         time = call.request.time
         if self._origin is None:
             self._origin = self._latest = time

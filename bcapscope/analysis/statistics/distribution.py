@@ -37,7 +37,7 @@ class Histogram:
         self._pending: list[Floats] = []  # values not yet counted in bins
         self._pending_count = 0
         self._counts: NDArray[np.int64] | None = None
-        self._first_bin = 0  # number of the bin that the first count is for
+        self._first_bin = 0  # number of the bin to which the first count belongs
         self._total = 0.0
         self._least, self._most = math.inf, 0.0
 
@@ -71,8 +71,8 @@ class Histogram:
         return _summary(len(values), float(values.sum()), ends, points, drawn)
 
     def _binned_distribution(self, bins: bool) -> DistributionSummary:
-        """Return the distribution that results if the pending values are counted in bins, without changing
-        the histogram.
+        """Count the pending values in bins, and return the resulting distribution. The histogram does not
+        change.
         """
         whole = Histogram()
         whole.merge(self)

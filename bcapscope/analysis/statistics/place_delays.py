@@ -23,9 +23,9 @@ class OneWayFigures:
     """Figures of the frames in one direction.
 
     Attributes:
-        frames: Number of frames that both places captured.
+        frames: Number of frames that were captured at both places.
         lost: Number of frames that were lost between the places.
-        delay: Time from the sender's place to the receiver's place, ms; None without frames.
+        delay: Time from the sender's place to the receiver's place, ms; None if there are no frames.
     """
 
     frames: int
@@ -35,7 +35,7 @@ class OneWayFigures:
 
 @dataclass(frozen=True, slots=True)
 class PlaceFigures:
-    """Figures of one conversation that two places captured.
+    """Figures of one conversation that was captured at two places.
 
     Attributes:
         is_relayed: Whether a proxy forwards the conversation between the two places.
@@ -75,7 +75,7 @@ class _OneWayTally:
 
 
 class PlaceTally:
-    """Counts the frames of one conversation that two places captured."""
+    """For one conversation, counts the frames that were captured at two places."""
 
     def __init__(self, conversation: Conversation) -> None:
         self._conversation = conversation

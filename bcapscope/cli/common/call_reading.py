@@ -33,7 +33,7 @@ def read_filtered_calls(reader: CaptureReader, call_filter: Filter | None) -> It
 
 
 def read_to_end(reader: CaptureReader, pipeline: Pipeline) -> None:
-    """Read the captures to their end, pass the traffic to the pipeline, and show the progress."""
+    """Read the captures to their end, and pass the traffic to the pipeline. Show the progress of this."""
     add = pipeline.add
     for count, observation in enumerate(reader.observations()):
         add(observation)

@@ -1,4 +1,4 @@
-"""Read captures for a command, and print a summary of the traffic and of read errors."""
+"""Read captures for a command, and print a summary of the traffic and of the errors that occurred."""
 
 from __future__ import annotations
 
@@ -77,9 +77,9 @@ class CaptureReader:
     ) -> None:
         """Choose the input: captures, a live interface, or pasted hex text. The path ``-`` is standard input.
 
-        If a conversation was captured at both sides, `side` is the side to read; None for both. `taken_at` is
-        the place where the captures were taken; None to infer the place from the traffic. `comment_words`
-        chooses the language of the comments on pasted frames.
+        `side` is the side to read if a conversation was captured at both sides; None to read both sides.
+        `taken_at` is the place where the captures were taken; None to infer the place from the traffic.
+        `comment_words` chooses the language of the comments on pasted frames.
 
         Raises:
             click.UsageError: there is no input, or more than one kind, or standard input is closed.
@@ -114,7 +114,7 @@ class CaptureReader:
     def observations(self) -> Iterator[Observation]:
         """Yield all frames of the input, or only the frames captured at the chosen side.
 
-        Read errors do not raise an exception; `print_summary` prints them.
+        If a capture cannot be read to its end, no exception is raised; `print_summary` prints the error.
         """
         if self._pasted is not None:
             yield from self._pasted
