@@ -61,7 +61,7 @@ NUMBER_FORMATS: dict[int, str] = {
 """For each type of fixed width, the format character of Python's `struct` module."""
 
 NUMBER_WIDTHS: dict[int, int] = {vt: struct.calcsize("<" + code) for vt, code in NUMBER_FORMATS.items()}
-"""Bytes per element of each type of fixed width."""
+"""For each type of fixed width, the number of bytes per element."""
 
 _NUMBERS = frozenset(NUMBER_FORMATS) - {VT.BOOL}
 
