@@ -36,8 +36,7 @@ class Lateness:
     """Records the lateness of every set point in ns."""
 
     def __init__(self, capacity: int) -> None:
-        """Allocate memory for `capacity` values. Further values change only the bins and the maximum.
-        """
+        """Allocate memory for `capacity` values. Further values change only the bins and the maximum."""
         self._values = array("q", bytes(8 * capacity))
         self._capacity = capacity
         self._bins = array("q", bytes(8 * _BINS))

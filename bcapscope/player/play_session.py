@@ -119,9 +119,7 @@ class PlayMonitor:
 
 
 def _pose_in(reply: Frame | None) -> SetPointValues:
-    """Return the pose in a reply. Return () without a pose, or if the pose holds NaN, because JSON has no
-    NaN.
-    """
+    """Return the pose in a reply; () if the reply has no pose, or if the pose holds NaN, which JSON lacks."""
     if reply is None or not reply.arguments:
         return ()
     row = pose_numbers(reply.arguments[0].variant) or ()
@@ -446,9 +444,7 @@ def _slave_mode_for(plan: PlayPlan, generation: Generation) -> SlaveMode:
 
 
 def _planned_trajectory(plan: PlayPlan, kind: PoseType, pose: SetPointValues) -> Trajectory | None:
-    """Return the plan's set points, or None if the plan has none. Axes that the plan lacks come from
-    `pose`.
-    """
+    """Return the plan's set points; None if there are none. Axes that the plan lacks come from `pose`."""
     if not plan.points:
         return None
     return Trajectory(kind, np.array(plan.points, dtype=np.float64), TrajectorySource("")).completed(pose)

@@ -34,7 +34,7 @@ changed the message.
 """
 
 _MAX_MARKS = 256
-"""Maximum number of pieces of an unfinished frame for which the decoder keeps the arrival times."""
+"""The decoder keeps the arrival times of at most this many pieces of an unfinished frame."""
 
 
 class _DirectionStream:
@@ -92,7 +92,9 @@ class RecordDecoder:
         return {client.conversation: client.last_heard for client in self._clients.values()}
 
     def pop_closed_clients(self) -> list[tuple[Conversation, Message]]:
-        """Return the clients that the relay removed since this method was last used, each with the reason."""
+        """Return the clients that the relay removed since the last call of this method. Each client comes
+        with the reason.
+        """
         gone, self._closed_clients = self._closed_clients, []
         return gone
 

@@ -1,4 +1,4 @@
-"""The proxy's guard, which refuses requests that are not allowed, and always lets stops pass."""
+"""The proxy's guard refuses requests that are not allowed, but it never refuses a stop."""
 
 from __future__ import annotations
 
