@@ -418,7 +418,7 @@ class ConversationPairing:
         if size > LARGE_CALL and call is self._newest_call:
             self._newest_call = None
         if call.kind.function_id in OPENERS:
-            self._handles.count_skipped(call)
+            self._handles.add_call(call)
         if self._frame_indexes:
             self._frame_indexes.pop(call, None)
         frame = call.request.item
@@ -446,3 +446,5 @@ class ConversationPairing:
             settle_continuation(call, self._reserved_usage.convention, self._latest_answered)
         if not self._latest_answered and not self._response_seen:
             call.reply_missed = self._requests_only.is_proven
+        elif call.reply is None and not self._is_tcp:
+            call.reply_missed |= self._handles.prove_reply(call, self.open_calls)
