@@ -1,5 +1,6 @@
-"""The handles that a controller gave in a session, and what they show: calls that the controller executed more
-than once, and replies that the capture lacks."""
+"""The handles that a controller gave in a session. They show which calls the controller executed more than
+once, and which replies the capture lacks.
+"""
 
 from __future__ import annotations
 
