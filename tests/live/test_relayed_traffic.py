@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import random
 import re
+import struct
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -16,7 +18,7 @@ from bcapscope.proxy.ring_buffer import RingRecordKind
 from bcapscope.traffic.filter.field_table import RecordKind
 from tests.cli.run import run
 from tests.english import encoded
-from tests.live.test_proxy_watcher import MS, Chain, calls
+from tests.live.test_proxy_watcher import MS, Chain, calls, held
 
 DROPPED, SLOW = "lossy: dropped", "slow: delayed by 20 ms"
 SECOND = 1000 * MS
@@ -48,6 +50,13 @@ class Watched:
     def change(self, up: bool, raw: bytes, changed: bytes) -> None:
         self._record(up, raw, "bad: 1 byte corrupted")
         self._record(up, changed, "bad: 1 byte corrupted", is_sent=True)
+
+    def lose(self, up: bool, size: int) -> None:
+        """Let the ring lose bytes of a stream."""
+        self.chain.now += MS
+        hole = struct.pack("=QQ", size, size)
+        now = self.chain.now
+        self.chain.ring.write_required(RingRecordKind.HOLE, 1, hole, now, sent_at=now + 1, up=up)
 
     def _record(self, up: bool, raw: bytes, note: str, *, is_sent: bool = False) -> None:
         self.chain.now += MS
@@ -194,3 +203,61 @@ def test_calls_and_verdicts_are_those_of_the_recording(seed: int, transport: str
     watched.end()
     live = sorted(map(brief, watched.shown), key=lambda call: str(call["started"]))
     assert live == recorded(watched.path)
+
+
+def test_a_hole_in_the_stream_after_a_fault_is_no_loss_in_the_proxy(tmp_path: Path) -> None:
+    watched = Watched(tmp_path, "tcp", RecordKind.CALL)
+    serial = open_robot(watched)
+    watched.drop(True, request(serial + 1))
+    for number in (2, 3, 4):
+        watched.wait(8 * MS)
+        watched.send(True, request(serial + number))
+        if number == 3:
+            watched.lose(False, len(reply(serial + number)))
+        else:
+            watched.send(False, reply(serial + number))
+    watched.end()
+    assert [(call["serials"], call["verdict"]) for call in watched.shown[-4:]] == [
+        ([serial + 1], "request lost"),
+        ([serial + 2], "answered"),
+        ([serial + 3], "not captured"),
+        ([serial + 4], "answered"),
+    ]
+
+
+def test_clients_leave_nothing_behind_when_they_disconnect_while_frames_wait() -> None:
+    chain = Chain(None, RecordKind.CALL, TrafficFormat.JSON)
+
+    def come_and_go(clients: range) -> Counter[str]:
+        for client in clients:
+            chain.meet(client, "udp")
+            chain.say(client, True, request(1))
+            chain.say(client, False, reply(1))
+            for up, raw in ((True, request(2)), (False, reply(1))):
+                assert chain.ring.write_record(up, client, chain.now, 0, raw, note=encoded(DROPPED))
+            chain.ring.write_required(RingRecordKind.CLIENT_CLOSED, client, encoded("reset"), chain.now)
+            chain.look()
+        chain.screen.shown.clear()
+        chain.screen.told.clear()
+        return held()
+
+    few, many = come_and_go(range(1, 101)), come_and_go(range(101, 201))
+    kept = ("joining", "record_decoder", "conversation_pairing", "observation.Observation")
+    grown = {name: (few[name], count) for name, count in many.items() if any(part in name for part in kept)}
+    assert all(count <= before for before, count in grown.values()), grown
+
+
+def test_a_clock_that_is_set_back_does_not_stop_the_output(tmp_path: Path) -> None:
+    watched = Watched(tmp_path, "udp", RecordKind.CALL)
+    serial = open_robot(watched)
+    watched.drop(True, request(serial + 1))
+    watched.wait(-50 * SECOND)
+    watched.send(True, request(serial + 2))
+    watched.send(False, reply(serial + 2))
+    watched.wait(10 * SECOND)
+    watched.send(True, request(serial + 3))
+    watched.chain.look()
+    shown = [call["serials"] for call in watched.shown]
+    assert [serial + 1] in shown
+    assert [serial + 2] in shown
+    watched.end()
