@@ -145,10 +145,12 @@ def test_one_place(around: Surroundings, seed: int, named: bool) -> None:
         check(each, session.by_serial[each.call.request.item.serial])
 
 
-@given(AROUND, SEEDS, st.sampled_from([0.3, 1.0]))
-def test_two_places(around: Surroundings, seed: int, width: float) -> None:
+@given(AROUND, SEEDS, st.sampled_from([0.3, 1.0]), st.booleans())
+def test_two_places(around: Surroundings, seed: int, width: float, is_relayed: bool) -> None:
+    """The two places may be the legs of a proxy, which loses and delays frames between them."""
     far = around.place + width * (1 - around.place)
-    around = replace(around, far_place=far, missed=0.0) if far > around.place else around
+    if far > around.place:
+        around = replace(around, far_place=far, missed=0.0, is_relayed=is_relayed)
     session = CapturedSession(around, CALLS, seed)
     for each in judged(session, None):
         check(each, session.by_serial[each.call.request.item.serial])
