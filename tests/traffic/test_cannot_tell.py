@@ -156,6 +156,16 @@ def test_two_places(around: Surroundings, seed: int, width: float, is_relayed: b
         check(each, session.by_serial[each.call.request.item.serial])
 
 
+@given(AROUND, SEEDS)
+def test_a_recording_of_a_proxy_shows_each_loss_in_the_proxy(around: Surroundings, seed: int) -> None:
+    """The proxy loses and delays frames, and nothing else does."""
+    around = replace(around, place=0.0, far_place=1.0, missed=0.0, is_relayed=True)
+    session = CapturedSession(around, CALLS, seed)
+    for each in judged(session, None):
+        check(each, session.by_serial[each.call.request.item.serial])
+        assert each.call.verdict not in (CallVerdict.CANNOT_TELL, CallVerdict.NOT_CAPTURED)
+
+
 @given(st.sampled_from(["tcp0", "tcp1", "same"]), st.sampled_from([0.0, 0.1]), SEEDS)
 def test_a_stream_loses_nothing_that_a_verdict_could_leave_open(
     convention: str, slow: float, seed: int

@@ -77,7 +77,7 @@ def _line(records: dict[int, Record], next_call: int | None, passed: bool) -> st
         elif accepted or gone_on or record.attempt != last:
             role = "late<"
         known.add(record.raw)
-        if role in (">", ">>", "..."):
+        if role in (">", ">>") or (role == "..." and record.attempt == last):
             waiting_since = record.time
         accepted = accepted or role == "<"
         words.append(f"{role}{number}")
@@ -123,6 +123,12 @@ def calls_by_client(capture: Capture, settled: list[PairingResult]) -> list[list
         Profile("seed", 1, False, 2, 2, 0.5, 0.0, 4.0, 0.1, 0.0, True, False),
     ],
     131072,
+)
+# S_EXECUTING for an earlier attempt comes shortly before the next call.
+@example(
+    [Profile("seed", 1, False, 2, 1, 0.0, 0.0, 0.5, 0.0, 0.0, False, False)] * 2
+    + [Profile("seed", 1, False, 2, 3, 0.5, 0.2, 0.5, 0.1, 0.0, True, False)],
+    552,
 )
 @given(st.lists(PROFILES, min_size=1, max_size=3), SEEDS)
 def test_every_chain_is_found(profiles: list[Profile], seed: int) -> None:
