@@ -1,7 +1,7 @@
 """bcapscope: see, test and simulate b-CAP, the Ethernet protocol of DENSO robot controllers.
 
 docs/python.md describes the names of this module. Each name is loaded on first use, so that
-``import bcapscope`` takes no time. CHANGELOG.md says how these names may change.
+``import bcapscope`` is fast. CHANGELOG.md says how these names may change.
 """
 
 from __future__ import annotations
@@ -65,8 +65,8 @@ _NAMES_BY_MODULE = {
     "traffic.filter.compiler": "FilterError",
     "traffic.filter.getters": "AnnotatedFrame",
 }
-"""The public names that each module defines. ``Proxy=EmbeddedProxy`` means that `EmbeddedProxy` has the
-public name `Proxy`.
+"""The public names, by the module that defines them. ``Proxy=EmbeddedProxy`` means that `EmbeddedProxy` has
+the public name `Proxy`.
 """
 
 _OBJECTS = {

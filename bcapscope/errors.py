@@ -1,7 +1,7 @@
 """The exceptions of bcapscope.
 
 Decoding raises none of these exceptions: bytes that cannot be decoded become items with a list of problems.
-The class of an exception says who is at fault, so the calling code need not parse the message.
+The class of an exception says who caused the error, so your code need not parse the message.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class LocalProtocolError(BcapError):
 
 
 class TooLargeError(LocalProtocolError):
-    """A frame is too large for b-CAP or for the transport. Nothing was sent."""
+    """The frame to send is too large for b-CAP or for the transport. Nothing was sent."""
 
 
 class RemoteProtocolError(BcapError):
@@ -81,7 +81,7 @@ class ControllerError(BcapError):
     """
 
     def __init__(self, call: str, hresult: int, name: str, meaning: Message) -> None:
-        """Compose the message from the arguments.
+        """Create the error and compose its message.
 
         Args:
             call: Name of the call, such as `Robot_Execute slvMove`.
@@ -100,7 +100,7 @@ class AttemptEvent(NamedTuple):
 
     Attributes:
         time: Time of the event in ns, on the same clock as `Attempt.sent`.
-        description: Name of the reply's result code, or the operating system's error when sending.
+        description: Name of the reply's result code, or text of the operating system's error.
     """
 
     time: int
@@ -113,7 +113,7 @@ class Attempt(NamedTuple):
     Attributes:
         serial: Serial of the attempt's frame.
         reserved: Reserved field of the attempt's frame.
-        sent: Time in ns at which the frame was sent, on a monotonic clock.
+        sent: Time of sending in ns, on a monotonic clock.
         events: Replies to this attempt, and errors in sending it, in chronological order.
     """
 
@@ -123,12 +123,12 @@ class Attempt(NamedTuple):
     events: tuple[AttemptEvent, ...] = ()
 
     def describe(self, start: int) -> Message:
-        """Return the attempt as one line of text; equal consecutive events are combined.
+        """Describe the attempt in one line of text, which combines equal consecutive events.
 
         Args:
             start: Time in ns that the text shows as 0 ms, on the same clock as `sent`.
         """
-        from bcapscope.messages.places import Enumeration  # noqa: PLC0415 - `bcapscope --help` loads this module
+        from bcapscope.messages.places import Enumeration  # noqa: PLC0415 - keeps `bcapscope --help` fast
 
         came = tuple(
             _repeated_event(what, [f"{(arrival.time - start) / 1e6:.3f}" for arrival in same])
@@ -151,20 +151,20 @@ def _repeated_event(what: str | Message, times: list[str]) -> Message:
 
 
 class CallTimeout(BcapError, TimeoutError):
-    """No attempt of a call was answered in time.
+    """The controller answered no attempt of a call in time.
 
     Attributes:
         attempts: All attempts of the call, in the order of sending.
     """
 
     def __init__(self, call: str, attempts: tuple[Attempt, ...]) -> None:
-        """Compose the message from the name of the call and its attempts.
+        """Create the error and compose its message.
 
         Args:
             call: Name of the call, such as `Robot_Execute slvMove`.
             attempts: All attempts of the call, at least one, in the order of sending.
         """
-        from bcapscope.messages.places import Count, IndentedLines  # noqa: PLC0415 - `bcapscope --help` loads this module
+        from bcapscope.messages.places import Count, IndentedLines  # noqa: PLC0415 - keeps `bcapscope --help` fast
 
         log = IndentedLines(tuple(attempt.describe(attempts[0].sent) for attempt in attempts))
         super().__init__(
@@ -187,11 +187,11 @@ class CaptureError(BcapError):
 
 
 class FileWriteError(BcapError):
-    """A file, or a file-like target, cannot be written.
+    """A file or another output cannot be written.
 
     Attributes:
-        path: Path as the caller gave it, or a description of a target without a path. Escape `path` before
-            you print it.
+        path: Path as your code gave it, or a description of the output if it has no path. Escape `path`
+            before you print it.
         reason: Message that says why writing failed, beginning in lower case.
     """
 
@@ -203,8 +203,7 @@ class FileWriteError(BcapError):
 
 
 class MissingExtraError(BcapError, ImportError):
-    """A package is not installed that an optional part of bcapscope needs."""
+    """A package for an optional part of bcapscope is not installed."""
 
     def __init__(self, package: str, extra: str) -> None:
-        """Compose the message from the name of the package and of the extra that installs it."""
         super().__init__(Message("extra.not-installed", package=package, extra=extra))

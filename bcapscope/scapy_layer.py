@@ -7,8 +7,9 @@ the controller, a frame whose code is the number of a function counts as a reque
 
 from __future__ import annotations
 
+import re
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise, zip_longest
 from typing import Any, ClassVar
 
@@ -23,7 +24,7 @@ from scapy.fields import (
     XByteField,
 )
 from scapy.layers.inet import TCP, UDP
-from scapy.packet import Packet, bind_bottom_up, bind_layers
+from scapy.packet import Packet, Raw, bind_bottom_up, bind_layers
 
 from bcapscope.errors import InputError, LocalProtocolError
 from bcapscope.messages import Message
@@ -56,12 +57,17 @@ _MAX_LAYERS = 64
 one raw layer. scapy builds and copies layers by recursion, and a segment of 64 KiB can hold 4096 frames.
 """
 
+_UNKNOWN_FUNCTION = re.compile(r"Unknown\((-?\d{1,10})\)", re.ASCII)
+"""A name from `function_name` for a number without a function."""
+
 
 def _function_id(name: str) -> int:
     function = function_by_name(name)
-    if function is None:
-        raise InputError(with_nearest(Message("frame.no-such-function", name=ascii(name)), name, ID))
-    return function.id
+    if function is not None:
+        return function.id
+    if (unknown := _UNKNOWN_FUNCTION.fullmatch(name)) is not None:
+        return int(unknown[1]) & 0xFFFFFFFF
+    raise InputError(with_nearest(Message("frame.no-such-function", name=ascii(name)), name, ID))
 
 
 def _result_code(name: str) -> int:
@@ -110,6 +116,17 @@ class _FunctionField(_CodeField):
         return self._name_of(x) if isinstance(x, int) else x
 
 
+class _ReadArguments(list[Variant]):
+    """The arguments of a frame that was read. Until you set others, a changed frame keeps their bytes.
+
+    `encode_argument` cannot restore the bytes of damaged arguments.
+    """
+
+    def __init__(self, variants: Iterable[Variant], raw: bytes) -> None:
+        super().__init__(variants)
+        self.raw = raw
+
+
 class _ArgumentsField(StrField):  # type: ignore[misc] # as above
     """The arguments of a frame: Python values and `Variant` objects. Programs read all arguments as `Variant`
     objects.
@@ -126,20 +143,17 @@ class _ArgumentsField(StrField):  # type: ignore[misc] # as above
 
     def i2h(self, pkt: Packet | None, x: Any) -> Any:
         """Give the values the same types as `encode` does: from the function's definition, or else from the
-        Python values.
+        Python values. A value that does not fit the function gets its type from the Python value, too.
         """
-        if isinstance(x, RawVal):
-            return x
-        function = _function_of(pkt)
-        if function is None:
-            return tuple(map(variant_of, x))
-        return tuple(
-            variant_of(value) if param is None else argument_of(function, param, value)
-            for value, param in zip_longest(x, function.params[: len(x)])
-        )
+        return x if isinstance(x, RawVal) else tuple(_typed(pkt, x, is_strict=False))
+
+    def do_copy(self, x: Any) -> Any:
+        return x if isinstance(x, _ReadArguments) else super().do_copy(x)  # nothing changes it
 
     def i2m(self, pkt: Packet | None, x: Any) -> bytes:
-        return b"".join(map(encode_argument, self.i2h(pkt, x or ())))
+        if isinstance(x, _ReadArguments):
+            return x.raw
+        return b"".join(map(encode_argument, _typed(pkt, x or (), is_strict=True)))
 
     def i2len(self, pkt: Packet | None, x: Any) -> int:
         return len(x if isinstance(x, RawVal) else self.i2m(pkt, x))
@@ -166,7 +180,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     Requests have the field `function`, replies have `hresult`. If you set `function`, the frame becomes a
     request; if you set `hresult`, the frame becomes a reply. An unchanged frame keeps its bytes, even if they
-    are damaged.
+    are damaged. The arguments keep their bytes until you set `args`.
 
     Attributes:
         soh, eot: First and last byte.
@@ -273,7 +287,11 @@ class BCAP(Packet):  # type: ignore[misc] # as above
     @property
     def retry_of(self) -> int | None:
         """Serial of an earlier attempt, if the frame is a retry; None for all other frames."""
-        if self.is_response or self.reserved in (0, self.serial) or isinstance(self.underlayer, TCP | BCAP):
+        if (
+            self.is_response
+            or self.reserved in (0, self.serial)
+            or isinstance(self.underlayer, TCP | BCAP | Raw)
+        ):
             return None
         is_version_1 = self.frame.framing in (Framing.VERSION_1, Framing.VERSION_1_ZLIB)
         return None if is_version_1 else self.reserved
@@ -295,8 +313,10 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         arguments = frame.arguments
         self.fields.update(soh=soh, length=length, serial=serial, reserved=reserved, argc=frame.argc)
         self.fields[code_name] = frame.code
-        self.fields["args"] = list(frame.variants)
-        self.fields["trailer"] = s[arguments[-1].stop if arguments else HEADER_SIZE : size - 1]
+        stop = arguments[-1].stop if arguments else HEADER_SIZE
+        # In a frame that is cut off, the last byte is both `eot` and part of an argument.
+        self.fields["args"] = _ReadArguments(frame.variants, frame.body[HEADER_SIZE:-1][: stop - HEADER_SIZE])
+        self.fields["trailer"] = s[stop : size - 1]
         # scapy builds the frame without compression if you change a field
         if frame.framing is Framing.VERSION_1_ZLIB:
             self.fields.update(length=None, trailer=b"\0")
@@ -373,6 +393,21 @@ def _function_of(packet: Packet | None) -> Function | None:
     """
     function_id = packet.function_id if isinstance(packet, BCAP) else None
     return FUNCTIONS.get(function_id) if isinstance(function_id, int) else None
+
+
+def _typed(packet: Packet | None, values: Sequence[object], *, is_strict: bool) -> Iterator[Variant]:
+    """Yield each value with the type that the function requires. If a value does not fit, `is_strict`
+    decides whether to raise LocalProtocolError.
+    """
+    function = _function_of(packet)
+    params = () if function is None else function.params[: len(values)]
+    for value, param in zip_longest(values, params):
+        try:
+            yield variant_of(value) if not function or not param else argument_of(function, param, value)
+        except LocalProtocolError:
+            if is_strict:
+                raise
+            yield variant_of(value)
 
 
 def _whole_frame_size(data: bytes) -> int:

@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scapy.fields import RawVal
 from scapy.layers.inet import IP, TCP, UDP
@@ -23,9 +23,10 @@ from scapy.utils import rdpcap, wrpcap
 
 import bcapscope
 from bcapscope.errors import BcapError, InputError, LocalProtocolError
-from bcapscope.protocol.codec.frame import Frame, Framing, encode_frame
+from bcapscope.protocol.codec.frame import HEADER_SIZE, Frame, Framing, encode_frame
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.variant_values import variant_of
 from bcapscope.scapy_layer import BCAP
 from tests.capture.packets import reply, request, service_start
 from tests.frames import FRAME_IDS, FRAMES, FramePair
@@ -127,6 +128,26 @@ def test_errors_are_those_of_bcapscope(
         build()
 
 
+@pytest.mark.parametrize(
+    ("function", "values", "shown"),
+    [
+        ("Robot_Speed", [2, -1, "fast"], "fSpeed: VT_BSTR 'fast'"),
+        ("Robot_Execute", [2, 5, None], "bstrCommand: VT_I4 5"),
+        ("Service_Start", [None], "bstrOption: VT_EMPTY"),
+    ],
+)
+def test_values_that_do_not_fit_can_be_shown_but_not_built(
+    function: str, values: list[object], shown: str
+) -> None:
+    packet = BCAP(function=function, args=values)
+    assert packet.args == tuple(map(variant_of, values))
+    assert shown in packet.show(dump=True)
+    assert shown in repr(packet)
+    assert function in packet.summary()
+    with pytest.raises(LocalProtocolError, match=shown.partition(":")[0]):
+        bytes(packet)
+
+
 def test_the_former_names_are_deprecated() -> None:
     with pytest.warns(DeprecationWarning, match="function_id has been deprecated in favor of function"):
         assert bytes(BCAP(function_id=2)) == bytes(BCAP(function=2))
@@ -176,6 +197,24 @@ def test_any_bytes_are_built_as_they_came(data: bytes) -> None:
     packet = UDP(bytes(UDP(sport=50001, dport=5007, chksum=0) / Raw(data)))
     assert bytes(packet)[8:] == data
     assert isinstance(packet.show(dump=True) + packet.summary(), str)
+
+
+@given(mutated_frames())
+def test_a_changed_serial_leaves_the_other_bytes_of_damage(data: bytes) -> None:
+    packet = BCAP(data)
+    assume(isinstance(packet, BCAP) and len(packet.frame.raw) > HEADER_SIZE)
+    assume(packet.frame.framing is not Framing.VERSION_1_ZLIB)
+    raw = packet.frame.raw
+    packet.serial = 3
+    again = raw[:5] + b"\x03\x00" + raw[7:]
+    assert packet.frame.raw == packet.copy().frame.raw == again
+
+
+@pytest.mark.parametrize("function", ["Unknown(200)", "Unknown(-2147467259)"])
+def test_the_name_of_an_unknown_function_can_be_set(function: str) -> None:
+    packet = BCAP(function=function)
+    assert packet.function == BCAP(function=packet.function_id).function == function
+    assert bytes(eval(packet.command(), {"BCAP": BCAP})) == bytes(packet)
 
 
 def test_a_changed_field_is_built_anew() -> None:
@@ -362,6 +401,12 @@ def test_sr_pairs_all_calls_of_a_session() -> None:
 @pytest.mark.parametrize("frame", [CALL, encode_frame(2, 1, 64, [HANDLE], Framing.VERSION_1), reply(3)])
 def test_what_is_no_retry(frame: bytes) -> None:
     packet = IP(bytes(client(frame, 1)[IP])) if frame == CALL else BCAP(frame)
+    assert packet[BCAP].retry_of is None
+
+
+def test_what_is_no_retry_after_garbage_in_a_stream() -> None:
+    (packet,) = sniff(offline=[Ether(bytes(client(b"garbage" + CALL, 1)))], session=TCPSession)
+    assert packet[Raw].load == b"garbage"
     assert packet[BCAP].retry_of is None
 
 

@@ -118,8 +118,9 @@ class CaptureComparison:
     """All differences between two captures.
 
     Attributes:
-        differences: Figures that differ: first all notable figures, then all others. Both groups list
-            slave-mode sessions first, then all calls together, then kinds of call, longest total time first.
+        differences: Figures that differ: first all notable figures, then all others. Within the notable and
+            the other figures, slave-mode sessions come first, then all calls together, then kinds of call,
+            longest total time first.
         session_counts: Number of slave-mode sessions in the first and in the second capture.
         rules: Rules with a different number of findings. Rules with more findings in the second capture come
             first, in the order in which ``diagnose`` lists them for that capture.
@@ -174,8 +175,8 @@ def _unmatched_kinds(
             yield UnmatchedKind(kind, figures.calls)
 
 
-# Each function below decides whether the difference of two values is notable.
-# Each of the two values was computed from one of the two numbers of calls or cycles in `counts`.
+# Each function below decides whether the difference of two values is notable. `counts` has the number of
+# calls or cycles from which each value was computed.
 
 _JudgeFigure: TypeAlias = Callable[[Value, Value, "tuple[int, int]"], bool]
 
@@ -200,8 +201,10 @@ def _judge_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
 
 
 def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether the shares of random events differ notably. The counts of random events, such as losses,
-    have a Poisson distribution."""
+    """Return whether two shares of calls with random events differ notably.
+
+    The counts of random events, such as losses, have a Poisson distribution.
+    """
     if not (isinstance(good, float) and isinstance(bad, float)) or not _judge_share(good, bad, counts):
         return False
     one, two = counts
@@ -210,9 +213,7 @@ def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> boo
 
 
 def _judge_word(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether both captures show the value. If one of them does not show it, two different words are
-    not notable.
-    """
+    """Return whether the difference between two words is notable: whether both captures show the value."""
     unseen = (None, ExitReason.CAPTURE_ENDED.value)
     return good not in unseen and bad not in unseen
 
@@ -249,7 +250,7 @@ def _latency_figure(percentile: str) -> Callable[[CallFigures], Value]:
 _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], ...] = (
     ("calls", lambda figures: float(figures.calls), _never_notable),
     ("calls_per_s", lambda figures: figures.calls_per_second, _judge_ratio(NOTABLE_RATIO)),
-    # Not notable, because the share of line time follows from the rate and the latency.
+    # This share is never notable, because the share of line time follows from the rate and the latency.
     ("line_time_share", lambda figures: figures.line_time_share, _never_notable),
     ("latency_ms.p50", _latency_figure("p50"), _judge_ratio(NOTABLE_RATIO, NOTABLE_MS)),
     ("latency_ms.p99", _latency_figure("p99"), _judge_ratio(NOTABLE_RATIO, NOTABLE_MS)),
@@ -258,7 +259,7 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], .
     ("late_replies_per_call", _per_call(lambda figures: figures.late_replies), _judge_chance_share),
     ("refused_share", _per_call(lambda figures: figures.refused), _judge_share),
     ("unanswered_share", _per_call(lambda figures: figures.unanswered), _judge_share),
-    # Not notable, because evictions depend on bcapscope's memory limit, not on the traffic.
+    # This share is never notable, because evictions depend on bcapscope's memory limit, not on the traffic.
     ("not_followed_share", _per_call(lambda figures: figures.not_followed), _never_notable),
 )
 

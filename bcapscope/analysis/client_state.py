@@ -32,12 +32,12 @@ MAX_HANDLES = 1024
 """
 
 MAX_CLOSED_CLIENTS = 32
-"""Maximum number of closed clients that are remembered. Such a client may have left slave mode on."""
+"""Maximum number of remembered clients whose conversation was closed; they may have left slave mode on."""
 
 SLOW_CALL_NS = 50_000_000
-"""Latency in ns above which a call is slow: the controller may still execute it at the next call."""
+"""Latency in ns above which a call is slow: the controller may still execute it during the next call."""
 
-# A set point is remembered only if its frames have at most this total size in bytes; real ones have hundreds.
+# Maximum total size in bytes of a remembered set point's frames; a real set point has a few hundred bytes.
 _LARGEST_POINT = 8192
 # Maximum total size in bytes of the frames of a call in `latest_calls` or `failed_openings`.
 _LARGEST_ATTEMPT = 65_536
@@ -58,8 +58,8 @@ _FOLLOWED_COMMANDS = frozenset(("takearm", "givearm", "motor", "clearerror", "sl
 
 MOTION_FUNCTIONS = frozenset(ID[f"Robot_{name}"] for name in ("Drive", "GoHome", "Move", "Rotate"))
 MOTION_COMMANDS = frozenset(("approach", "depart", "driveaex", "driveex"))
-"""Commands in lower case that move the robot outside slave mode; `MOTION_FUNCTIONS` has the functions that do
-so.
+"""Commands in lower case that move the robot outside slave mode; `MOTION_FUNCTIONS` has the functions that
+move the robot.
 """
 
 
@@ -88,7 +88,7 @@ class ClientState:
             object, but got no successful reply; once a later call has opened such an object, the class has no
             entry.
         motor_on: Whether the client last switched the motor on; None if unknown.
-        take_arm_call: The TakeArm call by which the client holds the arm; None after GiveArm.
+        take_arm_call: The TakeArm call with which the client took the arm; None after GiveArm.
         give_arm_call: The GiveArm call that gave back the arm; None if the client holds the arm.
         robslave_start: The client's latest successful start of the task RobSlave.
         robslave_not_found: The client's first Controller_GetTask call for the task RobSlave that the
@@ -97,9 +97,9 @@ class ClientState:
         mode_value: Number of the slave mode, as in slvChangeMode; 0 while slave mode is off, None if unknown.
         mode_entered_by: The latest slvChangeMode call that entered slave mode.
         mode_ended_by: The latest call that ended slave mode.
-        uncleared_error: The first failed call, since the client last cleared errors, whose reply reported a
-            controller error.
-        latest_error: The latest failed call whose reply reported a controller error, even if the error was
+        uncleared_error: Since the client last cleared errors, the first failed call with a controller error
+            in its reply.
+        latest_error: The latest failed call with a controller error in its reply, even if the error was
             cleared.
         clear_call: The client's latest successful ClearError call.
         error_was_read: Whether the client has read the details of the error since `uncleared_error`.
@@ -192,7 +192,7 @@ class ClientState:
         return any(error.request.time <= time <= before for time in times)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Update the state with small set points that succeeded (see `AlikeSetPoints`)."""
+        """Update the state with a run of alike set points (see `AlikeSetPoints`)."""
         for call in calls:
             if call.last_activity - call.request.time > SLOW_CALL_NS:
                 self.slow_call = call
@@ -206,7 +206,7 @@ class ClientState:
             self.recent_set_points.append(call)
 
     def on_call(self, call: Call) -> None:
-        """Update the state with a completed call. `target_object` is already the object of this call."""
+        """Update the state with a completed call. `target_object` must be the object of this call."""
         self.call_count += 1
         self.longest_pause_ns = max(self.longest_pause_ns, call.request.time - self.last_call.last_activity)
         self.last_call = call
@@ -261,7 +261,7 @@ class ClientState:
         return name.casefold() if function_id == ID["Variable_GetValue"] else ""
 
     def on_slave_mode(self, change: SlaveModeChange) -> None:
-        """Update the slave mode. Pass the call that changed the mode to `on_call` first."""
+        """Update the slave mode. `on_call` has already received the call that changed the mode."""
         call = change.call
         if change.effect is SlaveModeEffect.MODE_CHANGED:
             self.recent_set_points.clear()
@@ -432,7 +432,9 @@ class ClientRegistry:
         return client
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Record that a client's conversation was closed. A closed client can explain failures of others."""
+        """Record that a client's conversation was closed. The registry still remembers the client, because it
+        can explain failures of other clients.
+        """
         client = self._by_conversation.get(conversation)
         if client is None:
             return

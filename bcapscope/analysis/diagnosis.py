@@ -32,8 +32,8 @@ from bcapscope.traffic.pipeline import PipelineSubscriber, overriding_methods
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange
 
 MAX_CALL_KINDS = 4096
-"""Maximum number of call kinds for which `Diagnosis` caches which checkers want such calls. When the cache is
-full, it is emptied.
+"""Maximum size of the cache that shows which checkers want a kind of call. When the cache is full, it is
+emptied.
 """
 
 MAX_FLOWS = 65536
@@ -47,8 +47,8 @@ _CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 class Diagnosis(PipelineSubscriber):
     """Finds what went wrong in the traffic, in bounded memory.
 
-    You can call `findings`, `totals` and `remaining_sessions` at any time. These methods change nothing. They
-    return what they would return if the traffic ended now.
+    You can call `findings`, `totals` and `remaining_sessions` at any time. These methods change nothing, and
+    return the same results as if the traffic ended now.
     """
 
     needs_targets = True
@@ -64,9 +64,9 @@ class Diagnosis(PipelineSubscriber):
             is_selected: Function that returns whether a call is selected; None to select all calls. The rules
                 check all calls, but report only findings about selected calls, and the causes of these
                 findings.
-            on_slave_session: Function that receives each complete slave-mode session. With `is_selected`, it
-                receives only sessions with selected set points. The method `remaining_sessions` returns the
-                other sessions, which are not complete.
+            on_slave_session: Function that receives each complete slave-mode session. With `is_selected`, the
+                function receives only sessions with selected set points. The method `remaining_sessions`
+                returns the incomplete sessions.
         """
         self._collector = FindingCollector()
         self._selection = (
@@ -174,7 +174,9 @@ class Diagnosis(PipelineSubscriber):
         return chain.from_iterable(check(session) for check in self._session_handlers)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Release the data of a closed conversation. All its calls must have been added before."""
+        """Release the data of a closed conversation. The caller has already added all calls of the
+        conversation.
+        """
         self._flows = {flow for flow in self._flows if flow.conversation is not conversation}
         self._on_slave_sessions(self._session_detector.close_conversation(conversation))
         self._clients.on_conversation_closed(conversation)
@@ -213,7 +215,7 @@ class Diagnosis(PipelineSubscriber):
         return TrafficTotals(frames, calls, clients, lasted, self._not_followed, selected, first.time)
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Return the findings added since the previous `new_findings` call, without links to their causes."""
+        """Return the findings added since `new_findings` was last used, without links to their causes."""
         return self._collector.new_findings()
 
     def _end_time(self, ended_at: int = 0) -> int:

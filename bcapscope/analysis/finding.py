@@ -59,7 +59,7 @@ class Finding:
         advice: Message that says what you can do.
         source: Document, library or report that the rule comes from.
         calls: Numbers of the calls that the finding concerns.
-        repetition: How often the problem occurred; None for once.
+        repetition: How often the problem occurred; None if it occurred only once.
         fact: Message that says what happened; the message can contain raw text from the wire, which must be
             escaped for output.
         frames: Numbers, in ascending order, of the frames that prove the described problem; if the problem
@@ -111,8 +111,8 @@ class TrafficTotals(NamedTuple):
 
     @property
     def has_only_client(self) -> bool:
-        """Whether the traffic has at most one client. If so, the sentences of findings need not name the
-        client.
+        """Whether the traffic has at most one client. With only one client, the sentences of findings need
+        not name the client.
         """
         return self.clients <= 1
 

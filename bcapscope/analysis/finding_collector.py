@@ -12,8 +12,8 @@ from bcapscope.analysis.rules.rule_checker import Occurrence
 from bcapscope.messages import Message
 
 MAX_FINDINGS = 16
-"""Maximum number of findings of one rule. When a rule has this many, further problems with a new group key
-are added to the rule's first finding.
+"""Maximum number of findings of one rule. When a rule has this many findings, further problems with a new
+group key are added to the rule's first finding.
 """
 
 MAX_CALLS = 256
@@ -40,13 +40,13 @@ class FindingCollector:
         self._by_rule: dict[str, list[FindingGroup]] = {}
         self._by_call: dict[int, list[Occurrence]] = {}
         self._explained: dict[int, list[Occurrence]] = {}
-        # The size is bounded, because at most `MAX_KEPT` occurrences of each group are linked to a cause.
+        # This dict is bounded, because at most `MAX_KEPT` occurrences of each group are linked to a cause.
         self._causes: dict[Occurrence, Occurrence] = {}
         self._new_groups: list[FindingGroup] = []
 
     def add_occurrence(self, occurrence: Occurrence) -> None:
-        """Add a reported problem and link it to its cause. An update replaces the problem that was reported
-        earlier for the same call.
+        """Add a reported problem and link it to its cause. If `occurrence` is an update, it replaces the
+        problem that was reported earlier for the same call.
         """
         if occurrence.is_update:
             self._update(occurrence)
@@ -89,9 +89,8 @@ class FindingCollector:
     def _link_cause(self, occurrence: Occurrence) -> None:
         """Link a reported problem to its cause.
 
-        The cause is the latest problem that certainly explains the call. If there is none, the cause is a
-        problem in one of the calls `explaining_calls`. If there is none either, it is the latest possible
-        cause.
+        The cause is the latest problem that certainly explains the call, or else a problem in one of the
+        calls `explaining_calls`, or else the latest possible cause.
 
         `findings` searches for the cause of every problem again, because a better cause may have been
         reported later.
@@ -120,8 +119,8 @@ class FindingCollector:
         self._group_of(cause).keep_cause(cause)
 
     def _certain_cause(self, effect: Occurrence) -> Occurrence | None:
-        """Return the certain cause of problems in the call of `effect`; if there are several, the one that
-        was reported last.
+        """Return the problem that certainly caused the problems in the call of `effect`. If there are
+        several, return the one that was reported last.
         """
         for each in reversed(self._explained.get(effect.call, ())):
             if effect.call and each is not effect and not self._leads_to(each, effect):
@@ -129,8 +128,8 @@ class FindingCollector:
         return None
 
     def _best_cause(self, candidates: Sequence[Occurrence], effect: Occurrence) -> Occurrence | None:
-        """Return the latest candidate that can be the cause of `effect`. If several candidates began at that
-        time, return the likeliest.
+        """Return the latest candidate that can be the cause of `effect`; of several candidates that began at
+        the same time, the likeliest.
 
         A candidate that began after the effect, or that is a consequence of the effect, cannot be its cause.
         """
@@ -171,7 +170,7 @@ class FindingCollector:
                         yield each
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Return a finding for each selected group that began since the previous call of `new_findings`.
+        """Return a finding for each selected group that began since `new_findings` was last used.
 
         In these findings `consequence_of` is always None; only `findings` links consequences to causes.
         """
@@ -222,8 +221,8 @@ class FindingCollector:
     def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
         """Choose the occurrence that each finding describes.
 
-        This is the first occurrence that has a consequence. If none has a consequence, it is the first with
-        the gravest impact on the robot.
+        A finding describes the first occurrence that has a consequence. If no occurrence has a consequence,
+        the finding describes the first occurrence with the gravest impact on the robot.
         """
         followed = set(self._causes.values())
         for group in groups:

@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence
 
 MAX_KEPT = 32
-"""Number of occurrences of a problem that are kept for one finding: at most this many of the first, and as
-many of the last.
+"""Maximum number of first occurrences, and of last occurrences, that are kept for one finding.
 """
 
 
@@ -19,8 +18,8 @@ class FindingGroup:
     Attributes:
         selected: True if the finding is about selected calls; False if the finding is reported only as the
             cause of another finding.
-        shown: Occurrence that the text of the finding describes. Only the copies of groups that `findings`
-            makes have this attribute.
+        shown: Occurrence that the text of the finding describes. Only the copies of groups that
+            `FindingCollector.findings` makes have the attribute `shown`.
     """
 
     def __init__(self, rule: DiagnosisRule, selected: bool) -> None:
@@ -65,10 +64,10 @@ class FindingGroup:
 
     @property
     def first(self) -> Occurrence:
-        """The occurrence that began first, of those that were kept."""
+        """The kept occurrence that began first."""
         return min(self, key=lambda each: each.began)
 
     @property
     def last(self) -> Occurrence:
-        """The occurrence that was completed last, of those that were kept."""
+        """The kept occurrence that was completed last."""
         return max(self, key=lambda each: each.completed)

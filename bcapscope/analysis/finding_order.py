@@ -14,8 +14,8 @@ _RANK = {Severity.ERROR: 0, Severity.WARNING: 1, Severity.NOTE: 2}
 def _parent_groups(
     groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
 ) -> dict[FindingGroup, FindingGroup]:
-    """Map each group to the group that caused the occurrence that its finding describes. Links that would
-    form a cycle are left out.
+    """Map each group to the group that caused its shown occurrence. Links that would form a cycle are left
+    out.
     """
     group_of = {occurrence: group for group in groups for occurrence in group}
     parents: dict[FindingGroup, FindingGroup] = {}

@@ -34,11 +34,11 @@ MAX_TIMELINES = 256
 """Maximum number of clients that have a timeline of their own."""
 
 MAX_COUNTED = 65536
-"""Maximum number of clients without a timeline that are counted."""
+"""Maximum number of clients that are counted in addition to the clients with a timeline."""
 
 MAX_RETRY_CHAINS = 12
 """Maximum number of calls of which the report shows every frame. The report chooses the calls with the most
-retries, and of those with equally many retries the slowest.
+retries; among calls with equally many retries, the slowest.
 """
 
 LARGEST_RETRY_CHAIN = 2 << 20
@@ -49,7 +49,7 @@ MAX_DAMAGED = 20
 """Maximum number of damaged frames that the report lists; it lists the first frames."""
 
 MAX_DAMAGED_BYTES = 24
-"""Number of bytes at the start of a damaged frame that are kept, at most."""
+"""Maximum number of bytes that are kept from the start of a damaged frame."""
 
 MAX_SESSIONS = 256
 """Maximum number of slave-mode sessions that are kept. Any further sessions are only counted."""
@@ -124,8 +124,8 @@ class ReportDataBuilder(PipelineSubscriber):
     """Gathers the data for a report.
 
     Attributes:
-        diagnosis: Diagnosis for the report. The caller must subscribe it to the pipeline before it subscribes
-            the builder.
+        diagnosis: Diagnosis for the report. The caller must subscribe the diagnosis to the pipeline first,
+            then the builder.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
@@ -133,7 +133,7 @@ class ReportDataBuilder(PipelineSubscriber):
 
         Args:
             is_selected: Function that returns whether a call is selected; None to select all calls. The
-                report lists damaged frames in any case.
+                report also lists damaged frames of calls that are not selected.
         """
         self._is_selected = is_selected
         self.diagnosis = Diagnosis(is_selected, self._keep_session)
@@ -164,8 +164,8 @@ class ReportDataBuilder(PipelineSubscriber):
             self._add_selected(call)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Add a run of alike set points. Their frames have no problems, so the builder tests only whether the
-        set points are selected.
+        """Add a run of alike set points. Frames of alike set points have no problems, so the builder tests
+        only whether the set points are selected.
         """
         for call in calls:
             if self._is_selected is None or self._is_selected(call):

@@ -62,8 +62,8 @@ class TimelineEventList:
         """Create an empty list.
 
         Args:
-            pause: Initial limit in ns. Events with a smaller distance in time are joined. The limit is
-                increased when there are too many events.
+            pause: Events that are closer together than this time in ns are joined. The list increases this
+                time when there are too many events.
         """
         self._most = most
         self._pause = pause

@@ -107,8 +107,8 @@ class Capture:
         """The findings of all rules, root cause first. The first finding is yielded after the whole capture
         was read.
 
-        The filter selects calls. Only findings about these calls, and the causes of these findings, are
-        yielded.
+        The filter selects calls. Only findings about the selected calls, and the causes of these findings,
+        are yielded.
 
         Raises:
             FilterError: The filter is not valid for calls.
@@ -180,17 +180,17 @@ def open(
 ) -> Capture:
     """Open captures (pcap or pcapng, plain or gzipped) and folders of captures, which are read as one.
 
-    Several captures are read in the order of their first packets. If two captures hold the same conversation,
-    each captured at a different place, the two are joined.
+    Several captures are read in the order of their first packets. Two captures of the same conversation,
+    taken at different places, are joined.
 
     Args:
         paths: Path of a capture or folder, or several paths.
         filter: Filter expression, in the notation of the option `-f`. The expression selects frames for
             `Capture.frames`, and calls for the other attributes.
-        ports: Ports of controllers, if they differ from the usual ports. On all other ports,
-            the content of the traffic shows which end is the controller.
-        side: Which capture to read of a conversation that was captured at the client's side and at the
-            controller's side; None to join both.
+        ports: Ports of controllers, if they differ from the usual ports. If neither port of a conversation is
+            known, the content shows which end is the controller.
+        side: If a conversation was captured at the client's side and at the controller's side, the side to
+            read; None to join both.
         taken_at: Where the captures were taken; None to infer the place from the traffic.
         on_error: Receives the path and the error of a capture that cannot be read to its end, instead of an
             exception. Reading continues with the next capture.
@@ -214,7 +214,7 @@ def open(
 
 
 class _Problems:
-    """Keeps read errors until everything that can be read was read."""
+    """Keeps read errors until all readable data have been read."""
 
     def __init__(self, on_error: Callable[[str, CaptureError], object] | None) -> None:
         self._on_error = on_error
@@ -238,8 +238,8 @@ class _Problems:
 
 
 def _check_filter(expression: str) -> None:
-    """Raise an error if an expression is invalid as a filter for frames and as a filter for calls. Of the two
-    errors, the one further right in the expression is raised.
+    """Raise an error if an expression is invalid both as a filter for frames and as a filter for calls. Of
+    the two errors, raise the error that is further right in the expression.
     """
     errors = []
     for kind in RecordKind:

@@ -39,7 +39,7 @@ class ReportedFinding(Finding):
         return printable(finding_sentence(self, self._words(language)))
 
     def advice_text(self, language: Literal["en", "ja"] = "en") -> str:
-        """Return what you can do about the finding; raises as `text` does."""
+        """Return what you can do about the finding. Raises InputError if the language is unknown."""
         return printable(self._words(language).text(self.advice))
 
     def _words(self, language: Literal["en", "ja"]) -> MessageFormatter:

@@ -16,8 +16,8 @@ from bcapscope.traffic.filter.tokens import with_nearest
 def decode(data: bytes | bytearray | memoryview) -> Frame:
     """Decode the bytes of one frame.
 
-    Damage after the header raises no exception: `Frame.problems` lists it, and the other attributes hold what
-    could be read.
+    Damage after the header raises no exception: `Frame.problems` lists the damage, and the other attributes
+    hold what could be read.
 
     Raises:
         RemoteProtocolError: The bytes are not a frame: they do not begin with SOH, or hold no whole header.
@@ -35,10 +35,10 @@ def encode(code: str | int, arguments: Sequence[object] = (), *, serial: int = 1
     Args:
         code: For a request, the name of a function, such as ``"Robot_Execute"``, or its number. For a reply,
             the name of a result code, such as ``"S_OK"``, or its number, signed or unsigned.
-        arguments: Python values. After the name of a function, all its arguments are required, and get their
-            types from the function. After a number or a result code, None becomes VT_EMPTY, bool VT_BOOL, int
-            VT_I4 (or VT_I8 if it is too large), float VT_R8, str VT_BSTR, bytes an array of VT_UI1, and a
-            list an array. A `Variant` keeps its type.
+        arguments: Python values. If `code` is the name of a function, all arguments of the function are
+            required, and the function determines their types. If `code` is a number or a result code, None
+            becomes VT_EMPTY, bool VT_BOOL, int VT_I4 (or VT_I8 if it is too large), float VT_R8, str VT_BSTR,
+            bytes an array of VT_UI1, and a list an array. A `Variant` keeps its type.
         serial: Serial of the frame, from 0 to 65535.
         reserved: Reserved field; in a retry, the serial of an earlier attempt.
 

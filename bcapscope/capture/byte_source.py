@@ -53,8 +53,8 @@ class ByteSource:
 class GzipReader:
     """Decompresses a gzip file of one or several members while it is read.
 
-    The standard library's gzip reader waits until a buffer is full. If the file is damaged, that reader also
-    loses bytes that it has already decompressed.
+    The gzip reader of the standard library is not used: it waits until a buffer is full and, if the file is
+    damaged, loses bytes that it has already decompressed.
     """
 
     def __init__(self, read: ChunkReader, head: bytes) -> None:
@@ -109,8 +109,8 @@ class GzipReader:
         return data
 
     def _salvage(self, packed: bytes, size: int, error: zlib.error) -> bytes:
-        """Return the data before the damage, decompressed byte by byte; raise CaptureError when no such data
-        are left.
+        """Return the data before the damage, decompressed byte by byte; raise CaptureError if no data are
+        left.
         """
         data = bytearray()
         position = 0

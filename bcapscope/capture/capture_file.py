@@ -30,7 +30,7 @@ _OTHER_FORMATS = {
 
 
 class CaptureFile:
-    """A capture that is read once, from beginning to end. As a context manager, it closes the file.
+    """A capture that is read once, from beginning to end. The context manager closes the file.
 
     Attributes:
         size: Size of the file on disk in bytes; None for a stream without a size, such as a pipe.
@@ -90,7 +90,7 @@ def open_capture(path: str | os.PathLike[str]) -> CaptureFile:
 
 
 def is_capture(path: str) -> bool:
-    """Return whether the first bytes of a file are those of a readable capture, compressed with gzip or not.
+    """Return whether a file begins like a readable capture, compressed with gzip or not.
 
     A file that cannot be opened counts as a capture, so that the user gets an error.
     """

@@ -57,7 +57,7 @@ class CaptureSequence:
     """Several captures that are read as one.
 
     Files are read in the order of their first packets. If files overlap in time, their packets are merged by
-    time. A stream is read where it stands in the list of paths, because its first packet can be read only
+    time. A stream is read at its position in the list of paths, because its first packet can be read only
     once.
 
     Attributes:
@@ -97,9 +97,6 @@ class CaptureSequence:
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
         """Return the capture that holds a packet, and the packet's number there; None if not known."""
-        if len(self.paths) == 1 and packet > 0:  # no search is needed if there is one capture
-            path = self.paths[0]
-            return PacketOrigin(path, self._names[path], packet)
         if len(self.paths) == 1:
             path = self.paths[0]
             return PacketOrigin(path, self._names[path], packet)
@@ -199,7 +196,9 @@ class PacketOrigins(Protocol):
     """Knows where packets are found."""
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return where a packet is found, by its number among all packets; None if it is not known."""
+        """Return the capture that holds a packet, and the packet's number there; None if not known. `packet`
+        is the packet's number among the packets of all captures.
+        """
 
 
 def _add_next(reading: list[_Reading], index: int, packets: Iterator[Packet]) -> None:

@@ -27,8 +27,8 @@ begins.
 """
 
 _BASES = {7: (16, 10, 8)}
-"""Possible number bases of an offset, for each number of digits. The program `od` prints seven digits in any
-of these bases. An offset with another number of digits is hexadecimal.
+"""Possible number bases of an offset, for each number of digits. The program `od` prints offsets of seven
+digits in base 8, 10 or 16. An offset with another number of digits is hexadecimal.
 """
 
 
@@ -77,7 +77,7 @@ class HexBlock:
 
     @property
     def size(self) -> int:
-        """Number of whole bytes in the block, without half a byte at the end."""
+        """Number of whole bytes in the block, without an incomplete byte at the end."""
         return len(self._digits) // 2
 
     @property
@@ -87,7 +87,7 @@ class HexBlock:
 
     @property
     def data(self) -> bytes:
-        """The bytes of the block, without half a byte at the end."""
+        """The bytes of the block, without an incomplete byte at the end."""
         return bytes.fromhex(self.digits[: 2 * self.size])
 
     def line_numbers(self) -> list[tuple[int, int]]:
@@ -105,8 +105,8 @@ class HexBlock:
         """Cut the block at a byte offset, and return the bytes after the cut as a new block. Further rows
         belong to the new block.
 
-        If `offset` is 0 or the new block would have too many rows, the new block holds only the last row, and
-        a note says that it continues the block above.
+        If `offset` is 0 or the new block would have too many rows, the new block holds only the last row. A
+        note then says that the new block continues the block above.
         """
         first = bisect_right(self._rows, 2 * offset, key=itemgetter(0)) - 1
         note = None
@@ -130,7 +130,7 @@ class HexBlock:
         self.notes += other.notes
 
     def fit_to_offset(self, offset: str, line: int) -> bool:
-        """Make the block end at the offset of the next row. Return False if that is not possible.
+        """Make the block end at the offset of the next row; return False if this is impossible.
 
         If the last row is too long, remove characters at its right end that were mistaken for hex. If rows
         are missing, add the rows that an asterisk stands for, or note the gap. `offset` is hexadecimal,
@@ -161,8 +161,8 @@ class HexBlock:
             return None
 
     def _fill_gap(self, count: int, line: int) -> bool:
-        """Fill a gap of `count` bytes with copies of the last row if an asterisk stands for them; otherwise
-        only note the gap. Return False if the gap is too large.
+        """Fill a gap of `count` bytes with copies of the last row if an asterisk stands for them. If there is
+        no asterisk, only note the gap. Return False if the gap is too large.
         """
         if count <= self.asterisk_bytes:
             row = self._digits[self._rows[-1][0] :]

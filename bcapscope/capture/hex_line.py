@@ -79,8 +79,9 @@ class _Run(NamedTuple):
 
 
 _NOISE = re.compile(r"</?[A-Za-z][^<>]{0,80}>|/\*.{0,200}?\*/|\(byte\)|^\s*(?:>\s?)+|^\s*```\w*|\\\s*$")
-"""Text to ignore: tags, comments, casts, quote marks of mail, code fences, and backslashes at the end of a
-line."""
+"""Text to ignore: tags, comments, casts, quote marks of e-mails, code fences, and backslashes at the end of a
+line.
+"""
 
 _ENTITIES = (("&nbsp;", " "), ("&lt;", "<"), ("&gt;", ">"))
 _TOKEN = re.compile(r"[^\s,;|{}()\[\]\"'`\u201c\u201d\u2018\u2019]+")
@@ -95,8 +96,8 @@ _KINDS = (
     (_ROW, re.compile(r"(?:0[xX])?((?:[0-9A-Fa-f]{2}){3,}|[0-9A-Fa-f]{15,})")),
 )
 _JOINABLE = {_PAIR: (_PAIR,), _GROUP: (_GROUP, _PAIR, _ROW), _ROW: (_ROW, _GROUP, _PAIR), _CHAIN: (_CHAIN,)}
-"""For each kind of token, the kinds of tokens that may follow it in a run that it begins. The last token of a
-run of groups or rows can be shorter than the others.
+"""For each kind of token that can begin a run, the kinds of tokens that may follow in this run. In a run of
+groups or rows, the last token can be shorter than the others.
 """
 
 _OFFSET = re.compile(r"\s*(?:0[xX])?([0-9A-Fa-f]{2,16})(:?)(?=\s)")
@@ -113,7 +114,7 @@ _ESCAPE = re.compile(r"\\x([0-9A-Fa-f]{2})|\\([0-7]{1,3})|\\(.)|(.)", re.DOTALL)
 _NAMED = {"n": 10, "r": 13, "t": 9, "a": 7, "b": 8, "f": 12, "v": 11}
 _MARK = re.compile(r"0[xX]|\\x")
 _WORDS = re.compile(r"[^\W\d_]|[<>\u2190-\u21ff]")
-"""Finds a letter or an arrow. Text beside hex counts as words only if it contains one."""
+"""Finds a letter or an arrow. Text beside hex counts as words only if it contains a letter or an arrow."""
 
 
 def parse_line(line: str) -> list[LinePiece]:

@@ -25,7 +25,7 @@ from bcapscope.protocol.tables.hresult import S_FALSE, describe_hresult
 from bcapscope.traffic.observation import Direction
 
 MAX_REPEATED = 1024 * 1024
-"""Maximum number of bytes that all asterisk lines of a text may stand for together. Without a limit, a short
+"""Maximum number of bytes that all asterisk lines of a text together may stand for. Without a limit, a short
 text could fill the memory."""
 
 LARGEST_LIKELY = 64 * 1024
@@ -119,7 +119,7 @@ class _BlockReader:
     """Assembles blocks from the hex in successive lines.
 
     Attributes:
-        last: The latest block. Further lines may belong to it.
+        last: The latest block, which the next lines may continue.
     """
 
     def __init__(self) -> None:
@@ -288,7 +288,7 @@ def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
 def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
     """Return whether `block` continues an incomplete frame at the end of `before`.
 
-    If `block` is a single byte, that byte must complete the frame, because it may be a page number.
+    A single byte must complete the frame, because other single bytes may be page numbers.
     """
     data = block.data
     lacking = _missing_bytes(before.data)
@@ -427,7 +427,8 @@ def _note_serial_mismatches(packets: Iterable[HexPacket]) -> Iterator[HexPacket]
 def caption_direction(caption: str) -> Direction | None:
     """Return the direction that a caption states, such as "TX", "RX(Server->Client) #1", "SendData", "受信".
 
-    The last sentence of a paragraph takes precedence. Returns None if the caption states no direction.
+    If the last sentence of a paragraph states a direction, the other sentences do not count. Return None if
+    the caption states no direction.
     """
     last = _SENTENCE_END.split(caption[-LONGEST_PARAGRAPH:])[-1]
     return _direction_in(last) or _direction_in(caption[-LONGEST_PARAGRAPH:])

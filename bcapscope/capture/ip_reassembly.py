@@ -8,12 +8,12 @@ from typing import NamedTuple
 from bcapscope.capture.link_layer import IPPacket
 
 REASSEMBLY_TIMEOUT = 30 * 1_000_000_000
-"""Time in ns from the first fragment until an incomplete packet is dropped. The value is that of Linux
+"""Time in ns from the first fragment until an incomplete packet is dropped. Linux uses the same value
 (ipfrag_time).
 """
 
 MEMORY_LIMIT = 4 * 1024 * 1024
-"""Maximum number of bytes held for all incomplete packets together. The value is that of Linux
+"""Maximum number of bytes held for all incomplete packets together. Linux uses the same value
 (ipfrag_high_thresh).
 """
 

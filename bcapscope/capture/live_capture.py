@@ -25,7 +25,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, enable_receive_timestamps, kernel_timestamp
 
 ANY_INTERFACE = "any"
-"""Interface name that selects all interfaces at once, as in tcpdump (Linux only)."""
+"""Interface name that stands for all interfaces, as in tcpdump (Linux only)."""
 
 _EXIT_TIMEOUT = 5.0
 _LARGEST_PACKET = 262144
@@ -38,13 +38,13 @@ _COOKED_HEADER = struct.Struct(">HHH8sH")
 
 
 def open_live_capture(name: str) -> LiveCapture:
-    """Start to capture on an interface such as `eth0`, or on `ANY_INTERFACE`. Packets are buffered from this
-    call on.
+    """Start to capture on an interface such as `eth0`, or on `ANY_INTERFACE`. The system buffers packets from
+    this call on.
 
     Iteration over the capture yields packets as they arrive, until interrupted. The iteration raises
     CaptureError if the capture fails, such as when the interface disappears. Use the capture as a context
-    manager, which ends the capture. The capture's attribute `lost` is the number of packets that the system
-    reports as dropped for lack of buffer space. The capture calls its attribute `on_idle` after
+    manager: leaving the context ends the capture. The capture's attribute `lost` is the number of packets
+    that the system dropped for lack of buffer space. The capture calls its attribute `on_idle` after
     `READ_TIMEOUT` without a packet.
 
     Raises:
@@ -132,7 +132,9 @@ class _PacketSocket:
 
 
 class _SnifferProcess:
-    """Capture on other systems, with scapy in a separate process; see `capture.sniffer`."""
+    """A live capture on a system other than Linux. A separate process captures with scapy (see
+    `capture.sniffer`).
+    """
 
     lost = 0
 

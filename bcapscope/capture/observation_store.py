@@ -1,5 +1,5 @@
-"""Stores observations on disk. A store can hold millions; reading one of them is fast and takes constant
-memory.
+"""Stores observations on disk. A store can hold millions of observations. Reading one observation is fast and
+takes constant memory.
 
 One process writes the store while other processes read it. The format is the same whether the observations
 come from a file, an interface, a proxy or a client.
@@ -39,8 +39,8 @@ class _FrameRecord(msgspec.Struct, array_like=True):
     """Stored form of an observation. `conversation` is the number of the observation's conversation.
 
     Text is stored as bytes (see `encode_text`). `function_id` is None if the kind of the call is unknown.
-    `missing` is None for a frame. `problems` lists problems that cannot be found again from the bytes, each
-    with offset, code and reason.
+    `missing` is None for a frame. `problems` lists the problems that the bytes do not show; each problem has
+    offset, code and reason.
     """
 
     time: int

@@ -27,13 +27,13 @@ CONVERSATIONS_LIMIT = 10_000
 addresses would fill the memory."""
 
 COMMENTS_LIMIT = 4096
-"""Maximum number of packets whose comments are kept. The limit is high enough, because code that uses an
-observation reads its comments soon.
+"""Maximum number of packets whose comments are kept. This number is enough, because comments are read soon
+after their packet.
 """
 
 COMMENTS_BYTES = 4 * 1024 * 1024
 """Maximum size in bytes of all kept comments together. If the size is larger, the oldest comments are
-dropped, but never those of the latest packet.
+dropped, but never the comments of the latest packet.
 """
 
 _TCP, _UDP = 6, 17
@@ -58,10 +58,11 @@ class PacketDecoder:
 
     Attributes:
         counts: Numbers of packets and observations so far.
-        comments: Comments by packet number, for the latest `COMMENTS_LIMIT` packets with comments.
-        note_packet: Function that receives a frame number and the number of the frame's packet. Frames after
-            that frame are in consecutive packets, until the next call of the function.
-        end_time: Latest capture time of all packets so far, of b-CAP or not, ns since 1970; 0 before the
+        comments: Comments of the latest `COMMENTS_LIMIT` packets that have comments; the key is the packet
+            number.
+        note_packet: Function that receives a frame number and the number of the frame's packet. Until the
+            next call of this function, each later frame is in the packet after the previous frame's packet.
+        end_time: Latest capture time of all packets so far, of any protocol, ns since 1970; 0 before the
             first packet.
     """
 
@@ -96,8 +97,8 @@ class PacketDecoder:
         """Yield an observation for each frame, for each run of bytes that are not a frame, and for each gap.
 
         An observation is yielded once it is complete. While the server of a conversation is unknown, the
-        decoder holds back the observations of that conversation. A second call of `decode` continues the
-        observation numbers of the first call.
+        decoder holds back the observations of that conversation. If `decode` is called again, the observation
+        numbers continue.
 
         Raises:
             CaptureError: Reading `packets` failed. All observations before the error were yielded.
@@ -105,7 +106,7 @@ class PacketDecoder:
         counts, broken = self.counts, None
         number, packet, time, latest = counts.items, counts.packets, 0, self.end_time
         interface, ethernet, wanted = None, False, True
-        note = self.note_packet  # not called on the fast path, where each packet holds the next frame
+        note = self.note_packet  # not needed on the fast path, where each packet holds the next frame
         flow_of, new, templates = self._udp.flows.get, tuple.__new__, self._templates
         unpack, begin_of = _UDP_IN_ETHERNET.unpack_from, _SOH_AND_LENGTH.unpack_from
         try:

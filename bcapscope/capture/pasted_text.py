@@ -27,16 +27,18 @@ class PastedText:
     """Observations of the packets in a text, in the order of the text. The times of the observations are
     unknown and set to 0.
 
-    A packet has an additional problem if its command is unknown but similar to a known command. Bytes that
-    are only one argument of a frame are also a problem.
+    A packet has an additional problem if its command is unknown but similar to a known command, or if the
+    bytes are only one argument of a frame.
 
     Attributes:
         count: Number of packets read so far.
-        comments: Comments on the latest packet, by packet number.
+        comments: The number of the latest packet, with the comments on this packet.
     """
 
     def __init__(self, lines: Iterable[str], words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Take the lines of a text. The lines are read only when you iterate over the `PastedText`."""
+        """Prepare to read `lines`, the lines of a text. The lines are read only when you iterate over the
+        `PastedText`.
+        """
         self.count = 0
         self.comments: dict[int, tuple[str, ...]] = {}
         self._lines = lines

@@ -19,8 +19,7 @@ BLOCK_LIMIT = 16 * 1024 * 1024
 """Largest block in bytes, as in libpcap (sf-pcapng.c, INITIAL_MAX_BLOCKSIZE)."""
 
 INTERFACES_LIMIT = 65536
-"""Maximum number of interfaces per section: the number that the 16-bit field of the obsolete packet block
-allows.
+"""Maximum number of interfaces per section: the obsolete packet block has a 16-bit field for the interface.
 """
 
 LONGEST_NAME = 128

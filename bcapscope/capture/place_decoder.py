@@ -23,20 +23,22 @@ from bcapscope.traffic.joining.place_merger import Coverage
 from bcapscope.traffic.observation import Conversation, Observation
 
 OpenSequence = Callable[[Sequence[str]], CaptureSequence]
-"""Function that opens several files as one sequence. The sequence reports read errors to the user."""
+"""Function that opens several files as one sequence. If a file cannot be read, the sequence reports the error
+to the user.
+"""
 
 
 class PlaceDecoder:
     """Turns the packets of several captures into observations, in chronological order.
 
-    A conversation that two captures hold gets a `capture_side` in each. A `Joiner` joins the observations by
-    their `capture_side`. The times of observations of such a conversation are converted to the clock of the
-    capture at the client's side. Packets are numbered over all files: first the files captured at the
-    client's side, then those captured at the controller's side, then all other files.
+    If two captures hold the same conversation, the conversation gets a `capture_side` in each capture. A
+    `Joiner` joins the observations by their `capture_side`. Times from the capture at the controller's side
+    are converted to the clock of the capture at the client's side. Packets are numbered over all files: first
+    files captured at the client's side, then files captured at the controller's side, then all other files.
 
     Attributes:
         note_packet: Function that receives frame and packet numbers, as in `PacketDecoder`.
-        comments: Comments by packet number, for the latest packets with comments.
+        comments: Comments of the latest packets that have comments; the key is the packet number.
     """
 
     def __init__(
@@ -82,7 +84,7 @@ class PlaceDecoder:
 
     @property
     def paths(self) -> Sequence[str]:
-        """Paths of all captures. Those that are named in the plans come first."""
+        """Paths of all captures. Captures that are named in the plans come first."""
         return [path for sequence in self._sequences() for path in sequence.paths]
 
     @property
@@ -127,7 +129,7 @@ class _Part(NamedTuple):
     """Files that one decoder reads. The times of the files are converted from `clock` to the clock at the
     client's side.
 
-    `packets` is the number of packets in the files; 0 for the last part, where the number is not needed.
+    `packets` is the number of packets in the files; 0 for the last part, because this number is not needed.
     """
 
     sequence: CaptureSequence
@@ -171,9 +173,7 @@ class _Source:
     def timed_observations(
         self, keep_comments: Callable[[int, tuple[str, ...]], object]
     ) -> Iterator[tuple[int, Observation]]:
-        """Yield the observations with their times. The packet numbers of observations count the packets of
-        all sources.
-        """
+        """Yield the observations with their times. The packets of all sources are numbered together."""
         comments, base = self.decoder.comments, self.base
         packets = chain.from_iterable(part.timed_packets() for part in self.parts)
         for observation in self.decoder.decode(packets):
@@ -193,8 +193,8 @@ def _part(plan: PlacePlan, place: CapturePlace, open_sequence: OpenSequence) -> 
 
 
 def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
-    """Return groups of plans that have conversations in common, such as plans for the files of two ring
-    captures. Each group is in chronological order.
+    """Group the plans that have conversations in common, such as plans for the files of two ring recordings.
+    Each group is in chronological order.
     """
     groups: list[list[PlacePlan]] = []
     for plan in sorted(plans, key=lambda each: each.files[0].begins):
@@ -207,8 +207,8 @@ def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:
 
 
 def _sides_of(group: Sequence[PlacePlan]) -> tuple[dict[ConversationEnds, CaptureSide], ...]:
-    """Return for each place the shared conversations. The keys are the ends of a conversation as captured
-    there.
+    """Return the shared conversations for each place. The keys are the ends of a conversation as captured at
+    this place.
     """
     coverage = (
         Coverage(min(plan.files[0].begins for plan in group), max(plan.files[0].ends for plan in group)),

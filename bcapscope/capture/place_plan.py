@@ -74,7 +74,7 @@ def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]
     """Return the pairs of files that hold the same conversation. A file is in one pair at most.
 
     A file that cannot be read is in no pair; the error is reported when the file is read again. A pipe is in
-    no pair, because it can be read only once.
+    no pair, because a pipe can be read only once.
     """
     files = [path for path in dict.fromkeys(paths) if Path(path).is_file()]
     samples = {path: _Sample.read(path, ports) for path in files} if len(files) <= MAX_FILES else {}
@@ -149,8 +149,8 @@ def _plan_pair(one: _Sample, other: _Sample, ports: Collection[int]) -> PlacePla
 
 
 def _find_later(one: _Sample, other: _Sample, ports: Collection[int]) -> list[SharedConversation]:
-    """Return the conversations that two files share, if one file begins later than the other. The later file
-    is compared with packets from the middle of the earlier one.
+    """Return the conversations that two files share, if one file begins later than the other. The beginning
+    of the later file is compared with packets from the middle of the earlier file.
     """
     earlier, later = (one, other) if one.begins <= other.begins else (other, one)
     if earlier.ends < later.begins:
@@ -168,7 +168,8 @@ def _is_at_client(shared: SharedConversation) -> bool:
     """Return whether the first of two captures was taken nearer to the client.
 
     A capture nearer to the client sees requests earlier and replies later. The clocks of the captures may
-    differ, so only the difference between the offset of requests and the offset of replies shows the order.
+    differ. The order is therefore found as follows: the time difference between the captures for requests is
+    compared with the time difference for replies.
     """
     if shared.request_offset is None or shared.reply_offset is None:
         return True
@@ -207,8 +208,8 @@ class _Measurement:
         return self._estimator.estimate()
 
     def _choose_shared(self) -> None:
-        """Pair each conversation of one file with at most one conversation of the other file. A conversation
-        with the same ends is preferred, then the one with the most equal frames.
+        """Pair each conversation of one file with at most one conversation of the other file. Prefer the
+        conversation with the same ends; if there is none, prefer the conversation with the most equal frames.
         """
         taken: set[tuple[CapturePlace, ConversationEnds]] = set()
         for ends in sorted(self._joined, key=lambda each: (each[0] != each[1], -self._joined[each])):

@@ -39,10 +39,10 @@ class RotationLimits:
 
     Attributes:
         files: Maximum number of files in the ring.
-        size: Maximum size of a file in bytes. Once a file has this size, the next packet begins a new file; 0
-            for no limit.
-        seconds: Maximum duration of a file in s, counted from its first packet. A packet that arrives later
-            begins a new file; 0 for no limit.
+        size: Maximum size of a file in bytes; 0 for no limit. Once a file has this size, the next packet
+            begins a new file.
+        seconds: Maximum duration of a file in s, counted from its first packet; 0 for no limit. A packet
+            after this time begins a new file.
     """
 
     files: int
@@ -77,17 +77,16 @@ def parse_rotation(text: str) -> RotationLimits:
 
 class RotatingRecording(io.RawIOBase):
     """Writes a recording to one file or to a ring of files. Blocks are pending until `flush` writes all of
-    them at once.
+    them together.
 
-    If the recording is one file, one thread may add packets while another thread calls `flush`. A ring does
-    not allow this.
+    One thread may add packets while another thread calls `flush`, but only if the recording is one file.
 
     The caller calls `rotate_if_full` before each packet. A new file therefore begins only when there is a
-    packet for it. No file is empty, and an old file is removed only when needed.
+    packet for it, so no file is empty, and an old file is removed only when needed.
 
-    On a full disk, a ring removes its oldest file and continues. No file takes more than half of the disk
-    space that was free when the file began. Therefore the ring has an older file to remove when the disk is
-    full.
+    On a full disk, a ring removes its oldest file and continues. Each file takes at most half of the disk
+    space that was free when the file began. Therefore the ring always has an older file to remove when the
+    disk is full.
 
     Attributes:
         recording: Writer of packets to the current file.
@@ -95,7 +94,8 @@ class RotatingRecording(io.RawIOBase):
     """
 
     def __init__(self, path: Path, limits: RotationLimits | None = None) -> None:
-        """Create the first file. The file must not exist at `path`, or must be a named pipe with a reader.
+        """Create the first file. `path` must not exist yet, or must be a named pipe that another program
+        reads.
 
         Without `limits`, the first file is the only file.
 
@@ -116,7 +116,7 @@ class RotatingRecording(io.RawIOBase):
         try:
             self._open_next_file()
         except OSError:
-            # Without this call, Python would call `close` later, when there is no file to close.
+            # Close the object now: Python would otherwise call `close` later, when there is no file to close.
             super().close()
             raise
         self.recording = SocketRecording(self)
@@ -141,8 +141,8 @@ class RotatingRecording(io.RawIOBase):
 
     @property
     def packets_pending(self) -> int:
-        """Number of packets in the pending blocks. The number is correct only if each call of `write` added
-        one block.
+        """Number of packets in the pending blocks. The number is correct only if each `write` added one
+        block.
         """
         return sum(map(is_packet_block, self._pending.copy()))
 
@@ -150,8 +150,8 @@ class RotatingRecording(io.RawIOBase):
         """Write all pending blocks to the file.
 
         Raises:
-            OSError: The file cannot be written, such as on a full disk. The file then holds only what earlier
-                calls wrote.
+            OSError: The file cannot be written, such as on a full disk. The file then holds only the blocks
+                of earlier flushes.
         """
         count = len(self._pending)
         if not count:
@@ -272,7 +272,7 @@ class RotatingRecording(io.RawIOBase):
                     raise
 
     def _write_file_header(self) -> None:
-        """Write the file header at once, so that other programs can read the file from the start."""
+        """Write the file header immediately, so that other programs can read the file from the start."""
         self.flush()
         self._header_size = self._size
 
@@ -280,7 +280,8 @@ class RotatingRecording(io.RawIOBase):
 def is_named_pipe(path: Path) -> bool:
     """Return whether `path` is a named pipe that exists.
 
-    On Windows, the name decides: to ask the system opens the pipe, and Wireshark's pipe opens only once.
+    On Windows, the name decides: asking the system would open the pipe, and Wireshark's pipe can be opened
+    only once.
     """
     if sys.platform == "win32":
         return str(path).startswith("\\\\.\\pipe\\")

@@ -2,7 +2,7 @@
 
 scapy is under the GPL, version 2 only. Filters use google-re2, whose wheel contains code under the Apache
 License 2.0. The two licences do not permit both libraries in one program. Therefore scapy runs in a separate
-process that loads nothing else but Python's standard library. The process sends packets through a pipe.
+process that loads only scapy and Python's standard library. The process sends packets through a pipe.
 
 The process writes records to standard output: a `RECORD_HEADER` with kind, time and length, then `length`
 bytes of data.
@@ -20,8 +20,9 @@ from enum import IntEnum
 from typing import BinaryIO
 
 RECORD_HEADER = struct.Struct("<BqI")
-"""Head of a record, little-endian: kind; time in ns since 1970-01-01 UTC, or the link type in `READY`; number
-of bytes that follow."""
+"""Head of a record, little-endian: kind, time in ns since 1970-01-01 UTC (in a `READY` record, the link
+type), and number of bytes that follow.
+"""
 
 READ_TIMEOUT = 0.25
 """Maximum time in s that a read waits for a packet. After each read, both processes handle interrupts, and
@@ -90,7 +91,8 @@ def main(name: str, out: BinaryIO) -> None:
             else:
                 write(SnifferRecordKind.PACKET, *packet)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())  # so that Python can flush stdout at exit
+        # so that Python can flush stdout at exit without an error
+        os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())
     except PermissionError:
         write(SnifferRecordKind.FORBIDDEN)
     except Exception as error:  # scapy raises its own exceptions, some of them undocumented
@@ -102,5 +104,6 @@ def main(name: str, out: BinaryIO) -> None:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # ignore Ctrl-C: the reading process decides when to end
+    # ignore Ctrl-C: the process that reads the pipe decides when this process ends
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     main(sys.argv[1], sys.stdout.buffer)

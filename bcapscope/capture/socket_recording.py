@@ -96,9 +96,9 @@ class SocketRecording:
         self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
 
     def datagram_pair_encoder(self, incoming: Hop, outgoing: Hop, size: int) -> PacketPairEncoder:
-        """Return a function that encodes a datagram of `size` bytes as a packet on each of two hops.
+        """Return a function that encodes a datagram of `size` bytes as two packets, one for each of two hops.
 
-        `write_blocks` takes the encoded packets. The function is valid until the next `continue_in`.
+        `write_blocks` takes the encoded packets. Do not use the function after `continue_in` was called.
         """
         first, second = (
             self._writer.packet_template(where, self._datagram_header(source, target, size), size)
@@ -107,7 +107,7 @@ class SocketRecording:
         return pair_encoder(first, second)
 
     def write_blocks(self, blocks: bytes, pairs: int) -> None:
-        """Write blocks that a function from `datagram_pair_encoder` returned in `pairs` calls."""
+        """Write `pairs` pairs of blocks that a function from `datagram_pair_encoder` returned."""
         self._writer.write_blocks(blocks, 2 * pairs)
 
     def write_segment(

@@ -21,7 +21,7 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import SERVER_PORT, Flow, ServerEvidence, ServerEvidenceKind, Transport
 
 CONNECTIONS_LIMIT = 1024
-"""Maximum number of TCP connections to follow at a time. If there are more, bcapscope stops following the
+"""Maximum number of TCP connections to follow at a time. Beyond this number, bcapscope stops following the
 connection that was idle longest.
 """
 
@@ -170,7 +170,8 @@ class TcpConversations:
     def _end_connection(
         self, tracked: _TrackedConnection, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        for key in set(tracked.keys):  # both keys are equal if a forged packet goes from an end to itself
+        # both keys are equal if a forged packet has the same source and destination
+        for key in set(tracked.keys):
             del self._connections[key]
         self._contradictions += tracked.connection.contradictions
         if tracked.conversation is None:

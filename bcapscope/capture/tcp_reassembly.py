@@ -32,8 +32,8 @@ together keep at most 25 MB of arrival times.
 """
 
 _SEGMENT_COST = 128  # memory in bytes that a held segment needs in addition to its content
-_RECENT = 16  # number of delivered segments that are kept and compared with retransmissions
-_LONGEST_RECENT = 2048  # number of bytes that are compared per segment; more than an Ethernet frame carries
+_RECENT = 16  # number of latest segments of a stream with which retransmissions are compared
+_LONGEST_RECENT = 2048  # number of bytes to compare per segment; more than an Ethernet frame carries
 _HEADER = struct.Struct(">4xIIBB")
 
 FIN, SYN, RST, ACK = 1, 2, 4, 16
@@ -60,7 +60,7 @@ class TcpSegment(NamedTuple):
 def read_segment(payload: bytes, missing: int) -> TcpSegment | None:
     """Parse the payload of an IP packet as a TCP segment; return None if the header is invalid.
 
-    `missing` is the number of bytes after `payload` that the capture lacks.
+    `missing` is the number of bytes that the capture lacks after `payload`.
     """
     if len(payload) < 20:
         return None
@@ -97,8 +97,8 @@ class TcpStream:
         begun: Whether the first sequence number of the stream is known.
         closed: Whether the stream has ended; later bytes are retransmissions, or belong to another
             connection.
-        contradictions: Number of retransmissions whose content differs from the first transmission. The
-            content that arrived first is kept.
+        contradictions: Number of retransmissions whose content differs from the first transmission. If a
+            retransmission differs, the content that arrived first is kept.
     """
 
     def __init__(self, budget: ByteBudget, templates: FrameTemplates | None = None) -> None:
@@ -223,7 +223,7 @@ class TcpStream:
         return self._with_times(self._splitter.feed(data), time, packet)
 
     def _keep_recent(self, part: _StreamPart) -> None:
-        """Keep delivered bytes for comparison with retransmissions. Of a long part, keep only the last
+        """Keep delivered bytes for comparison with retransmissions. If a part is long, keep only its last
         bytes.
         """
         surplus = len(part.data) - _LONGEST_RECENT
@@ -232,8 +232,8 @@ class TcpStream:
         self._recent.append(part)
 
     def _thin_marks(self) -> None:
-        """Merge pairs of adjacent arrival marks into one mark with the later of the two times. The first mark
-        stays unchanged.
+        """Merge each pair of adjacent arrival marks into one mark with the later time. The first mark stays
+        unchanged.
         """
         marks = list(self._marks)
         kept = [b._replace(start=a.start) for a, b in zip(marks[1::2], marks[2::2], strict=False)]

@@ -23,8 +23,7 @@ def text_lines(read: ChunkReader) -> Iterator[str]:
     decoded become U+FFFD.
 
     Raises:
-        CaptureError: A line is longer than `LONGEST_LINE` characters. All lines before the long line were
-            yielded.
+        CaptureError: A line is longer than `LONGEST_LINE` characters. All earlier lines were yielded.
     """
     head = read(CHUNK_SIZE)
     while len(head) < len(codecs.BOM_UTF8) and (more := read(CHUNK_SIZE)):

@@ -1,8 +1,8 @@
 """Unpack tunnels: an IP packet inside another IP packet. Switches and capture probes send mirrored traffic in
 this form.
 
-Supported are IP in IP (RFC 2003, RFC 2473, RFC 4213), GRE (RFC 2784, RFC 2890) and VXLAN (RFC 7348). GRE can
-also carry Ethernet frames and ERSPAN of types I, II and III (draft-foschiano-erspan-03).
+bcapscope unpacks IP in IP (RFC 2003, RFC 2473, RFC 4213), GRE (RFC 2784, RFC 2890) and VXLAN (RFC 7348). GRE
+can also carry Ethernet frames and ERSPAN of types I, II and III (draft-foschiano-erspan-03).
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 from bcapscope.capture.link_layer import ETHERNET, NOT_IP, IPPacket, find_ip, read_ip
 
 DEEPEST_TUNNEL = 8
-"""Maximum number of tunnels nested inside each other. Mirrored traffic has one or two; a hostile packet could
-have thousands.
+"""Maximum number of tunnels nested inside each other. Mirrored traffic has one or two tunnels; a hostile
+packet could have thousands.
 """
 
 _IPV4_IN_IP, _UDP, _IPV6_IN_IP, _GRE = 4, 17, 41, 47
@@ -61,7 +61,7 @@ def _in_gre(payload: bytes) -> IPPacket | None:
     offset = 4 + 4 * sum(bool(flags & flag) for flag in (_GRE_CHECKSUM, _GRE_KEY, _GRE_SEQUENCE))
     if kind in _IP_TYPES:
         return _ip_at(payload, offset)
-    # ERSPAN type I has no sequence number and no header of its own
+    # ERSPAN type I has neither a sequence number nor an ERSPAN header
     if kind == _ERSPAN and flags & _GRE_SEQUENCE:
         offset += _ERSPAN_2_SIZE
     elif kind == _ERSPAN_3:

@@ -25,7 +25,7 @@ identifies the server, so real traffic needs one or two items.
 
 
 def endpoints_of(key: bytes) -> tuple[Endpoint, Endpoint]:
-    """Return the two ends that a key names: both addresses and then both ports, as in a packet."""
+    """Return the two ends in a key. A key has both addresses and then both ports, as in a packet."""
     size = (len(key) - 4) // 2
     family = socket.AF_INET if size == 4 else socket.AF_INET6
     hosts = (socket.inet_ntop(family, key[:size]), socket.inet_ntop(family, key[size : 2 * size]))
@@ -40,8 +40,8 @@ def reverse_key(key: bytes) -> bytes:
 
 HELD_BYTES_LIMIT = 16 * 1024
 """Maximum total size in bytes of the items of a conversation that bcapscope holds back while the server is
-unknown. When this size is reached, bcapscope guesses the server. Frames of real sessions are below 10 KiB. Up
-to 2,048 conversations can be undecided at a time.
+unknown. When this size is reached, bcapscope guesses the server. Frames of real sessions are below 10 KiB.
+The server of up to 2,048 conversations can be unknown at a time.
 """
 
 
@@ -74,19 +74,19 @@ class UndecidedConversation:
     ) -> None:
         """Create a conversation.
 
-        If `is_tentative` is True, the conversation counts as b-CAP only if its first frame is valid.
+        If `is_tentative` is True, the first frame must be valid, or the conversation does not count as b-CAP.
         """
         self._ends = ends
         self._transport = transport
         self.is_tentative = is_tentative
         self._held_items: list[tuple[int, TimedItem]] = []
         self._held_bytes = 0
-        # time of each stream end; the key is the sender, and whether the end was a RST
+        # time when each stream ended; the key is the sender, and whether a RST ended the stream
         self._closed: dict[tuple[int, bool], int] = {}
         self.flows: tuple[Flow, Flow] | None = None
 
     def set_server(self, server: int, evidence: ServerEvidence) -> None:
-        """Set the index, 0 or 1, of the server, and what shows it."""
+        """Set the server: its index, 0 or 1, and the evidence that shows it."""
         conversation = Conversation(self._ends[1 - server], self._ends[server], self._transport, evidence)
         request, response = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)
         self.flows = (response, request) if server == 0 else (request, response)

@@ -50,8 +50,8 @@ _DISK_FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 _LONGEST_MESSAGE = 2000  # maximum number of characters; an error message can quote the command line
 
 _GC_THRESHOLDS = (20_000, 20, 100)
-"""Thresholds of Python's garbage collector, high so that it runs rarely. Frames and calls form no reference
-cycles, and collecting took 5 % of the run time.
+"""Thresholds of Python's garbage collector, so high that the collector runs rarely. Frames and calls form no
+reference cycles, and collecting took 5 % of the run time.
 """
 
 

@@ -69,8 +69,8 @@ class _ScriptFile(click.File):
 @click.option("--task", help="Open the task of this name if a call needs one (default: RobSlave).")
 @click.option(
     "--variable",
-    help="Open the variable of this name if a call needs one: on the robot if only robots have it, otherwise "
-    "on the controller.",
+    help="Open the variable of this name if a call needs one: on the robot if only robots have this "
+    "variable, otherwise on the controller.",
 )
 @click.option("--file", help="Open the file of this name if a call needs one.")
 @click.option("--extension", help="Open the extension of this name if a call needs one.")

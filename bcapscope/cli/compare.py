@@ -57,8 +57,8 @@ def command(
 
     --filter selects calls in both captures, as for `stats`, `slave` and `diagnose`.
 
-    Exit codes: as for `decode`, the higher of the codes for the two captures; 4: one of the captures could
-    not be read.
+    Exit codes: as for `decode`; if the two captures give different codes, the higher code. 4: one of the
+    captures could not be read.
     """
     if good == bad == "-":
         raise click.UsageError("both captures are standard input (-): give a file for one of them")
@@ -82,7 +82,7 @@ def command(
 
 
 def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> ComparedCapture:
-    """Read a capture once, and return its findings, figures and slave-mode sessions."""
+    """Read a capture once to its end; return its findings, figures and slave-mode sessions."""
     sessions: list[SlaveSession] = []
     chosen = call_test(wanted, reader)
 

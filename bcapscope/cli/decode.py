@@ -94,8 +94,8 @@ def command(
     Several captures are read as one, in the order of their first packets.
 
     Each line shows the number of a frame, its time, source > destination, transport, direction, serial and
-    reserved. The line continues with the function or the result, the command and the arguments. If the frame
-    is damaged, the line ends with !! and the problems. On a terminal, long lines are folded.
+    reserved. Then follow the function or the result, the command and the arguments. If a frame is damaged,
+    its line ends with !! and the problems. On a terminal, long lines are folded.
 
     Exit codes: 0: everything was read; 2: invalid command line; 3: a capture is damaged or incomplete, and
     everything before the damage was printed; 4: nothing could be read; 6: the output could not be written;
@@ -174,8 +174,7 @@ def _citing(
     render: Callable[[Observation, CallKind | None, tuple[str, ...]], T],
     cite: Callable[[T, PacketOrigin], T],
 ) -> Callable[[Observation, CallKind | None, tuple[str, ...]], T]:
-    """Return `render`. If there are several captures, return a function that passes the result of `render` to
-    `cite`.
+    """Return a function that calls `render` and, if there are several captures, passes the result to `cite`.
 
     `cite` adds the name of the capture and the packet number of the frame.
     """
@@ -195,7 +194,9 @@ def _line_with_origin(words: MessageFormatter, line: str, origin: PacketOrigin) 
 
 
 def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterator[AnnotatedFrame]:
-    """Yield each selected frame with the kind of its call and the comments on its packet."""
+    """Yield each selected frame with the kind of its call, and with the comments that the capture has on its
+    packet.
+    """
     frames = _render_frames(reader, None, AnnotatedFrame)
     if wanted is None:
         return frames
@@ -204,9 +205,9 @@ def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterat
 
 
 def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:
-    """Yield the result of `render` for each selected frame.
+    """Render each selected frame, and yield the result.
 
-    The arguments of `render` are the frame, the kind of its call, and the comments on its packet.
+    `render` gets the frame, the kind of its call, and the comments that the capture has on its packet.
     """
     if wanted is not None:
         return starmap(render, _frames_with_context(reader, wanted))

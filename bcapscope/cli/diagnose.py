@@ -93,18 +93,18 @@ def command(
     """Find problems in captures and print findings, root cause first.
 
     A finding has a number, a severity and a rule. Each finding says what happened, which frames prove it,
-    what to do, and what the source of the rule is. Consequences are indented below their root cause.
+    what to do, and which source the rule is based on. Consequences are indented below their root cause.
     docs/rules.md lists the rules.
 
-    With -i, or on a pipe (-), each new finding is printed to stderr at once. The report follows at the end.
-    With --json, new findings go to stdout, with "final": false.
+    With -i, or on a pipe (-), each new finding is printed to stderr immediately. The full report is printed
+    when the traffic ends. With --json, new findings go to stdout, with "final": false.
 
     --filter selects calls: `diagnose` shows only findings about the selected calls, and their causes. The
     rules still read all calls, because most of them depend on earlier or missing calls. --rule and --severity
     then select among the findings that remain.
 
-    Exit codes: 0: everything was read, with or without findings; 1: everything was read, and a finding is as
-    severe as --fail-on or worse; other codes as for `decode`.
+    Exit codes: 0: everything was read, with or without findings; 1: everything was read, and a finding has
+    the severity of --fail-on or is worse; other codes as for `decode`.
     """
     if display_filter and (as_json or interface is not None):
         raise click.UsageError("--display-filter needs captures, and cannot be combined with --json")
@@ -148,8 +148,8 @@ def _read_live(
     is_shown: Callable[[Finding], bool],
     renderer: FindingsRenderer | None,
 ) -> None:
-    """Read traffic to its end, and print each new finding at once: as text by `renderer`, or as JSON if
-    `renderer` is None.
+    """Read traffic to its end, and print each new finding immediately. `renderer` makes the text; without a
+    renderer, findings are printed as JSON.
     """
     pipeline, numbers = reader.pipeline(diagnosis), count(1)
 

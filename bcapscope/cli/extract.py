@@ -75,8 +75,8 @@ def command(
 ) -> None:
     """Write the set points of slave mode (slvMove) with the poses that the controller returned.
 
-    Each set point is one row with the time of its first request; retries add no rows. Set points that the
-    controller refused are left out. Set points without a captured reply are included.
+    Each row is one set point with the time of its first attempt; retries add no rows. Set points that the
+    controller refused are left out. Set points whose reply was not captured are included.
 
     Each slave-mode session gets a file: FILE.csv if there is one session; FILE-1.csv, FILE-2.csv and so on
     if there are several. The number in a file name is the number of the session in the capture. Existing
@@ -153,7 +153,8 @@ class _TrajectoryFile:
 class _TrajectoryFiles(ExitStack):
     """The output files of all slave-mode sessions.
 
-    If there is only one file, its name gets no number. Files are therefore named when all sessions are known.
+    If there is only one file, its name gets no number. The number of sessions is known only at the end, so
+    the files get their final names then.
     """
 
     def __init__(self, path: Path, overwrite: bool, words: MessageFormatter) -> None:

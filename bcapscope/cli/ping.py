@@ -41,7 +41,9 @@ _VARIABLES = (
 
 @dataclass(slots=True)
 class _PingResult:
-    """The result of `ping`. Round trips are in ms. `break_reason` says why `ping` ended early."""
+    """The result of `ping`. Round trips are in ms. `break_reason` says why `ping` ended early; None if `ping`
+    made all calls.
+    """
 
     is_answering: bool = False
     is_simulator: bool = False
@@ -77,10 +79,10 @@ def command(
 ) -> None:
     """Check that a controller answers, identify the controller, and measure round trips.
 
-    `ping` connects and makes calls that only read. `ping` sends each call once, without retries. At the end,
-    `ping` judges whether the network is fit for set points every 8 ms (Sync) and every 1 ms (Async). The
-    network is fit if nearly all replies arrive within 8 ms or 1 ms, and retries make up for losses. If
-    nothing listens on the port, `ping` reports this at once.
+    `ping` connects and makes calls that only read data from the controller. `ping` sends each call once,
+    without retries. At the end, `ping` judges whether the network is fit for set points every 8 ms (Sync) and
+    every 1 ms (Async). The network is fit if nearly all replies arrive within 8 ms or 1 ms, and retries make
+    up for losses. If no program listens on the port, `ping` reports the closed port immediately.
 
     After Ctrl-C, `ping` prints the results so far and ends.
 
@@ -143,7 +145,8 @@ async def _measure(session: Session, handle: int, count: int, interval: float, f
         for _ in range(count):
             await asyncio.sleep(due - loop.time())
             settled = await session.perform_call(_GET_ATTRIBUTE, (Variant(VT.I4, handle),))
-            due = max(due + interval, loop.time())  # so that no burst of calls follows a slow call
+            # after a slow call, do not make up for missed intervals with a burst of calls
+            due = max(due + interval, loop.time())
             if isinstance(settled, CallTimedOut):
                 found.lost += 1
             else:

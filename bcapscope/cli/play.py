@@ -49,10 +49,11 @@ def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) 
     metavar="MODE",
     default=SlaveModePacing.SYNC.value,
     help="Use this slave mode. sync: the controller sets the pace (Sync on RC7, mode 2 on later "
-    "controllers). async: `play` sets the pace. Or give the number for slvChangeMode, such as 0x202.",
+    "controllers). async: `play` sets the pace. You can also give the number for slvChangeMode, "
+    "such as 0x202.",
 )
 @click.option("--robot", default=DEFAULT_ROBOT, help="Open the robot with this name.")
-@click.option("--task", default=ROBSLAVE, help="Start this task. On RC7, slave mode needs it.")
+@click.option("--task", default=ROBSLAVE, help="Start this task. On RC7, slave mode needs this task.")
 @click.option("--move-to-start", is_flag=True, help="Move to the first set point without confirmation.")
 @click.option(
     "--approach",
@@ -145,7 +146,9 @@ def _check_platform_and_files(*new_files: Path | None) -> None:
 
 
 def _check_motion(trajectory: Trajectory, motion: TrajectoryOptions, view: PlayOutput) -> None:
-    """Exit if the set points fail the pre-flight check. This check knows only the limits from --limit."""
+    """Exit if the set points fail the pre-flight check. At this time, no limits are known except those of
+    --limit.
+    """
     before = run_preflight(
         trajectory, motion.interval / 1000, with_limits(UNKNOWN_ARM, motion.limits), loop=motion.rounds != 1
     )

@@ -80,8 +80,8 @@ if TYPE_CHECKING:
 @click.option(
     "--low-latency",
     is_flag=True,
-    help="Keep the processors of this machine out of deep sleep while there is much traffic. Needs write "
-    "access to /dev/cpu_dma_latency (Linux) and costs electricity.",
+    help="Keep the processors of this machine out of deep sleep while there is much traffic. This needs "
+    "write access to /dev/cpu_dma_latency (Linux) and costs electricity.",
 )
 @click.option("--calls", is_flag=True, help="Show calls, like `calls`. Default: frames, like `decode`.")
 @click.option(
@@ -136,20 +136,20 @@ def command(
     attended: bool,
     open_subscriber: Callable[[], WatcherSubscriber] | None,
 ) -> None:
-    """Forward traffic between b-CAP clients and controllers: watch, record and disturb it.
+    """Forward traffic between b-CAP clients and controllers, and watch, record or disturb this traffic.
 
-    Without rules, the proxy forwards bytes at once and unchanged. A separate process records and shows the
-    traffic.
+    Without rules, the proxy forwards bytes immediately and unchanged. A separate process records and shows
+    the traffic.
 
-    Ctrl-C ends the open sessions, closes the recording and prints a summary. A second Ctrl-C ends at once.
-    In a script, end a proxy in the background with SIGTERM, as in kill $!: shells start background jobs of
-    scripts with Ctrl-C (SIGINT) ignored.
+    Ctrl-C ends the open sessions, closes the recording and prints a summary. A second Ctrl-C ends the proxy
+    immediately. In a script, end a proxy in the background with SIGTERM, as in kill $!: shells start
+    background jobs of scripts with Ctrl-C (SIGINT) ignored.
 
     Rules change or refuse traffic. Each message passes the rules in this order: scripts (--script), held
     messages (--intercept), faults (--fault, --rules), and the guard (--read-only, --block, --allow-command).
     With `--control ADDRESS`, you can change the rules while the proxy runs: `bcapscope proxy ctl ADDRESS`.
-    When the proxy ends, it sends all held replies. The proxy also sends the held requests that stop the
-    robot, and drops other held requests.
+    When the proxy ends, it sends all held replies. Held requests are sent if they stop the robot, and dropped
+    otherwise.
 
     All scripts run in one separate process. Messages that a script can change wait for the script; stops
     never wait. All scripts are switched off if one of them exceeds --script-timeout, or if their process
@@ -218,7 +218,9 @@ class _ProxyRun:
     def _open(
         self, opened: ExitStack, proxy_options: ProxyOptions
     ) -> tuple[ProxySupervisor, Callable[[], None]]:
-        """Start the proxy. Return the proxy, and a function that reports the proxy's addresses."""
+        """Start the proxy. Return the proxy and a function that tells the user or the parent process where
+        the proxy listens.
+        """
         listening: list[str] = []
         scripts = self.rules.start_scripts(opened)
         policy = self.rules.build_rules(scripts)
@@ -251,7 +253,7 @@ class _ProxyRun:
 
 
 def _print_greetings(proxy: ProxySupervisor, greetings: list[Message]) -> None:
-    """Let the watcher print the greetings. From now on, the watcher controls the last line of the
+    """Let the watcher process print the greetings, because that process writes the last line of the
     terminal.
     """
     for greeting in greetings:

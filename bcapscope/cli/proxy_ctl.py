@@ -29,8 +29,8 @@ from bcapscope.traffic.observation import Observation
 R = TypeVar("R", bound=control.DoneResponse)
 
 _INDENTED = re.compile(r"\n(?=  )")
-"""Matches each line break before an indented line of an error message. Indented lines show the position of
-the error in a rule.
+"""Matches each line break before an indented line of an error message. Indented lines quote a rule and mark
+the error in this rule.
 """
 
 _NAME = click.argument("name")
@@ -97,7 +97,7 @@ def _json_text(line: bytes) -> str:
 def _json_character(char: str) -> str:
     if char.isprintable():
         return char
-    if char in "\t\r\n":  # JSON contains these unescaped characters only between tokens
+    if char in "\t\r\n":  # in valid JSON, a raw tab or line break occurs only between tokens
         return " "
     return "".join(f"\\u{unit:04x}" for unit in memoryview(char.encode("utf-16-le")).cast("H"))
 
@@ -135,7 +135,7 @@ def _add(ctl: _ControlCommand, rule: str) -> None:
 )
 @click.pass_obj
 def _intercept(ctl: _ControlCommand, expression: str | None, hold: str | None) -> None:
-    """From now on, hold messages that match the filter EXPRESSION. Without EXPRESSION, hold no more
+    """From now on, hold messages that match the filter EXPRESSION. Without EXPRESSION, hold no further
     messages.
     """
     ctl.request(control.SetIntercept(expression or None, hold or None), control.DoneResponse)
@@ -144,7 +144,9 @@ def _intercept(ctl: _ControlCommand, expression: str | None, hold: str | None) -
 @command.command("held", short_help="List the held messages.")
 @click.pass_obj
 def _held(ctl: _ControlCommand) -> None:
-    """List the held messages, each with its number, the seconds that it was held, and its content."""
+    """List the held messages. For each message, show its number, its content, and for how many seconds the
+    proxy has held it.
+    """
     response = ctl.request(control.ListHeld(), control.HeldResponse)
     for held in response.held if response else ():
         for line in _held_lines(held, ctl.words):
@@ -175,15 +177,17 @@ def _held_lines(held: control.HeldStatus, words: MessageFormatter) -> list[str]:
 )
 @click.pass_obj
 def _edit(ctl: _ControlCommand, number: int, changes: tuple[str, ...], data: str | None) -> None:
-    """Send a held message with CHANGES. Write them as for the fault `rewrite`, such as: set arg[2][0]=10."""
+    """Send a held message with CHANGES. Write CHANGES as for the fault `rewrite`, such as: set
+    arg[2][0]=10.
+    """
     ctl.request(control.EditHeld(number, data or "", " ".join(changes)), control.DoneResponse)
 
 
 @command.command("clients", short_help="List the clients.")
 @click.pass_obj
 def _clients(ctl: _ControlCommand) -> None:
-    """List the clients, each with its connection time, messages in each direction, and connection to the
-    controller.
+    """List the clients. For each client, show how long it has been connected, the numbers of messages in each
+    direction, and its connection to the controller.
     """
     response = ctl.request(control.ListClients(), control.ClientsResponse)
     for client in response.clients if response else ():
@@ -215,7 +219,9 @@ def _figure_text(value: object) -> str:
 def _add_change_command(
     name: str, help_: str, argument: options.Decorator, make: Callable[..., control.ControlRequest]
 ) -> None:
-    """Add a subcommand that sends the request `make(ARGUMENT)` to the proxy and prints nothing."""
+    """Add a subcommand to `proxy ctl`. The subcommand sends the request `make(ARGUMENT)` to the proxy and
+    prints nothing.
+    """
 
     @command.command(name, help=help_)
     @argument

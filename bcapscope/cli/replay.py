@@ -135,18 +135,18 @@ def command(
     """Play one side of a recording: make the client's calls to HOST, or give clients the controller's
     replies.
 
-    As client, `replay` opens objects that the recording uses but does not open. It makes each call at its
-    recorded time, with the handles that HOST gives, and compares each result with the recorded result.
-    Recorded retries are not repeated. At the end, `replay` leaves slave mode and releases open objects.
+    As client, `replay` first opens each object that the recorded calls use but do not open. `replay` makes
+    each call at its recorded time, with the handles of HOST, and compares the results. Recorded retries are
+    not repeated. At the end, `replay` leaves slave mode and releases open objects.
 
     Before `replay` sends anything, it checks the set points as the pre-flight check of `play` does. A
     recording that may energise or move a robot needs --arm or your confirmation, except with bcapscope's own
-    simulator. The action log records armed calls. `replay` enters slave mode only if the robot is at the
-    first set point; --anywhere skips this check.
+    simulator. The action log records the calls that energise or move a robot. `replay` enters slave mode only
+    if the robot is at the first set point; --anywhere skips this check.
 
-    As server, `replay` gives each call the reply that the next equal call got in the recording, until Ctrl-C.
-    In a script, end `replay` with SIGTERM, as in kill $!: shells start background jobs of scripts with Ctrl-C
-    (SIGINT) ignored.
+    As server, `replay` answers each call with the reply that the next equal call got in the recording. Ctrl-C
+    ends the server. In a script, end `replay` with SIGTERM, as in kill $!: shells start background jobs of
+    scripts with Ctrl-C (SIGINT) ignored.
 
     Exit codes: 0: all results were as recorded; 2: invalid command line; 3: the capture is damaged and
     contains no calls to play; 4: the capture cannot be read, or replay cannot listen on the address; 5: there
@@ -244,9 +244,9 @@ class _PreflightCheck:
             raise click.UsageError(str(error)) from None
 
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
-        """Check all set points, and exit if the check fails.
+        """Check all set points, and exit if any of them fail the pre-flight check.
 
-        Print the results of set points that fail the check; if `shown` is True, print all results.
+        Print the results that failed; if all passed and `shown` is True, print all results.
         """
         found = [preflight_run(run, with_limits(limits, self._limits)) for run in self.runs]
         bad = [each for each in found if not each.is_playable]
@@ -278,7 +278,7 @@ class _ReplayRunner:
     async def play(self, target: ControllerTarget, armed: bool, longest_pause: int) -> ExitCode:
         """Make the recorded calls and return the exit code.
 
-        The calls are made without an event loop, because the timers of an event loop are too coarse.
+        The calls are sent without an event loop, because the timers of an event loop are too coarse.
         """
         simulated = False
         needs_arm = any(needs_arming(each.kind.function_id, each.arguments) for each in self.script.calls)

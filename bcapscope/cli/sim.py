@@ -111,11 +111,11 @@ def command(
 ) -> None:
     """Simulate a DENSO controller: answer b-CAP clients over UDP and TCP until Ctrl-C.
 
-    `sim` prints one line per call. While `sim` runs, you can type commands. "reset" forgets all clients, like
-    the button on the pendant. "stop" presses the emergency stop, and "go" releases it. "detector" switches
-    whether a late set point is an error in the Async modes of RC7. "quit" ends `sim`. In a script, end a
-    `sim` in the background with SIGTERM, as in kill $!: shells start background jobs of scripts with Ctrl-C
-    (SIGINT) ignored.
+    `sim` prints one line per call. While `sim` runs, you can type commands. "reset" forgets all clients, as
+    Reset on the pendant does. "stop" presses the emergency stop, and "go" releases the emergency stop.
+    "detector" switches the detector of late set points in the Async modes of RC7 on or off. "quit" ends
+    `sim`. In a script, end a `sim` in the background with SIGTERM, as in kill $!: shells start background
+    jobs of scripts with Ctrl-C (SIGINT) ignored.
 
     --scenario simulates a controller with a known problem. `diagnose` finds the root cause in a capture of
     the traffic. Lines that begin with # show what the scenario does.
@@ -164,7 +164,7 @@ def _print_introduction(
 def _played_scenario(
     scenario: Scenario | None, profile: str | None, defects: tuple[str, ...], no_argument: str | None
 ) -> Scenario:
-    """Return the scenario to play. If the profile does not fit it, the user gets a usage error."""
+    """Return the scenario to play. If the scenario does not fit the profile, raise click.UsageError."""
     try:
         return played_scenario(
             scenario,
@@ -247,7 +247,7 @@ class _TypedCommands:
 
 
 def _can_be_read() -> bool:
-    """Return whether stdin can be polled. On Windows and in a background job, this is not possible."""
+    """Return whether stdin can be polled. Programs on Windows and background jobs cannot poll stdin."""
     if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
         return False
     try:

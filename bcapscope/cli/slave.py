@@ -21,15 +21,14 @@ from bcapscope.render.slave_session_text import slave_session_lines
 @click.command(short_help="Show slave-mode sessions: cycle times, retries, buffer, clock and motion.")
 @figure_command("Print one JSON object per session.")
 def command(arguments: FigureArguments) -> None:
-    """Show each slave-mode session: which client entered slave mode, how the session ended, its timing and
-    its motion.
+    """Show each slave-mode session: its client, how it ended, its timing and its motion.
 
     The cycle time runs from the first request of one set point to the first request of the next. Jitter is
-    the distance of a cycle time from the period in the line "grid". At 8 ms, a cycle of 10 ms has a jitter of
-    2 ms. Latency runs from the first request to the accepted reply. The round trip runs from the attempt that
-    was answered to the accepted reply.
+    the difference between a cycle time and the period, which the line "grid" shows. If the period is 8 ms, a
+    cycle time of 10 ms has a jitter of 2 ms. Latency runs from the first request to the accepted reply. The
+    round trip starts at the attempt that was answered, and ends at the accepted reply.
 
-    The controller's buffer cannot be observed. `slave` estimates with a model how full the buffer is, and
+    The controller's buffer cannot be observed. `slave` uses a model to estimate how full the buffer is, and
     lists the model's assumptions.
 
     --filter selects set points. The calls that begin and end a slave-mode session are always included.

@@ -19,8 +19,9 @@ from bcapscope.render.statistics_text import statistics_lines, statistics_record
 def command(arguments: FigureArguments) -> None:
     """Show figures about the calls in captures, by client and by command.
 
-    Each row shows the figures of a group of calls. Line time is the share of the total time in which the
-    client waited for replies to these calls. Latency runs from the first request to the accepted reply.
+    Each row shows the figures of all calls, of one client, or of one command of a client. Line time is the
+    share of the total time that the client spent waiting for replies to these calls. Latency runs from the
+    first request to the accepted reply.
 
     Exit codes: as for `decode`.
     """

@@ -103,11 +103,11 @@ def command(
     then the port of the controller. Without arguments, the Tester connects to a built-in simulator.
 
     With FILE or -i, the screen shows frames, calls, findings, slave mode and statistics. --proxy shows the
-    traffic of a proxy; a second screen shows the proxy's clients, rules and held messages. --sim shows the
+    traffic of a proxy, and on a second screen the proxy's clients, rules and held messages. --sim shows the
     traffic of a simulator.
 
-    F1 shows the keys, Ctrl-P finds actions by name, F12 halts the robot, Ctrl-Q quits. Labels are in English
-    or Japanese. --lang chooses the language; without --lang, your settings decide.
+    Keys: F1 shows all keys, Ctrl-P finds actions by name, F12 halts the robot, Ctrl-Q quits. The screen is in
+    English or Japanese. --lang chooses the language; without --lang, the language in your settings is used.
 
     Exit codes: 0: you closed the screen; 2: invalid command line; 4: the capture cannot be opened, an address
     cannot be used for listening, or no proxy was found; 6: a recording or temporary file cannot be written;

@@ -49,7 +49,7 @@ class _Action(StrEnum):
 )
 @options.language
 def command(*, actions: tuple[_Action, ...], folder: Path | None, words: MessageFormatter) -> None:
-    """Install a dissector. With it, Wireshark and tshark decode b-CAP as `decode` does.
+    """Install a dissector, so that Wireshark and tshark decode b-CAP as `decode` does.
 
     bcapscope generates the dissector from its own tables. Run `--install` again after an update of bcapscope.
     --install also writes coloring rules for the packet list, and prints how to import them. It adds two

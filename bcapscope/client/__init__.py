@@ -6,7 +6,8 @@ wrapper.
         robot = await controller.get_robot("Arm")
         print(await robot.execute("CurJnt"))
 
-At its end, the block releases all objects that were opened in it, newest first, even after an error.
+When the block ends, all objects that were opened in the block are released, newest first, even after an
+error.
 """
 
 from bcapscope.client.blocking import Blocking

@@ -1,8 +1,8 @@
 """The action log: what bcapscope's own clients send to a controller, one JSON object per line.
 
 `call`, `replay`, `play` and the Tester write the same lines to the same files. A separate thread writes the
-lines, so a slow disk never delays a stop. A call that needs arming waits until its line is written, but at
-most for `LINE_TIMEOUT`. If the log fails, operators get a warning, and calls are still made.
+lines, so a slow disk never delays a stop. A call that needs arming waits until its line is written, but no
+longer than `LINE_TIMEOUT`. If the log cannot be written, bcapscope shows a warning and still makes the calls.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class LogFiles:
     """Appends lines to ``actions-<date>.jsonl``, then ``actions-<date>.2.jsonl`` and so on.
 
     Attributes:
-        path: Path of the file with the last line; path of the folder if no line was written yet.
+        path: Path of the file to which the last line was written; before the first line, path of the folder.
         max_file_size: Size limit of a file in bytes. A line that would exceed this size begins the next file
             of the day.
         max_total_size: Size limit of all files in bytes. Before a new file begins, the oldest files are
@@ -48,7 +48,7 @@ class LogFiles:
     max_total_size = 128 << 20
 
     def __init__(self, folder: Path) -> None:
-        """Prepare the log files. `folder` is created with the first line."""
+        """Prepare the log files. When the first line is written, `folder` is created if it does not exist."""
         self.path = folder
         self._folder = folder
         self._is_torn = False
@@ -91,7 +91,9 @@ class LogFiles:
         return self._folder / f"actions-{day}{f'.{number}' if number > 1 else ''}.jsonl"
 
     def _delete_oldest(self) -> None:
-        """Delete the oldest files until a new file fits into the limit. Stop if a file cannot be deleted."""
+        """Delete the oldest files until a new file fits into the limit. If a file cannot be deleted, stop
+        without an error.
+        """
         with suppress(OSError):
             found = [(path.stat(), path) for path in self._folder.glob("actions-*.jsonl")]
             left = sum(stat.st_size for stat, _ in found) + self.max_file_size
@@ -127,7 +129,9 @@ function.
 
 
 class LoggedConnection(NamedTuple):
-    """A connection to a controller over "udp" or "tcp". `client_port` is 0 if the port is unknown."""
+    """A connection to a controller over "udp" or "tcp". `client_port` is 0 if the port of the client is
+    unknown.
+    """
 
     host: str
     port: int
@@ -136,13 +140,13 @@ class LoggedConnection(NamedTuple):
 
     @classmethod
     def of_target(cls, target: ControllerTarget) -> LoggedConnection:
-        """Return the connection to a target. The host of the connection is the text that the user typed."""
+        """Describe the connection to a target. The host of the connection is the text that the user typed."""
         transport = Transport.TCP if target.tcp else Transport.UDP
         return cls(target.host, target.port, transport.value)
 
     @classmethod
     def of_conversation(cls, conversation: Conversation) -> LoggedConnection:
-        """Return the connection of a conversation. The host of the connection is the address of the
+        """Describe the connection of a conversation. The host of the connection is the address of the
         controller.
         """
         server = conversation.server
@@ -159,8 +163,8 @@ class ActionLog:
     def __init__(self, folder: Path, program: str, on_error: ErrorCallback) -> None:
         """Prepare the log. The log files are created with the first line.
 
-        `program` is the name of the sending program, such as "call". If writing fails, `on_error` is called
-        once. `on_error` is called again only if writing succeeded in between.
+        `program` is the name of the sending program, such as "call". When writing fails, `on_error` is
+        called. Further failures are not reported until writing has succeeded again.
         """
         self.folder = folder
         self._program = program
@@ -180,8 +184,8 @@ class ActionLog:
         who: str,
         is_logged: bool = True,
     ) -> None:
-        """Log a request that `who` sent at `time`, ns since 1970-01-01 UTC. `log_reply` then logs the reply
-        to this request.
+        """Log a request that `who` sent; `time` is the time of sending in ns since 1970-01-01 UTC.
+        `log_reply` then logs the reply to this request.
 
         If `is_logged` is False, log neither the request nor its reply.
         """
@@ -221,8 +225,8 @@ class ActionLog:
         )
 
     def close(self) -> None:
-        """Wait until all lines are written, but at most `CLOSE_TIMEOUT`. If a line is logged later, a new
-        thread writes it.
+        """Wait until all lines are written, but no longer than `CLOSE_TIMEOUT`. If a line is logged later, a
+        new thread writes it.
         """
         with self._lock:
             thread, self._thread = self._thread, None
@@ -281,21 +285,21 @@ def _timestamp(time: int) -> str:
 
 
 def _json(fields: dict[str, object]) -> bytes:
-    """Return a line of JSON in which every character except printable ASCII is escaped."""
+    """Return a line of JSON that contains only printable ASCII characters; all others are escaped."""
     text = json.dumps(fields, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("\x7f", "\\u007f").encode("ascii") + b"\n"
 
 
 def _hex(raw: bytes) -> dict[str, object]:
-    """Return the first bytes of a frame as hex. If bytes are left out, the text also states the frame's
-    size.
+    """Return the first bytes of a frame as hex. If the frame is too long to log completely, the result also
+    contains its size.
     """
     shown: dict[str, object] = {"hex": raw[:_MAX_BYTES].hex()}
     return shown if len(raw) <= _MAX_BYTES else {**shown, "bytes": len(raw)}
 
 
 def _value_json(value: Value, left: list[int]) -> object:
-    """Convert a value to JSON types; `left` is the number of values that may still be logged for the call."""
+    """Convert a value to JSON types; `left` counts down the values that may still be logged for the call."""
     left[0] -= 1
     if isinstance(value, Variant):
         return {"type": vt_name(value.vt), "value": _value_json(value.value, left)}
@@ -329,8 +333,9 @@ _FUNCTION_ID = 9
 class ArmedCallLogger:
     """Receives all frames of a connection, and logs the calls that need arming.
 
-    Of consecutive set points, only the first one is logged like any other call. Later, one line states the
-    number of set points. A set point that is sent again before a reply arrives counts as a retry.
+    The first set point of a series is logged like any other call. The later set points of the series are
+    logged together in one line with their number. If a set point is sent again before a reply arrives, it
+    counts as a retry.
     """
 
     def __init__(self, log: ActionLog, connection: LoggedConnection) -> None:
@@ -366,11 +371,11 @@ class ArmedCallLogger:
         self._log.log_request(self._connection, frame, timestamp, _WHO, wanted)
 
     def add_set_points(self, count: int) -> None:
-        """Count set points that were sent, but not passed to `add_frame`."""
+        """Count `count` set points that were sent without a call of `add_frame`."""
         self._set_points += count
 
     def end_set_points(self, timestamp: int | None = None) -> None:
-        """Log how many set points were counted since the previous such line, if there were any.
+        """If set points were counted since the last line about set points, log their number.
 
         `timestamp` is the time of the line in ns; None means now.
         """

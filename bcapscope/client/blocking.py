@@ -12,28 +12,28 @@ R = TypeVar("R")
 
 
 class Blocking:
-    """Runs coroutines to their end. When its own block ends, it exits all context managers that were entered
-    with `enter`.
+    """Runs coroutines to their end. When the `with` block of a `Blocking` ends, all context managers that
+    `enter` entered are exited.
 
         with Blocking() as wait:
             service = wait.enter(connect(over_udp("192.168.0.1")))
             controller = wait(service.connect())
 
-    A result has the type that the coroutine returns.
+    The result of `wait(coroutine)` has the type that the coroutine returns.
     """
 
     def __init__(self, runner: asyncio.Runner | None = None) -> None:
-        """Create an event loop, or use the event loop of `runner`."""
+        """Without `runner`, create an event loop; otherwise use the event loop of `runner`."""
         self._runner = runner or asyncio.Runner()
         self._stack = AsyncExitStack()
 
     def __call__(self, step: Coroutine[Any, Any, R]) -> R:
-        """Run a coroutine to its end and return its result."""
+        """Run the coroutine `step` to its end and return its result."""
         return self._runner.run(step)
 
     def enter(self, context: AbstractAsyncContextManager[R]) -> R:
-        """Enter an asynchronous context manager. The context manager is exited when the block of this
-        `Blocking` ends.
+        """Enter an asynchronous context manager. When the `with` block of this `Blocking` ends, the context
+        manager is exited.
         """
         return self._runner.run(self._stack.enter_async_context(context))
 

@@ -26,17 +26,17 @@ from bcapscope.transport.loop_clock import LoopClock
 from bcapscope.transport.peer_link import Link
 
 Observer: TypeAlias = Callable[[Observation], None]
-"""Function that gets every frame as soon as the frame is sent or received; must not raise."""
+"""Function that gets every frame when the frame is sent or received; must not raise."""
 
 EventListener: TypeAlias = Callable[[RequesterEvent], None]
-"""Function that gets every event, including notices and late or unmatched replies; must not raise."""
+"""Function that gets every event, including notices, late replies and stray replies; must not raise."""
 
 
 class Caller:
-    """Makes calls over a link, one after the other, and shows every frame to an observer.
+    """Makes calls over a link, one after the other, and passes every frame to an observer.
 
-    After each input, such as a received frame, it sends the requester's frames, sets the timer and reports
-    events.
+    A `Requester` decides what to send. After each input, such as a received frame, the caller sends the
+    requester's frames, sets the timer and reports events.
     """
 
     def __init__(
@@ -45,11 +45,11 @@ class Caller:
         listener: EventListener | None = None,
         fails_if_refused: bool = False,
     ) -> None:
-        """Create a caller without a link. The link is set later, because a link needs the caller as its
-        receiver.
+        """Create a caller without a link. `attach` sets the link later, because a link can be created only
+        after its caller.
 
         If `fails_if_refused` is True, a call over UDP fails at the first error that the operating system
-        reports for sent data. Errors are ignored once the controller has sent data.
+        reports for sent data. After the controller has sent data, these errors are ignored.
         """
         self._fails_if_refused = fails_if_refused
         self._observer = observer
@@ -77,7 +77,7 @@ class Caller:
     async def perform_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy
     ) -> RequesterOutcome:
-        """Make a call and return its outcome.
+        """Make a call and return its outcome, such as the reply or a timeout.
 
         Raises LocalProtocolError as `Requester.start_call` does, and ConnectionError if the link is lost.
         If `fails_if_refused` is True, a closed port of the controller also raises ConnectionError.
@@ -96,8 +96,8 @@ class Caller:
                 self._after_input()
 
     async def send_raw(self, raw: bytes, timeout: float) -> bool:
-        """Send bytes, even invalid ones, unchanged and without retries; return whether the controller sent
-        data in time.
+        """Send bytes unchanged and without retries, even if they are invalid. Return whether the controller
+        sent data before `timeout`.
 
         `raw` is one datagram, or bytes of a stream. `timeout` is in s. Raises ConnectionError if the link is
         lost.
@@ -138,7 +138,7 @@ class Caller:
             self._pending_call.set_exception(ConnectionRefusedError(reason))
 
     def on_link_lost(self, reason: Message) -> None:
-        """Fail the pending call and all later calls, because the link is lost."""
+        """After the link is lost, let the pending call and all later calls fail."""
         self._lost_reason = reason
         if self._pending_call is not None and not self._pending_call.done():
             self._pending_call.set_exception(ConnectionResetError(self._lost_reason))

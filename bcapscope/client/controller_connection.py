@@ -6,17 +6,23 @@ from contextlib import AsyncExitStack
 from types import TracebackType
 
 from bcapscope.client.blocking import Blocking
-from bcapscope.client.controller_target import DEFAULT_PORT, DEFAULT_RETRY_POLICIES, ControllerTarget
+from bcapscope.client.controller_target import (
+    DEFAULT_PORT,
+    DEFAULT_RETRIES,
+    DEFAULT_TIMEOUT_MS,
+    ControllerTarget,
+)
 from bcapscope.client.remote_objects import Controller, Service
 from bcapscope.client.session import open_target_session
 
 
 class ControllerConnection:
-    """A connection that a `with` or `async with` block opens at its start and closes at its end.
+    """A connection to a controller. A `with` or `async with` block opens the connection at its start and
+    closes it at its end.
 
-    `async with` returns the controller, whose methods are coroutines. `with` returns a `Blocking`, which runs
-    a coroutine to its end, and the controller. At its end, the block releases all objects that were opened in
-    it, newest first.
+    `async with` returns the controller, whose methods are coroutines. `with` returns two values: a
+    `Blocking`, which runs a coroutine to its end, and the controller. When the block ends, all objects that
+    were opened in the block are released, newest first.
     """
 
     def __init__(self, target: ControllerTarget) -> None:
@@ -45,7 +51,7 @@ class ControllerConnection:
         await self._stack.__aexit__(kind, error, trace)
 
     def __enter__(self) -> tuple[Blocking, Controller]:
-        """Connect as `async with` does. Do not use `with` while an event loop runs."""
+        """Connect as `async with` does. Do not use `with` in code that an event loop runs."""
         wait = Blocking()
         try:
             controller = wait.enter(self)
@@ -70,8 +76,8 @@ def connect_controller(
     provider: str = "CaoProv.DENSO.VRC",
     name: str = "",
     option: str = "",
-    timeout: float = DEFAULT_RETRY_POLICIES.others.timeout / 1e6,
-    retries: int = DEFAULT_RETRY_POLICIES.others.retries,
+    timeout: float = DEFAULT_TIMEOUT_MS,
+    retries: int = DEFAULT_RETRIES,
 ) -> ControllerConnection:
     """Return a connection to a controller, for `with` or `async with`.
 
@@ -88,9 +94,9 @@ def connect_controller(
         provider: Provider name for Controller_Connect; RC9 and COBOTTA PRO need `CaoProv.DENSO.VRC9`.
         name: Name of the connection; if it is "", the controller chooses a name.
         option: Option of Service_Start, such as `,WDT=400`.
-        timeout: Time to wait for a reply before each retry, in ms; 1000 by default. Over UDP, slvMove has a
-            shorter one.
-        retries: Maximum number of retries of such a call over UDP; 4 by default.
+        timeout: Time to wait for a reply before each retry, in ms; 1000 by default. Over UDP, this timeout
+            does not apply to slvMove, whose timeout is shorter.
+        retries: Maximum number of retries over UDP for calls other than slvMove; 4 by default.
     """
     return ControllerConnection(
         ControllerTarget(

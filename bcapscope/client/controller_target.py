@@ -25,7 +25,8 @@ class RetryPolicies(NamedTuple):
     """Timeouts and numbers of retries (DENSO Wave 2009, How to use the Slave mode).
 
     Attributes:
-        others: Policy for all calls except slvMove. In an Async mode, the default policy has one retry fewer.
+        others: Policy for all calls except slvMove. The default is 4 retries, or 3 retries in an Async
+            mode.
         sync: Policy for slvMove in a mode that is not Async: a timeout of 2 ms and 7 retries. All attempts
             together take two cycle times.
         asynchronous: Policy for slvMove in an Async mode: no retry, because the next set point follows soon.
@@ -39,8 +40,11 @@ class RetryPolicies(NamedTuple):
 DEFAULT_RETRY_POLICIES = RetryPolicies()
 """Policies that DENSO recommends."""
 
+DEFAULT_TIMEOUT_MS = DEFAULT_RETRY_POLICIES.others.timeout / _MS
+DEFAULT_RETRIES = DEFAULT_RETRY_POLICIES.others.retries
+
 OTHERS_IN_ASYNC_MODE = RetryPolicy(1000 * _MS, 3)
-"""Policy that DENSO recommends in an Async mode for all calls except slvMove."""
+"""Retry policy that DENSO recommends in an Async mode for all calls except slvMove."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,14 +56,15 @@ class ControllerTarget:
         retries: Maximum number of retries, for all calls except slvMove.
         convention: Convention of the reserved field; None for the default convention of the transport.
         service: Option string that is sent with Service_Start.
-        name: Argument of Controller_Connect; so are `provider`, `machine` and `connect_option`.
+        name: Argument of Controller_Connect; `provider`, `machine` and `connect_option` are its other
+            arguments.
     """
 
     host: str
     port: int = DEFAULT_PORT
     tcp: bool = False
-    timeout: float = DEFAULT_RETRY_POLICIES.others.timeout / _MS
-    retries: int = DEFAULT_RETRY_POLICIES.others.retries
+    timeout: float = DEFAULT_TIMEOUT_MS
+    retries: int = DEFAULT_RETRIES
     convention: ReservedConvention | None = None
     service: str = ""
     name: str = ""

@@ -11,7 +11,8 @@ from bcapscope.protocol.tables.function_table import Function, ObjectClass
 
 
 class ObjectHandle(NamedTuple):
-    """An object in the controller for which the client holds a handle; `parent` is None for a controller.
+    """An object in the controller that the client has opened, with its handle. `parent` is None for a
+    controller.
 
     `opened_with` holds the string arguments of the call that opened the object, such as name and option.
     """
@@ -23,7 +24,9 @@ class ObjectHandle(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Name for people: the first string of `opened_with`, or class and number, such as `Message 3`."""
+        """Name of the object for display: the first string of `opened_with`, or else class and handle, such
+        as `Message 3`.
+        """
         return (self.opened_with[0] if self.opened_with else "") or f"{self.kind} {self.handle}"
 
 
@@ -37,7 +40,7 @@ class HandleTable:
         self._unreleased: dict[tuple[ObjectClass, int], ObjectHandle] = {}
 
     def record_call(self, function: Function, arguments: Sequence[Variant], reply: Frame) -> None:
-        """Record a successful call. Recording the same call again changes nothing."""
+        """Record a successful call. It is safe to record the same call twice."""
         handle = first_number(arguments)
         if function.creates is ObjectClass.SERVICE:
             self.is_service_started = True
@@ -68,7 +71,7 @@ class HandleTable:
     def unreleased_handles(self) -> tuple[ObjectHandle, ...]:
         """List the objects that the client must still release, newest first.
 
-        After a controller was disconnected, its objects are no longer open, but still unreleased.
+        When a controller is disconnected, its objects are no longer open, but they remain in this list.
         """
         return tuple(reversed(self._unreleased.values()))
 
@@ -88,7 +91,9 @@ class HandleTable:
         return (one for one in reversed(self._unreleased.values()) if one.kind is kind and self._is_open(one))
 
     def _is_open(self, one: ObjectHandle) -> bool:
-        """Return whether the controller through which an object was opened is still connected."""
+        """Return whether the client is still connected to the controller through which the object was
+        opened.
+        """
         root = one
         while root.parent is not None:
             root = root.parent

@@ -38,7 +38,7 @@ C/include/bcap_common.h).
 class ObjectOpener:
     """Opens the objects that a call needs, unless earlier calls of the session have opened them.
 
-    Every method raises what `Session.call` raises.
+    Every method raises the exceptions of `Session.call`.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class ObjectOpener:
         target: ControllerTarget,
         names: Mapping[ObjectClass, str] = DEFAULT_OBJECT_NAMES,
     ) -> None:
-        """Prepare to open objects of `target`; send nothing yet. `names` replaces names in
+        """Create the opener without sending anything to `target`. `names` replaces names in
         `DEFAULT_OBJECT_NAMES`.
         """
         self.session = session
@@ -57,7 +57,7 @@ class ObjectOpener:
     async def handle_for(self, object_class: ObjectClass) -> int:
         """Return the handle of the latest open object of a class; if none is open, open one.
 
-        Raises ValueError if the object to open needs a name, and no name is known.
+        Raises ValueError if an object of the class can only be opened by name, and no name is known.
         """
         found = self.session.handles.latest(object_class)
         if found is not None:
@@ -70,7 +70,7 @@ class ObjectOpener:
         return await self._open_named(object_class)
 
     async def open_remote(self, kind: type[R]) -> R:
-        """Return the latest open object of a class; if none is open, open one."""
+        """Return the latest open object of a class; if no object of the class is open, open one."""
         return kind(self.session, await self.handle_for(kind.owner))
 
     async def start_service(self) -> None:
@@ -94,23 +94,27 @@ class ObjectOpener:
         return providers[-1]
 
     async def open_child(self, parent: ObjectHandle, kind: ObjectClass, name: str) -> int:
-        """Return the handle of the object with this name; if it is not open, open it through `parent`."""
+        """Return the handle of the object with this name. If the object is not open, open it with a function
+        of `parent`.
+        """
         found = self.session.handles.find_named(kind, name, parent)
         if found is not None:
             return found.handle
         return handle_of(await self.session.invoke(f"{parent.kind}_Get{kind}", parent.handle, name, ""))
 
     async def read_variable(self, owner: ObjectClass, name: str) -> Variant:
-        """Read a variable of the latest open object of a class. The variable stays open, so that it can be
-        read again.
+        """Read a variable of the latest open object of the class `owner`. The variable stays open for further
+        reads.
         """
         parent = self.session.handles.find(owner, await self.handle_for(owner))
-        assert parent is not None  # found, because the session has recorded the new object
+        assert parent is not None  # `handle_for` has recorded the object in `handles`
         variable = await self.open_child(parent, ObjectClass.VARIABLE, name)
         return required_variant(await self.session.invoke("Variable_GetValue", variable), name)
 
     async def is_simulator(self) -> bool:
-        """Return whether the controller is bcapscope's simulator, which alone has a certain variable."""
+        """Return whether the controller is bcapscope's simulator. Only the simulator has the variable that
+        this method reads.
+        """
         value = await read_variable_once(await self.open_remote(Controller), SIMULATOR_VARIABLE)
         return value is not None and value.value == SIMULATOR_TEXT
 

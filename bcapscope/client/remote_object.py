@@ -1,5 +1,5 @@
-"""Base class of the controller's objects. The base class calls a function of an object and converts the value
-in the reply.
+"""Base class of the controller's objects. Methods of the base class call a function of the object and convert
+the value in the reply.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ R = TypeVar("R")
 
 
 def handle_of(reply: Frame) -> int:
-    """Return the handle in the reply to a call that opened an object; raise RemoteProtocolError if it holds
-    no handle.
+    """Return the handle in the reply to a call that opens an object; raise RemoteProtocolError if the reply
+    has no handle.
     """
     return expect_value(reply, int, "reply.a-handle")
 
@@ -35,7 +35,7 @@ def first_variant(reply: Frame) -> Variant | None:
 def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
     """Return the value in a reply, or raise RemoteProtocolError if the value is not of type `kind`.
 
-    `wanted` is the id of the message that names the type.
+    `wanted` is the id of a translated message, which names the type in the error text.
     """
     variant = first_variant(reply)
     if variant is not None and isinstance(variant.value, kind):
@@ -45,8 +45,9 @@ def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
 
 
 def required_variant(reply: Frame, name: str) -> Variant:
-    """Return the value in a reply, or raise RemoteProtocolError; `name` describes the value in the error
-    text."""
+    """Return the value in a reply; raise RemoteProtocolError if the reply has no value. `name` describes the
+    value in the error text.
+    """
     variant = first_variant(reply)
     if variant is None:
         raise RemoteProtocolError(Message("reply.no-value", name=name), reply.raw)
@@ -54,8 +55,8 @@ def required_variant(reply: Frame, name: str) -> Variant:
 
 
 class RemoteObject:
-    """An object in the controller that a handle refers to. An `async with` block releases the object at its
-    end.
+    """An object in the controller, with its handle. At the end of an `async with` block, the object is
+    released.
 
     Attributes:
         owner: Class of the object; the names of the object's functions begin with this class.
@@ -70,7 +71,9 @@ class RemoteObject:
         self.handle = handle
 
     async def release(self) -> None:
-        """Release the object. Without this call, the session releases the object at the end of its block."""
+        """Release the object. If you do not release the object, the session releases it when the session's
+        block ends.
+        """
         await self._invoke("Release")
 
     async def __aenter__(self) -> Self:

@@ -1,9 +1,9 @@
 """The objects of a controller, with each b-CAP function as a method.
 
-The names of class and method together are DENSO's name of the function: `Robot.get_attribute` calls
-Robot_GetAttribute. Types and order of the arguments are those of `protocol.tables.function_table`. Every
-method raises what `Session.call` raises. A method also raises RemoteProtocolError if the value in the reply
-has a wrong type. Dates are in the controller's time zone.
+Each method is named after the function that it calls: `Robot.get_attribute` calls Robot_GetAttribute.
+`protocol.tables.function_table` lists the types and the order of the arguments. Every method raises the
+exceptions of `Session.call`. A method also raises RemoteProtocolError if the value in the reply has a wrong
+type. Dates are in the controller's time zone.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ ONE_CYCLE = 1
 def _getter(
     invoke: Callable[[RemoteObject, str], Coroutine[Any, Any, R]], verb: str
 ) -> Callable[[RemoteObject], Coroutine[Any, Any, R]]:
-    """Return a method that calls a function whose only argument is the handle."""
+    """Return a method that calls a b-CAP function which takes only the handle."""
 
     async def get(self: RemoteObject) -> R:
         return await invoke(self, verb)
@@ -41,7 +41,7 @@ def _getter(
 
 
 class _DescribedObject(RemoteObject):
-    """Functions that all classes except ControllerMessage have."""
+    """Functions of all classes of objects except ControllerMessage."""
 
     get_attribute = _getter(RemoteObject._invoke_int, "GetAttribute")  # bits
     get_help = _getter(RemoteObject._invoke_text, "GetHelp")
@@ -69,8 +69,8 @@ class _ObjectWithVariables(RemoteObject):
 
 class _ExecutingObject(RemoteObject):
     async def execute(self, command: str, param: object = None) -> Value:
-        """Execute a command. A parameter that is a Variant keeps its type; `variant_of` converts any other
-        value.
+        """Execute a command. If `param` is a Variant, it is sent with its own type; `variant_of` converts any
+        other value.
         """
         return await self._invoke_value("Execute", command, param)
 
@@ -81,7 +81,9 @@ class Controller(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
     owner = ObjectClass.CONTROLLER
 
     async def release(self) -> None:
-        """Call Controller_Disconnect. At the end of its block, the session disconnects automatically."""
+        """Call Controller_Disconnect. When the session's block ends, the session disconnects
+        automatically.
+        """
         await self._invoke("Disconnect")
 
     async def get_extension(self, name: str, option: str = "") -> Extension:
@@ -135,11 +137,11 @@ class File(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
     owner = ObjectClass.FILE
 
     async def get_file(self, name: str, option: str = "") -> File:
-        """Open a file in this folder. The object must be a folder."""
+        """Open a file in this folder. This File object must be a folder."""
         return File(self.session, await self._invoke_handle("GetFile", name, option))
 
     async def get_file_names(self, option: str = "") -> tuple[str, ...]:
-        """List the names of the files in this folder. The object must be a folder."""
+        """List the names of the files in this folder. This File object must be a folder."""
         return await self._invoke_names("GetFileNames", option)
 
     async def copy(self, name: str, option: str = "") -> None:
@@ -154,7 +156,7 @@ class File(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Move", name, option)
 
     async def run(self, option: str = "") -> str:
-        """Run the file; return the name that the controller gives the running program."""
+        """Run this file as a program; return the name that the controller gives the running program."""
         return await self._invoke_text("Run", option)
 
     get_date_created = _getter(RemoteObject._invoke_date, "GetDateCreated")
@@ -223,8 +225,9 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Unhold", option)
 
     async def slv_change_mode(self, mode: int) -> None:
-        """Enter a slave mode, or leave slave mode with mode 0. The end of the session's block also leaves
-        slave mode."""
+        """Enter a slave mode, or leave slave mode with mode 0. When the session's block ends, the session
+        leaves slave mode automatically.
+        """
         await self.execute("slvChangeMode", Variant(VT.I4, mode))
 
     async def slv_get_mode(self) -> int:
@@ -249,7 +252,8 @@ class Task(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
     async def stop(self, mode: int, option: str = "") -> None:
         """Stop the task.
 
-        Values of `mode`: 0 = default, 1 = at once, 2 = after the step, 3 = after the cycle, 4 = initialise.
+        Values of `mode`: 0 = default, 1 = immediately, 2 = after the step, 3 = after the cycle, 4 =
+        initialise.
         """
         await self._invoke("Stop", mode, option)
 
@@ -267,7 +271,9 @@ class Variable(_DescribedObject):
     get_value = _getter(RemoteObject._invoke_value, "GetValue")
 
     async def put_value(self, value: object) -> None:
-        """Write the value. A Variant is sent with its type; `variant_of` converts other values."""
+        """Write the value. A value of the class Variant is sent with its own type; `variant_of` converts all
+        other values.
+        """
         await self._invoke("PutValue", value)
 
     get_date_time = _getter(RemoteObject._invoke_date, "GetDateTime")

@@ -37,7 +37,7 @@ _ASYNC = 0x100
 _TRY_ONCE = RetryPolicy(_MS, 0)
 
 HALT_RETRY_POLICY = RetryPolicy(16_000_000, 60)
-"""Retry policy of a Robot_Halt call: one attempt every 16 ms, for about a second."""
+"""Retry policy for calls of Robot_Halt: one attempt every 16 ms, for about a second."""
 
 _MAX_CALLS, _BUSY_PAUSE = 50, 10_000_000
 
@@ -66,16 +66,17 @@ class BaseCaller(Protocol):
 
 
 class Session:
-    """Makes calls and remembers the objects that these calls opened.
+    """Makes calls to a controller, and keeps the handles of the objects that these calls opened.
 
-    On TCP, a call has one attempt. The timeout of this only attempt is as long as that of all attempts on UDP
-    together. slvMove on TCP has the timeout of other calls, because TCP needs longer than a cycle time to
-    retransmit lost data.
+    On TCP, a call has only one attempt, with a longer timeout: the sum of the timeouts that all attempts of a
+    call have on UDP. slvMove on TCP has the timeout of other calls, because TCP needs longer than a cycle
+    time to retransmit lost data.
 
     Attributes:
         retry_policies: Retry policies for all further calls.
         handles: Objects that the calls have opened.
-        check_armed: Function called before each call that needs arming; if it raises, the call is not made.
+        check_armed: Function that the session runs before each b-CAP call that needs arming. If the function
+            raises an exception, the call is not made.
     """
 
     def __init__(self, caller: BaseCaller, retry_policies: RetryPolicies) -> None:
@@ -87,14 +88,17 @@ class Session:
         self._is_starting = False
 
     async def perform_call(self, function_id: int, arguments: Sequence[Variant]) -> RequesterOutcome:
-        """Make a call and return its outcome; raise LocalProtocolError or ConnectionError as `call` does."""
+        """Make a call and return its outcome, such as a reply or a timeout. Raises LocalProtocolError if the
+        call cannot be sent, and ConnectionError if the link is lost.
+        """
         if self.check_armed is not None and self.needs_arming(function_id, arguments):
             self.check_armed()
         pace = self.retry_policy_for(function_id, arguments)
         mode = requested_slave_mode(function_id, arguments)
         robot = _first_handle(arguments)
         before = self._slave_modes.get(robot, 0)
-        # Record the effect before the call: the controller may execute even a call that is cancelled here.
+        # Record the effect before the call, because the controller may execute the call even if this task is
+        # cancelled.
         self._is_starting = function_id == _SERVICE_START
         if mode:
             self._slave_modes[robot] = mode
@@ -122,24 +126,26 @@ class Session:
         raise CallTimeout(name, settled.attempts)
 
     async def invoke(self, name: str, *values: object) -> Frame:
-        """Call a function by its name, with Python values as arguments; raises the errors of `call`."""
+        """Call a b-CAP function by its name, with Python values as arguments. Raises the exceptions of
+        `call`.
+        """
         function = function_by_name(name)
         assert function is not None, name
         return await self.call(function.id, arguments_of(function, values))
 
     async def close(self) -> None:
-        """Leave slave mode, release the open objects, newest first, and close the link.
+        """Leave slave mode, release all open objects, newest first, and close the link.
 
         If the controller no longer replies, the session sends Service_Stop once and releases no further
-        objects. If the controller is busy with a motion, it reads Service_Stop when the motion ends. The
-        controller must release the remaining objects on its own.
+        objects; the controller must release these itself. A controller that is busy with a motion reads
+        Service_Stop when the motion ends.
         """
         try:
             if self._is_starting:
                 patience = min(self.retry_policies.others.timeout, DEFAULT_RETRY_POLICIES.others.timeout)
-                self.retry_policies = self.retry_policies._replace(
-                    others=RetryPolicy(patience, 0)
-                )  # only one attempt, because there may be no controller at this address
+                # Only one attempt, because there may be no controller at this address.
+                once = RetryPolicy(patience, 0)
+                self.retry_policies = self.retry_policies._replace(others=once)
                 await self._call_ignoring_refusal(_SERVICE_STOP, ())
             robots = [handle for handle, mode in self._slave_modes.items() if mode]
             objects = [(opened.kind, opened.handle) for opened in self.handles.unreleased_handles()]
@@ -169,7 +175,9 @@ class Session:
             pass
 
     def retry_policy_for(self, function_id: int, arguments: Sequence[Variant]) -> RetryPolicy:
-        """Return the timeout and number of retries of a call, which depend on the robot's slave mode."""
+        """Return the timeout and the number of retries of a call. On UDP, these values depend on the slave
+        mode.
+        """
         paces = self.retry_policies
         if not self.caller.link.datagrams:
             return RetryPolicy(paces.others.timeout * (paces.others.retries + 1), 0)
@@ -183,15 +191,15 @@ class Session:
         )
 
     def needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
-        """Return whether a call may energise or move the robot. For a call that writes a variable, the
-        variable decides.
+        """Return whether a call may energise or move the robot. Whether a call that writes a variable needs
+        arming depends on the variable.
         """
         variable = self.handles.find(ObjectClass.VARIABLE, first_number(arguments))
         return needs_arming(function_id, arguments, "" if variable is None else variable.label)
 
     def record_call(self, function_id: int, arguments: Sequence[Variant], reply: Frame) -> None:
-        """Record what a successful call opened, released or changed. Recording the same call again changes
-        nothing.
+        """Record what a successful call opened, released or changed. It is safe to record the same call
+        twice.
         """
         function = FUNCTIONS.get(function_id)
         if function is None:

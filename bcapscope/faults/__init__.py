@@ -1,5 +1,5 @@
-"""Faults: disturbances as data, and a seeded injector that applies them to each message.
+"""Describes faults as data, and applies faults to messages with seeded random numbers.
 
 The proxy and the simulator share this package. `fault_kinds` defines the faults, `document` and
-`fault_notation` read them, and `fault_injector` applies them.
+`fault_notation` read faults, and `fault_injector` applies faults.
 """

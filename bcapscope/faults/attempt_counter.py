@@ -1,4 +1,6 @@
-"""Counts the attempts of calls, to find which attempt a request is, and which attempt a response answers."""
+"""Counts the attempts of calls. Finds the number of the attempt that a request makes or that a response
+answers.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +13,12 @@ from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, MAX_SERIALS
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_ATTEMPTS = 16
-"""Maximum attempt number that is inferred from serials. The limit is twice the number of attempts that
+"""Largest attempt number that bcapscope infers from serials. The limit is twice the number of attempts that
 clients make for one call.
 """
 
 
-_LONGEST_KEPT = 512  # maximum size in bytes of a request's content; longer requests are rare in real sessions
+_LONGEST_KEPT = 512  # in bytes; longer contents, which are rare in real sessions, are kept as a hash
 
 
 @dataclass(eq=False, slots=True)
@@ -24,8 +26,8 @@ class AttemptedCall:
     """A call. Two `AttemptedCall` objects are equal only if they are the same object.
 
     Attributes:
-        content: Bytes that are the same in all requests of the call, from the function id on; a hash of these
-            bytes if there are many.
+        content: Bytes of a request from the function id on, which are the same in all attempts. A hash
+            replaces these bytes if there are more than 512.
         attempts: Number of attempts so far.
     """
 
@@ -45,24 +47,26 @@ class CallAttempt(NamedTuple):
 
 
 def _content_key(request: Frame) -> bytes:
-    """Return the bytes that all attempts of a call share, or the hash of more than 512 such bytes."""
+    """Return the bytes that all attempts of a call share. If these are more than 512 bytes, return their
+    hash.
+    """
     content = request.raw[9:]
     return content if len(content) <= _LONGEST_KEPT else blake2b(content).digest()
 
 
 class AttemptCounter:
-    """Counts attempts by the serials that retries name in the reserved field, in every convention of this
-    field.
+    """Finds the attempts of each call from the serials in the reserved fields of retries. Supports all
+    conventions for the reserved field.
 
-    On TCP every request is a first attempt, because clients do not retry on TCP.
+    On TCP, every request is a first attempt, because clients do not retry on TCP.
     """
 
     def __init__(self) -> None:
         self._conversations: dict[Conversation, _AttemptsBySerial] = {}
 
     def attempt_number(self, flow: Flow, frame: Frame) -> int | None:
-        """Return the number of the attempt that a frame is, if it is a request, or that it answers. The first
-        attempt is 1.
+        """For a request, return the number of this attempt; for a response, the number of the answered
+        attempt. The first attempt is 1.
 
         For a response to an unknown or old request, return None.
         """
@@ -74,7 +78,7 @@ class AttemptCounter:
     def add_frame(self, flow: Flow, frame: Frame) -> CallAttempt | None:
         """Add the next frame of a UDP conversation.
 
-        Return the attempt that the frame is, if it is a request, or that it answers.
+        For a request, return this attempt; for a response, return the answered attempt.
 
         For a response to an unknown or old request, return None.
         """
@@ -87,7 +91,9 @@ class AttemptCounter:
         )
 
     def find_same_request(self, flow: Flow, request: Frame) -> AttemptedCall | None:
-        """Return the call with the same serial and the same request content, without counting an attempt."""
+        """Return the call of an earlier request with the same serial and content. This method does not count
+        an attempt.
+        """
         serials = self._conversations.get(flow.conversation)
         known = serials.find(request.serial) if serials else None
         return known.call if known and known.call.content == _content_key(request) else None
@@ -99,8 +105,8 @@ class AttemptCounter:
 
 @dataclass(eq=False, slots=True)
 class _AttemptsBySerial:
-    """Attempts of one conversation by serial, in two generations. When there are too many attempts, the older
-    generation is discarded as a whole.
+    """The latest attempts of one conversation, by serial. New attempts are added to `latest`. When `latest`
+    is full, it becomes `earlier`, and a new `latest` begins.
     """
 
     latest: dict[int, CallAttempt] = field(default_factory=dict)
@@ -113,7 +119,7 @@ class _AttemptsBySerial:
         serial, reserved, content = frame.serial, frame.reserved, _content_key(frame)
         known = self.find(serial)
         if known and known.call.content == content and reserved not in (0, serial):
-            return known  # same serial and content: the network has duplicated this request
+            return known  # the network has duplicated this request
         found = self._new_attempt(serial, reserved, content)
         found.call.attempts = max(found.call.attempts, found.number)
         self.latest[serial] = found
@@ -127,8 +133,8 @@ class _AttemptsBySerial:
         origin = self.find(reserved)
         if origin and origin.call.content == content:
             return CallAttempt(origin.call, origin.call.attempts + 1)
-        # The first attempt was lost before it arrived here.
-        # The serials of later attempts count up from the serial of the first attempt.
+        # The first attempt was lost on its way to this program. Each retry has the next serial, so the
+        # difference of the serials gives the number of the attempt.
         behind = (serial - reserved) & 0xFFFF
         found = CallAttempt(AttemptedCall(content, 1), behind + 1 if behind < MAX_ATTEMPTS else 2)
         self.latest[reserved] = CallAttempt(found.call, 1)

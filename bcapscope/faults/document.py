@@ -1,7 +1,8 @@
-"""Reads faults from YAML. Rule files and scenarios use the same notation.
+"""Reads faults from YAML. Rule files and scenarios write faults in the same notation.
 
-A document is checked against a `msgspec.Struct`. A struct for a document with faults has a field ``faults:
-tuple[AnyFault, ...]``. An error names the line and the field.
+A `msgspec.Struct` describes the permitted fields of a document. If a document may contain faults, its struct
+has a field ``faults: tuple[AnyFault, ...]``. If a document is invalid, the error names the line and the
+field.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.filter.tokens import with_nearest
 
 LONGEST_DOCUMENT = 1 << 20
-"""Maximum number of characters of a document. Documents that people write have at most ten thousand."""
+"""Maximum number of characters of a document. Documents that people write have at most ten thousand
+characters.
+"""
 
 T = TypeVar("T")
 
@@ -46,9 +49,9 @@ class DocumentError(InputError):
     """A document is invalid; `message` contains line, field and reason.
 
     Attributes:
-        path: Names and indexes that lead from the document to the error.
-        line: Line of the error, counted from 1; 0 if there is no text.
-        reason: Reason of the error, without its line and field.
+        path: Path from the top of the document to the error, as names and indexes.
+        line: Line of the error, counted from 1; 0 if the data did not come from a text.
+        reason: Reason of the error, without line and field.
     """
 
     def __init__(self, path: tuple[str | int, ...], line: int, reason: Message) -> None:
@@ -65,10 +68,10 @@ class DocumentError(InputError):
 
 
 class FieldError(InputError):
-    """The fields of a struct contradict each other; the error names the field to change.
+    """A field of a struct contradicts other fields. The error names the field that the user must change.
 
     Attributes:
-        path: Names and indexes that lead from the struct to the field.
+        path: Path from the struct to the field, as names and indexes.
     """
 
     def __init__(self, path: tuple[str | int, ...], reason: Message) -> None:
@@ -77,7 +80,7 @@ class FieldError(InputError):
 
 
 class RuleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Contents of a rule file: faults in the order in which they apply."""
+    """Contents of a rule file: faults in the order in which they are applied."""
 
     faults: tuple[AnyFault, ...]
 
@@ -88,7 +91,7 @@ def read_document(text: str, kind: type[T]) -> T:
     The fields of the struct may have the types in `bcapscope.faults.quantities`.
 
     Raises:
-        DocumentError: The text is not valid YAML, or does not match `kind`.
+        DocumentError: The text is not valid YAML, or its data does not match `kind`.
     """
     root, data = _parse(text)
     try:
@@ -102,7 +105,7 @@ def convert_data(data: object, kind: Any) -> Any:
     """Convert plain data from JSON or YAML into a struct, and validate every field.
 
     Raises:
-        DocumentError: The data does not match `kind`; `line` is 0.
+        DocumentError: The data does not match `kind`. The attribute `line` of the error is 0.
     """
     try:
         return msgspec.convert(data, kind, dec_hook=_read_quantity)
@@ -136,9 +139,7 @@ def _read_quantity(kind: type, written: object) -> object:
 
 
 class _Loader(SafeLoader):
-    """YAML loader that rejects duplicate keys, keys that are not scalars, and numbers with too many
-    digits.
-    """
+    """YAML loader that rejects repeated keys, keys that are not scalars, and numbers with too many digits."""
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         _check_number(node)
@@ -169,7 +170,7 @@ def _check_number(node: yaml.ScalarNode) -> None:
 
 
 def _check_events(text: str) -> None:
-    """Check a document before any object is built from it: reject deep nesting and aliases."""
+    """Reject deep nesting and aliases in a document, before YAML builds objects from the document."""
     for event in yaml_events(text):
         if isinstance(event, yaml.AliasEvent):
             raise YamlError(Message("yaml.anchors"), event.start_mark)
@@ -189,7 +190,7 @@ def _parse(text: str) -> tuple[yaml.Node | None, object]:
         mark = error.problem_mark
         reason = foreign_text(error.problem or "no YAML")
         raise DocumentError((), mark.line + 1 if mark else 0, reason) from error
-    except ValueError as error:  # a number with too many digits, or an invalid date
+    except ValueError as error:  # raised for a number with too many digits, or for an invalid date
         raise DocumentError((), 0, Message("yaml.invalid", reason=str(error))) from error
 
 
@@ -246,8 +247,8 @@ def _actions(structs: Iterable[_Struct]) -> list[str]:
 
 
 def _types_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[list[_Struct], list[type]]:
-    """Return two lists: the possible types of the innermost struct on a path, and those of the last field on
-    the path.
+    """Follow a path into a document. Return the types that the innermost struct on the path can have, and the
+    types that the last field on the path can have.
     """
     types = _parts(kind)
     structs = _matching_structs(types, data)
@@ -261,13 +262,15 @@ def _types_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[list[
 
 
 def _parts(hint: Any) -> list[type]:
-    """Return the classes in a type hint, such as the members of a union or the element types of a tuple."""
+    """Return all classes that a type hint contains, such as the members of a union or the element types of a
+    tuple.
+    """
     inner = [part for each in get_args(hint) for part in _parts(each)]
     return [hint, *inner] if isinstance(hint, type) else inner
 
 
 def _matching_structs(types: Iterable[type], data: object) -> list[_Struct]:
-    """Return the struct that the field ``action`` of the data names; all structs if the data has no such
+    """Return the struct that the data's field ``action`` selects; return all structs if the data has no such
     field.
     """
     structs = [each for each in types if issubclass(each, msgspec.Struct)]
@@ -276,7 +279,7 @@ def _matching_structs(types: Iterable[type], data: object) -> list[_Struct]:
 
 
 def _field_type(struct: _Struct, written: str) -> Any:
-    """Return the type of a field by its name in documents; None for an unknown field."""
+    """Return the type of the field that documents call `written`; None for an unknown field."""
     names = dict(zip(struct.__struct_encode_fields__, struct.__struct_fields__, strict=True))
     return get_type_hints(struct).get(names.get(written, ""))
 

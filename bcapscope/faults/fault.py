@@ -1,9 +1,9 @@
 """The fields that all faults have. The fields select the messages that a fault hits. The classes of the
 faults are in `fault_kinds`.
 
-Faults that Linux tc-netem(8) or Shopify's toxiproxy also have are named as there. Each fault has its own
-stream of random numbers. A message is a datagram. On TCP, a message is a frame, or a run of bytes that are
-not a frame.
+If Linux tc-netem(8) or Shopify's toxiproxy has the same fault, the fault has the same name here. Each fault
+has its own generator of random numbers. A message is a datagram. In a TCP stream, a message is a frame, or a
+sequence of bytes that is not a frame.
 """
 
 from __future__ import annotations
@@ -33,14 +33,12 @@ class JitterDistribution(StrEnum):
     NORMAL = "normal"
     """Normal distribution; the jitter is its standard deviation."""
     PARETO = "pareto"
-    """Pareto distribution with exponent 3; the jitter is its scale. Most delays are short, and a few are very
-    long.
+    """Pareto distribution with exponent 3; the jitter scales the distribution. Most delays are short, and a
+    few are very long.
     """
 
 
 class CloseMode(StrEnum):
-    """How a TCP connection is closed."""
-
     RESET = "reset"
     """Close with RST, at once."""
     FIN = "fin"
@@ -59,17 +57,17 @@ class Fault(
     """The fields that all faults have. The fields select the messages that the fault hits.
 
     Attributes:
-        name: Name in reports, and part of the seed of the random numbers. A name consists of letters, digits
-            and ``_ . + -``. An empty name is replaced by a generated name.
+        name: Name of the fault in reports. The name is also part of the seed of the random numbers. A name
+            consists of letters, digits and ``_ . + -``. An empty name is replaced by a generated name.
         when: Filter that a message must match. In documents, this field is named ``if``.
         direction: Direction of the messages to hit; None for both directions.
-        probability: Share of the messages to hit, among the messages that fulfil all other conditions.
-        times: Number of hits after which the fault ends; None for no limit.
-        after: Time from the creation of the fault until it starts to hit messages.
+        probability: Share of the messages to hit, out of the messages that fulfil all other conditions.
+        times: Maximum number of hits; None for no limit.
+        after: Time for which the fault hits no messages after it was added.
         lasts: Time from the start to the end of the fault; None for no end. In documents, this field is named
             ``for``.
-        attempt: Number, counted from 1, of the attempt whose request or response to hit; None for any
-            attempt. In documents, this field is named ``try``.
+        attempt: Hit only requests and responses of the attempt with this number, counted from 1; None for all
+            attempts. In documents, this field is named ``try``.
     """
 
     name: Annotated[str, Meta(pattern=r"^[\w.+-]{0,60}$")] = ""
@@ -90,11 +88,13 @@ class MessageFault(Fault, frozen=True, kw_only=True):
     """A fault that affects messages."""
 
     needs_whole_frame: ClassVar[bool] = True
-    """Whether the fault's action needs whole frames, even if the fault's conditions do not."""
+    """Whether the action of the fault needs whole frames. The conditions of the fault may also need whole
+    frames.
+    """
 
     @property
     def needs_frames(self) -> bool:
-        """Whether this fault can be applied to a TCP stream only after the stream was split into frames."""
+        """Whether a TCP stream must be split into frames before this fault can be applied."""
         return (
             self.needs_whole_frame
             or self.when is not None
@@ -103,13 +103,13 @@ class MessageFault(Fault, frozen=True, kw_only=True):
         )
 
     def initial_state(self) -> Any:
-        """Return the initial state of the fault, with one value per direction. The fault changes this state
-        while it is active.
+        """Return the initial state of the fault. The state can have one value per direction, and the fault
+        changes it while the fault is active.
         """
         return {}
 
     def draw(self, active: ActiveFault, message: WireMessage) -> Any:
-        """Return the random numbers that `apply` needs; None if the fault does not hit the message."""
+        """Draw random numbers for `apply`. Return None if the fault does not hit the message."""
         return True
 
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:

@@ -1,17 +1,17 @@
-"""Decides what happens to each message, with seeded random numbers. This module uses no socket and no clock.
+"""Applies faults to each message, with seeded random numbers. This module uses no socket and no clock.
 
     injector = FaultInjector(faults, seed=7, now=now)
     result = injector.process_message(flow, data, now)  # then send or close what result.outputs lists
     injector.due()                                       # latest time for the next advance, or None
     injector.advance(now)                                # outputs that are due
 
-The same seed and the same messages at the same times give the same decisions. The random numbers of a fault
+With the same seed, the same messages at the same times get the same faults. The random numbers of a fault
 depend only on the seed and on the fault's name. A fault draws numbers for each message that it might hit,
-whatever other faults do to that message. So if you add a fault, the decisions of the other faults stay the
-same.
+even if other faults drop or change that message. Therefore, if you add a fault, the other faults still hit
+the same messages.
 
-Faults apply in the order of the list, each to the result of the previous fault. After a fault has dropped or
-answered a message, or `pass` has let it through, later faults do not see the message.
+Faults are applied in the order of the list; each fault changes the result of the previous fault. If a fault
+drops or answers a message, or its action is `pass`, the message does not reach later faults.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_WAITING = 16 << 20
-"""Maximum number of bytes that faults hold, with `_OUTPUT_COST` bytes added per message. The limit is one
-second of traffic on a full line of 100 Mbit/s. When the limit is reached, datagrams that would be held are
-dropped, as in a queue of tc-netem(8).
+"""Maximum number of bytes that faults hold. Each message counts as `_OUTPUT_COST` bytes more than its size.
+The limit corresponds to about one second of traffic at 100 Mbit/s. At the limit, faults drop datagrams that
+they would otherwise hold, as tc-netem(8) does when its queue is full.
 """
 
 _OUTPUT_COST = 300
@@ -67,12 +67,12 @@ class ActiveFault(FaultMatcher):
 
 
 class _QueuedOutput:
-    """An output that waits for its time.
+    """An output in the queue, which is sent at a given time.
 
     Attributes:
-        output: Output that waits; None if the output was moved to another entry of the queue.
-        behind: Number of messages of the flow that must overtake this output before it is sent; 0 if it waits
-            only for its time.
+        output: The output; None if it was moved to another entry of the queue.
+        behind: Number of messages of the flow that must overtake this output before it is sent; 0 if only the
+            time matters.
         size: Number of bytes that the output occupies in the queue.
     """
 
@@ -88,16 +88,16 @@ class FaultInjector:
     """Applies faults to messages. A message is a datagram as received, or a frame of a TCP stream.
 
     Attributes:
-        active_faults: Faults in the order in which they apply.
+        active_faults: Faults in the order in which they are applied.
     """
 
     def __init__(self, faults: Iterable[AnyFault] = (), *, seed: int = 0, now: int, epoch: int = 0) -> None:
         """Set up the faults.
 
         Args:
-            faults: Faults in the order in which they apply.
-            now: Current time in ns, on the clock that all methods use. The field `after` of each fault counts
-                from this time.
+            faults: Faults in the order in which they are applied.
+            now: Current time in ns, on the clock that all methods use. The time in the field `after` of each
+                fault is counted from `now`.
             epoch: Number of ns to add to `now` to get ns since 1970-01-01 UTC, for filters.
 
         Raises:
@@ -138,7 +138,7 @@ class FaultInjector:
         return name
 
     def remove(self, name: str) -> None:
-        """Remove a fault. Messages that the fault holds are still sent when they are due.
+        """Remove a fault. Messages that the fault has already delayed are still sent at their planned time.
 
         Raises:
             KeyError: There is no fault of this name.
@@ -171,8 +171,8 @@ class FaultInjector:
         return {active.name: active.hit_count for active in self.active_faults}
 
     def is_idle(self, now: int) -> bool:
-        """Return whether messages may bypass the injector, because no message is held and no fault can hit
-        one.
+        """Return whether the proxy may forward messages without the injector, because no message is held and
+        no fault can hit.
         """
         return (
             not self._queue
@@ -181,8 +181,8 @@ class FaultInjector:
         )
 
     def needs_frames(self, now: int) -> bool:
-        """Return whether TCP streams must be split into frames. If this is False, `process_message` accepts
-        pieces of any size.
+        """Return whether TCP streams must be split into frames. If no stream needs to be split,
+        `process_message` accepts pieces of any size.
         """
         return any(active.fault.needs_frames for active in self.active_faults if active.can_hit(now))
 
@@ -192,12 +192,12 @@ class FaultInjector:
     # messages
 
     def process_message(self, flow: Flow, data: bytes, now: int) -> FaultResult:
-        """Decide what happens to a message that has just arrived.
+        """Apply the faults to a message that has just arrived.
 
         Args:
             flow: Conversation and direction. All messages of a direction must have the same `Flow` object.
-            data: A datagram, or one piece of a stream: a frame, or bytes that are not a frame.
-            now: Current time in ns, which is never less than in the previous call.
+            data: A datagram, a frame of a stream, or bytes of a stream that are not a frame.
+            now: Current time in ns. It must not be earlier than in the previous call of this method.
         """
         outputs = self.advance(now) if self._queue else []
         if flow.conversation in self._half_open:
@@ -224,18 +224,18 @@ class FaultInjector:
         return FaultResult(outputs + self.advance(now), touched, not work.is_lost)
 
     def due(self) -> int | None:
-        """Return the time in ns at which the next held output is due; None if nothing is held."""
+        """Return the time in ns at which the next held output must be sent; None if nothing is held."""
         return self._queue[0][0] if self._queue else None
 
     @property
     def is_full(self) -> bool:
-        """Whether faults hold more than `MAX_WAITING` bytes. While they do, the caller should read no TCP
-        stream.
+        """Whether faults hold more than `MAX_WAITING` bytes. While this limit is exceeded, the proxy should
+        not read from TCP streams.
         """
         return self._queued_bytes > MAX_WAITING
 
     def advance(self, now: int) -> list[FaultOutput]:
-        """Return the outputs that are due at `now`, in the order in which to send them."""
+        """Return the outputs that are due at `now`, in the order of sending."""
         outputs: list[FaultOutput] = []
         while self._queue and self._queue[0][0] <= now:
             queued = heapq.heappop(self._queue)[2]
@@ -247,26 +247,26 @@ class FaultInjector:
         return outputs
 
     def holds(self, flow: Flow) -> bool:
-        """Return True while the end of a TCP stream (`flow`) must not be forwarded.
+        """Return whether the proxy must not yet forward the end of a TCP stream.
 
-        The end must wait while faults hold messages of the flow. If the conversation is half-open, the end is
-        never forwarded.
+        The proxy must wait while faults hold messages of the flow. If a half-open fault blocks the
+        conversation, the proxy never forwards the end of the stream.
         """
         return not self.passes_close(flow.conversation) or any(
             _is_of(queued.output, _flow_key(flow)) for _, _, queued in self._queue
         )
 
     def passes_close(self, conversation: Conversation) -> bool:
-        """Return whether the end of a TCP connection is forwarded. After a half-open fault, the end is
-        hidden.
+        """Return whether the end of a TCP connection may be forwarded. This is False if a half-open fault
+        blocks the conversation.
         """
         return conversation not in self._half_open
 
     def pop_held(self, flow: Flow) -> list[bytes]:
-        """Remove all held messages of one direction. Return their bytes in the order in which they were to be
-        sent.
+        """Remove all held messages of one direction. Return the bytes of the messages in the planned order of
+        sending.
 
-        If the conversation is half-open, return no messages.
+        If a half-open fault blocks the conversation, return an empty list.
         """
         key = _flow_key(flow)
         found = [entry for entry in self._queue if _is_of(entry[2].output, key)]
@@ -363,8 +363,8 @@ class FaultInjector:
         return max((when, *held))
 
     def _enqueue_send(self, flow: Flow, send: SendBytes, due: int) -> None:
-        """Queue bytes for the time `due`; bytes of a stream are queued after earlier bytes. Release messages
-        that were overtaken by enough others.
+        """Queue bytes for sending at `due`. Bytes of a stream are sent after all earlier bytes of the stream.
+        If enough messages have overtaken a held message, queue that message too.
         """
         key = _flow_key(flow)
         if flow.conversation.transport is Transport.TCP:
@@ -392,7 +392,9 @@ class FaultInjector:
 
 
 def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[Message]:
-    """Drop a delayed datagram, or its delayed copies, because faults already hold too many bytes."""
+    """When faults already hold too many bytes, drop a datagram that would be delayed, or its delayed
+    copies.
+    """
     if faulted.delay or faulted.held_behind:
         faulted.drop()
         yield Message("fault.dropped.too-much")

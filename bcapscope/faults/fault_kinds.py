@@ -1,7 +1,7 @@
-"""The classes of the faults. A fault is validated, immutable data, with a method for its effect on a message.
+"""The classes of the faults. A fault is an immutable object; its method `apply` changes a message.
 
-`draw` takes random numbers from the fault's own stream, for every message that the fault might hit. Therefore
-other faults that affect the same messages do not change the numbers. `apply` then changes the message.
+`draw` takes random numbers from the fault's own generator, for every message that the fault might hit.
+Therefore, other faults for the same messages do not change the random numbers of this fault.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ UInt16: TypeAlias = Annotated[int, Meta(ge=0, le=0xFFFF)]
 RewriteValue: TypeAlias = int | float | bool | str
 
 PARETO_SHAPE = 3.0
-"""Shape parameter of the Pareto distribution, as in the pareto table of tc-netem(8). The mean of the
+"""Shape parameter of the Pareto distribution, with the same value as in tc-netem(8). The mean of the
 distribution is subtracted, so that the mean delay equals `time`.
 """
 
@@ -50,7 +50,7 @@ _PARETO_MEAN = PARETO_SHAPE / (PARETO_SHAPE - 1)
 
 
 class PassFault(MessageFault, frozen=True, kw_only=True, tag="pass"):
-    """Forward the message, and do not apply any later fault to it."""
+    """Forward the message, and skip all later faults."""
 
     needs_whole_frame: ClassVar[bool] = False
 
@@ -144,12 +144,12 @@ class DuplicateFault(MessageFault, frozen=True, kw_only=True, tag="duplicate"):
 
 
 class ReorderFault(MessageFault, frozen=True, kw_only=True, tag="reorder"):
-    """Let later messages overtake the message. On TCP, frames are reordered, so the controller seems to reply
-    out of order.
+    """Hold the message until later messages have overtaken it. On TCP, frames are reordered, so the
+    controller seems to reply out of order.
 
     Attributes:
         by: Number of messages that overtake this message.
-        time: Maximum time that the message waits for the messages that are to overtake it.
+        time: Maximum time that the message waits to be overtaken.
     """
 
     by: Annotated[int, Meta(ge=1, le=1000)] = 1
@@ -164,8 +164,8 @@ class CorruptFault(MessageFault, frozen=True, kw_only=True, tag="corrupt"):
     """Flip bits of the message.
 
     Attributes:
-        bits: Number of times that a random bit is flipped. If the same bit is flipped twice, it has its old
-            value again.
+        bits: Number of times that a random bit is flipped. The same bit may be chosen twice, and then has its
+            old value again.
         offset: Offset of the byte whose bits are flipped; None for any byte.
     """
 
@@ -229,14 +229,14 @@ class GarbageFault(MessageFault, frozen=True, kw_only=True, tag="garbage"):
 
 
 class RewriteFault(MessageFault, frozen=True, kw_only=True, tag="rewrite"):
-    """Change numbers in the frame. If no number changes, the bytes are forwarded as received.
+    """Change numbers in the frame. If nothing changes, the received bytes are forwarded.
 
     Attributes:
         code: New function id of a request, or new HRESULT of a response.
         set: New values of arguments or elements: ``{"arg[2][0]": 10}``. A value keeps its type unless the
             text names another type, as in ``r4:10``.
         limit: Permitted ranges of arguments or elements. A number outside its range becomes the nearest end
-            of the range. The range of an array applies to every element.
+            of the range. If an argument is an array, its range applies to every element.
         step: Largest change of a number from one message to the next similar message of the conversation.
     """
 
@@ -265,7 +265,7 @@ class RewriteFault(MessageFault, frozen=True, kw_only=True, tag="rewrite"):
 
 
 class SerialFault(MessageFault, frozen=True, kw_only=True, tag="serial"):
-    """Add the number `by` to the serial of the frame. By default, hit only responses."""
+    """Add `by` to the serial of the frame. By default, hit only responses."""
 
     direction: Direction | None = Direction.RESPONSE
     by: Annotated[int, Meta(ge=-65535, le=65535)] = 1
@@ -304,7 +304,7 @@ class AnswerFault(MessageFault, frozen=True, kw_only=True, tag="answer"):
 
 
 class ExecutingFault(MessageFault, frozen=True, kw_only=True, tag="executing"):
-    """Send S_EXECUTING to the client for a while, then forward the message. By default, hit only responses.
+    """Send notices to the client for some time, then forward the message. By default, hit only responses.
 
     Attributes:
         time: Time during which the notices are sent.
@@ -336,11 +336,10 @@ class ExecutingFault(MessageFault, frozen=True, kw_only=True, tag="executing"):
 
 
 class CloseFault(MessageFault, frozen=True, kw_only=True, tag="close"):
-    """Close both sides of the client's TCP connection, and drop the message. UDP is not affected.
+    """Close the TCP connections to client and controller, and drop the message. UDP is not affected.
 
     Attributes:
-        how: Whether to close with RST at once, or with FIN after the messages that other faults hold were
-            sent.
+        how: Close with RST at once, or with FIN after all messages that other faults hold were sent.
     """
 
     how: CloseMode = CloseMode.RESET
@@ -357,8 +356,8 @@ class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
     """Limit the bandwidth, separately for each direction.
 
     Attributes:
-        queue: Maximum number of bytes of datagrams that may wait. Further datagrams are dropped. Bytes of a
-            stream wait without limit.
+        queue: Maximum number of bytes of datagrams that may wait. Further datagrams are dropped. Any number
+            of bytes of a TCP stream may wait.
     """
 
     rate: Rate
@@ -384,8 +383,8 @@ class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
 class PartitionFault(MessageFault, frozen=True, kw_only=True, tag="partition"):
     """Forward no message. Datagrams are dropped. Bytes of a stream are forwarded when the partition ends.
 
-    The bytes of the stream then arrive as if TCP had sent them again. If the partition has no end, they are
-    dropped too.
+    The receiver gets these bytes late, as if TCP had sent them again. If the partition has no end, the bytes
+    of a stream are dropped too.
     """
 
     needs_whole_frame: ClassVar[bool] = False
@@ -399,8 +398,8 @@ class PartitionFault(MessageFault, frozen=True, kw_only=True, tag="partition"):
 
 
 class HalfOpenFault(MessageFault, frozen=True, kw_only=True, tag="half-open"):
-    """Block the conversation in both directions for good. If client or controller closes the connection, the
-    other end does not notice.
+    """Block the conversation permanently, in both directions. If the client or the controller closes the
+    connection, the other end does not notice that.
     """
 
     needs_whole_frame: ClassVar[bool] = False
@@ -430,15 +429,15 @@ AnyFault: TypeAlias = (
     | PartitionFault
     | HalfOpenFault
 )
-"""Union of all faults. In a document, `action` selects the class."""
+"""Union of all faults. In a document, the field `action` names the class of the fault."""
 
 ACTIONS: Mapping[str, type[MessageFault]] = MappingProxyType(
     {str(kind.__struct_config__.tag): kind for kind in get_args(AnyFault)}
 )
 
 ALIASES: Mapping[str, str] = MappingProxyType({"loss": "drop"})
-"""Alternative names of actions, as in tc-netem(8). After an alternative name, the fault's main value is
-required.
+"""Alternative names of actions, as in tc-netem(8). A fault with an alternative name must have a main value,
+such as ``loss=5%``.
 """
 
 

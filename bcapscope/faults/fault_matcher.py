@@ -15,8 +15,8 @@ class FaultMatcher:
     numbers.
 
     Attributes:
-        rng: Random numbers that only this fault draws.
-        enabled: Whether the fault is on. The user can switch it on and off.
+        rng: Generator of random numbers for this fault only.
+        enabled: Whether the fault is on. The user can switch the fault on and off.
         hit_count: Number of messages hit so far.
         ends_at: Time at which the fault ends, in ns; None if it never ends.
     """
@@ -36,13 +36,13 @@ class FaultMatcher:
 
     @property
     def needs_pairing(self) -> bool:
-        """Whether the fault's conditions need the request of a reply, or the attempt number of a frame."""
+        """Whether the fault's conditions test the request of a reply, or the attempt number of a frame."""
         when = self.fault.when
         asks = when is not None and not when.filter.getter_names.isdisjoint(_NEEDS_REQUEST)
         return asks or self.fault.attempt is not None
 
     def can_hit(self, now: int) -> bool:
-        """Return whether the fault can hit now or later."""
+        """Return whether the fault can hit a message now or later."""
         return self.enabled and self._hits_left != 0 and (self.ends_at is None or now < self.ends_at)
 
     def matches(self, message: WireMessage) -> bool:
@@ -57,8 +57,8 @@ class FaultMatcher:
         return any(self._fits_frame(message, index) for index in range(len(message.annotated_frames)))
 
     def draw(self) -> bool:
-        """Decide by the fault's probability whether it hits. A random number is drawn only if the probability
-        is below 1.
+        """Decide at random, with the fault's probability, whether the fault hits. If the probability is 1, no
+        random number is drawn.
         """
         share = self.fault.probability
         return share >= 1 or self.rng.random() < share

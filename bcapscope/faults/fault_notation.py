@@ -1,4 +1,4 @@
-"""A fault is written in one line: ``delay=3ms±1ms request times 5 if command == slvMove``.
+"""Write a fault in one line: ``delay=3ms±1ms request times 5 if command == slvMove``.
 
 Write the action first, with its main value after ``=``:
 
@@ -22,8 +22,7 @@ Write the action first, with its main value after ``=``:
     rewrite                 change serial, reserved or code, or arguments with
                             set, limit or step
 
-Then write, in any order, which messages the fault applies to, and other
-fields of the action by name:
+Then write other fields in any order, for example to select messages:
 
     request  response       only this direction; reply means response
     5%                      with this probability
@@ -34,9 +33,9 @@ fields of the action by name:
     distribution normal     of the jitter: uniform, normal, pareto
     set arg[2][0]=10        limit arg[2]=-90..90   step arg[2]=0.5
 
-Write ``if`` with a filter last. `bcapscope fields` explains filters.
+If you write a condition, write it last: ``if`` and a filter. `bcapscope fields` explains filters.
 
-In a YAML file, every field has its name, also the fields after ``=``:
+In a YAML file, write the name of every field, even of the main values:
 
     faults:
       - {action: drop, probability: 5%, direction: response, try: 1}
@@ -85,7 +84,7 @@ _MAIN_FIELDS: dict[str, tuple[str, ...]] = {
     "burst": ("enter", "leave"),
     "bandwidth": ("rate",),
 }
-"""For each action, the fields that the value after the action's name sets."""
+"""For each action, the fields that its main value sets."""
 
 _SEPARATORS = {"delay": "±", "burst": "/"}
 _DIRECTIONS = {"request": "request", "response": "response", "reply": "response"}
@@ -93,7 +92,7 @@ _MAPPINGS = ("set", "limit", "step")
 
 
 class NotationError(FilterError):
-    """The text is not a valid fault. The error shows the reason, the line and a caret."""
+    """The text is not a valid fault. The error shows the reason, the text, and a caret under the error."""
 
 
 class _Word(NamedTuple):
@@ -113,7 +112,7 @@ def read_fault(text: str) -> AnyFault:
 
 
 def write_fault(fault: Fault) -> str:
-    """Return a fault as text. `read_fault` reads an equal fault from this text."""
+    """Return a fault as text. If `read_fault` reads this text, it returns an equal fault."""
     fields = to_plain_data(fault)
     action = fields.pop("action")
     main = [fields.pop(name) for name in _MAIN_FIELDS.get(action, ()) if name in fields]
@@ -132,7 +131,8 @@ def write_fault(fault: Fault) -> str:
 
 
 def rewrite_message(data: bytes, flow: Flow, changes: str) -> bytes:
-    """Return a message with changes such as ``set arg[2]=0 serial 7``; the same bytes if nothing changes.
+    """Return a message with changes such as ``set arg[2]=0 serial 7``; if nothing changes, return the same
+    bytes.
 
     Raises:
         ValueError: The notation is invalid.
@@ -240,7 +240,7 @@ class _FaultParser:
         mapping[path] = self.parse_value(value, word.start + len(path) + 1)
 
     def parse_value(self, text: str, start: int, is_text: bool = False) -> object:
-        """Convert a word of the text to a number, a boolean, None or text."""
+        """Convert a word to a number, a boolean, None or text."""
         if text.startswith('"'):
             try:
                 return json.loads(text)
@@ -264,7 +264,9 @@ class _FaultParser:
         raise NotationError(self.text, start, reason)
 
     def locate_error(self, error: DocumentError) -> NotationError:
-        """Return an error that shows where in the text the field is that `error` names."""
+        """Return an error that shows the position of the invalid field in the text; `error` names the
+        field.
+        """
         cause = error.__cause__.__cause__ if error.__cause__ else None
         if isinstance(cause, FilterError):
             shift = self.text.index(cause.expression, self.starts["if"] + len("if"))

@@ -1,4 +1,4 @@
-"""Values in a fault as people write them: durations, shares, rates, result codes, conditions and ranges.
+"""The values that a user writes in a fault: durations, shares, rates, result codes, conditions and ranges.
 
 Each class has `read`, which parses a value from YAML or from the command line, and `text`, which writes the
 value as text.
@@ -75,7 +75,7 @@ class Share(float):
         """Read a share.
 
         Raises:
-            InputError: The value is not a share, or not between 0 and 1.
+            InputError: The value is no number or percentage, or not between 0 and 1.
         """
         match = _SHARE.fullmatch(written.strip()) if isinstance(written, str) else None
         value: float
@@ -96,7 +96,7 @@ class Share(float):
 
 
 class Rate(float):
-    """A bandwidth in bytes per second; written as ``64kbit/s`` or ``8kB/s``."""
+    """A bandwidth in bytes per second, which users write as ``64kbit/s`` or ``8kB/s``."""
 
     @classmethod
     def read(cls, written: object) -> Self:
@@ -152,8 +152,8 @@ class HresultQuantity(int):
 
 
 class FrameCondition:
-    """A filter that selects requests and replies. The filter can test the function and command of a reply:
-    they are those of its request.
+    """A filter that selects requests and replies. For a reply, the filter can also test the function and
+    command of the reply's request.
     """
 
     __slots__ = ("filter",)
@@ -168,7 +168,7 @@ class FrameCondition:
         Raises:
             InputError: The expression is invalid (a `FilterError`), or is not text.
         """
-        if isinstance(written, bool):  # YAML reads the words true and false as booleans
+        if isinstance(written, bool):  # YAML reads the filters `true` and `false` as booleans
             written = str(written).lower()
         if not isinstance(written, str):
             raise _invalid("condition", written)
@@ -205,7 +205,7 @@ class Span:
         """Read a span.
 
         Raises:
-            InputError: The value is not a range, the range is empty, or an end is further from 0 than
+            InputError: The value is not a range, the range is empty, or the absolute value of an end exceeds
                 `LARGEST_END`.
         """
         match = _SPAN.fullmatch(written.strip()) if isinstance(written, str) else None
@@ -230,8 +230,8 @@ class Span:
         return f"{low}..{high}"
 
     def clamp(self, number: float) -> float:
-        """Return the number, or the nearest end if the number is outside the range. For NaN, return an end
-        that is finite.
+        """Return the number, or the nearest end if the number is outside the range. If the number is NaN,
+        return an end of the range that is finite.
         """
         if math.isnan(number):
             return self.low if math.isfinite(self.low) else self.high
@@ -249,7 +249,8 @@ QUANTITIES = (DurationQuantity, Share, Rate, HresultQuantity, FrameCondition, Sp
 
 
 def read_path(written: str) -> tuple[int, ...]:
-    """Read the indexes of an argument or of an element in it, written as in filters: ``arg[2][0]``.
+    """Parse an argument, or an element of an argument, in the notation of filters, and return its indexes:
+    ``arg[2][0]``.
 
     Raises:
         InputError: The text is not an argument with indexes.

@@ -23,10 +23,11 @@ def encode_reply(frame: Frame, reserved: int, code: int) -> bytes:
 
 
 class ReplyFactory:
-    """Learns how a controller fills the reserved field of its replies, and makes replies in the same way.
+    """Makes replies, and fills their reserved field in the same way as the controller does.
 
-    The reserved field is 0 until the controller has replied to a request whose reserved field is not 0.
-    DENSO's server also sends 0 (orin_bcap C/src/bCAPServer/bcap_server.c).
+    The factory learns the controller's convention when a client sends a request whose reserved field is not
+    0, and the controller replies. Until then, the replies have 0 in this field, as the replies of DENSO's
+    server do (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
 
     def __init__(self) -> None:
@@ -34,7 +35,7 @@ class ReplyFactory:
         self._reply_reserved: dict[Conversation, ReplyReserved] = {}
 
     def on_message(self, flow: Flow, data: bytes) -> None:
-        """Learn from a request or reply that the proxy forwards."""
+        """Read the reserved field of a request or reply that is forwarded."""
         if len(data) < SMALLEST_FRAME or data[0] != 1:
             return
         numbers: tuple[int, int] = _SERIAL_RESERVED(data)

@@ -1,4 +1,4 @@
-"""Changes numbers in a frame. All other bytes stay as received."""
+"""Changes numbers in a frame. All other bytes of the message do not change."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from bcapscope.faults.fault_kinds import RewriteFault, RewriteValue
 
 MAX_REMEMBERED = 4096
-"""Maximum number of series of similar messages for which the last message is kept, for a `step`. The oldest
-is dropped first. A session has a few dozen series.
+"""Maximum number of series of similar messages. The field `step` of a `RewriteFault` needs the last message
+of each series. The oldest message is dropped first. A normal session has a few dozen series.
 """
 
 MAX_BYTES = 1 << 20
@@ -35,18 +35,20 @@ ValueChange: TypeAlias = Callable[[Variant], Variant]
 
 
 class _Adjust(Protocol):
-    """Type of a function that returns the changed number. `index` is the index of the number in its array."""
+    """Type of a function that returns the new value of a number. `index` is the index of the number in its
+    array.
+    """
 
     def __call__(self, number: float, index: int) -> float: ...
 
 
 class _LastMessage(NamedTuple):
-    """The last message of a series of similar messages.
+    """The last message of a series of similar messages, for the `step` of a `RewriteFault`.
 
     Attributes:
         raw: Bytes of the message as received.
         values: Arguments of the message as forwarded.
-        step_base: For each step, by its index, the value to which the value in the next message is compared.
+        step_base: For the index of each step, the value to which the next message's value is compared.
         size: Number of bytes of the frame after decompression.
     """
 
@@ -66,8 +68,8 @@ def with_header(
 ) -> bytes:
     """Return a frame's bytes with a new serial, reserved field and code; None leaves a number unchanged.
 
-    All other bytes stay as they are, even if they are damaged. An undamaged frame with a checksum or
-    compressed contents is encoded again.
+    Only the bytes of these fields change, even in a damaged frame. However, if an undamaged frame has a
+    checksum or compressed contents, the whole frame is encoded again.
     """
     numbers = (
         frame.serial if serial is None else serial,
@@ -104,7 +106,7 @@ class Rewriter:
         self._size = 0
 
     def rewrite(self, frame: Frame, flow: Flow) -> bytes:
-        """Return the bytes of `frame` after the change. The arguments of a damaged frame do not change."""
+        """Return the changed bytes of `frame`. If the frame is damaged, its arguments are not changed."""
         fault = self._fault
         raw = with_header(frame, serial=fault.serial, reserved=fault.reserved, code=fault.code)
         if frame.problems or not (self._set or self._limit or self._step):
@@ -123,10 +125,10 @@ class Rewriter:
         return _encode_or_keep(frame, (head.serial, head.reserved, head.code), values)
 
     def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
-        """Limit the change of numbers relative to the previous message of the series.
+        """Limit how much numbers change from the previous message of the series to this message.
 
-        A retry gets the same values as the first attempt. If the values differed, a controller would execute
-        the retry as a new call.
+        A retry gets the same values as the first attempt. With other values, the controller would execute the
+        retry as a new call.
         """
         key = flow.conversation, flow.direction, _series_key(frame)
         last = self._last_messages.get(key)
@@ -149,7 +151,7 @@ class Rewriter:
         return values
 
     def _remember(self, key: _Key, last: _LastMessage) -> None:
-        """Store a message as the latest of its series, and drop the oldest messages if there are too many."""
+        """Store the last message of a series. If too many messages are stored, drop the oldest."""
         known = self._last_messages.pop(key, None)
         self._last_messages[key] = last
         self._size += last.size - (0 if known is None else known.size)
@@ -198,7 +200,9 @@ def _edited(value: Variant, path: tuple[int, ...], change: ValueChange) -> Varia
 
 
 def _elements(value: Variant) -> list[Variant]:
-    """Return the elements of an array, each with its type. Any other value has no elements."""
+    """Return the elements of an array, each with its type. If the value is not an array, the result is
+    empty.
+    """
     base = value.vt & ~ARRAY
     if not value.vt & ARRAY or not isinstance(value.value, tuple | bytes):
         return []
@@ -217,8 +221,8 @@ def _with_elements(value: Variant, elements: list[Variant]) -> Variant:
 
 
 def _with_setting(value: Variant, setting: RewriteValue) -> Variant:
-    """Return `setting` in the type of `value`, or in the type that `setting` names; return `value` if
-    `setting` is invalid.
+    """Convert `setting` to the type of `value`, or to the type that `setting` names. If `setting` is invalid,
+    return `value`.
     """
     text = str(setting).lower() if isinstance(setting, bool) else str(setting)
     try:

@@ -1,8 +1,8 @@
-"""Reads YAML as a sequence of events. All YAML input of bcapscope is read here.
+"""Reads YAML as a sequence of events. bcapscope reads all its YAML input with this module.
 
-PyYAML's composers call themselves for each level of nesting. The composer in C, which `msgspec.yaml` also
-uses, overflows the stack on deep input and crashes the process. Reading events needs no recursion. This
-module therefore rejects input that is nested too deep before anything is built from it.
+PyYAML's composers, which build a tree of nodes, call themselves for each level of nesting. The composer in C,
+which `msgspec.yaml` also uses, overflows the stack on deep input and crashes the process. Reading events
+needs no recursion. This module therefore checks the nesting first, and rejects input that is nested too deep.
 """
 
 from __future__ import annotations

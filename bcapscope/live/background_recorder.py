@@ -1,8 +1,8 @@
 """Records the traffic of a server or client in the same process; a separate thread writes to the disk.
 
-Packets are encoded in the caller's thread, after the caller has answered the client. If a second thread
-encoded them, it would hold Python's interpreter lock and delay replies by milliseconds. The recorder's own
-thread only writes encoded packets to the disk.
+The thread of the server or client encodes packets while it has nothing else to do. A second thread for
+encoding would hold Python's interpreter lock and delay replies by milliseconds. The recorder's own thread
+only writes encoded packets to the disk.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from bcapscope.protocol.text_format import counted
 from bcapscope.traffic.observation import Observation, Transport
 
 MAX_WAITING = 16 << 20
-"""Maximum number of bytes that may wait to be written, with `_STEP_OVERHEAD` added per packet. While more
-bytes wait, the recorder leaves out new packets and counts them.
+"""Maximum number of bytes that may wait to be written; each packet counts as `_STEP_OVERHEAD` bytes more than
+its data. At this limit, the recorder leaves out new packets and counts them.
 """
 
 _STEP_OVERHEAD = 512
-"""Bytes of memory that a packet occupies before it is encoded, in addition to its data."""
+"""Bytes of memory that a packet needs in addition to its data until it is encoded."""
 
 _WRITE_INTERVAL = 0.02
 """Time in s between two writes to the disk."""
 
 _CHECK_INTERVAL = 0.002
-"""Time in s between two checks of `wait_until_written` whether the packets are in the file."""
+"""`wait_until_written` checks at this interval, in s, whether the packets are in the file."""
 
 _MAKE_FOR_NS = 1_000_000
-"""Maximum time in ns that is spent on encoding packets before the server checks for new requests."""
+"""Maximum time in ns for encoding packets before the server checks for new requests."""
 
 _ENDS_WITHIN = 5.0
-"""Maximum time in s that `close` spends on encoding the waiting packets. `close` spends at most the same time
-on writing these packets.
+"""Maximum time in s that `close` spends on encoding the waiting packets. Writing these packets may take the
+same time again.
 """
 
 _WriteStep: TypeAlias = Callable[[SocketRecording], None]
@@ -55,7 +55,7 @@ class BackgroundRecorder:
     def __init__(self, recorder: Recorder, *, most_waiting: int = MAX_WAITING) -> None:
         """Start the writing thread.
 
-        The recorder must not record to a ring of files. `most_waiting` is used instead of `MAX_WAITING`, in
+        The recorder must not record to a ring of files. `most_waiting` replaces the limit `MAX_WAITING`, in
         bytes.
         """
         self._recorder = recorder
@@ -102,7 +102,7 @@ class BackgroundRecorder:
             self._gap_bytes[direction] = self._gap_bytes.get(direction, 0) + len(data)
 
     def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
-        """Record that one end has closed a TCP connection that has data in the recording."""
+        """If a TCP connection has data in the recording, record that one end has closed the connection."""
         if not self._recorded_directions.isdisjoint(((source, target), (target, source))) and self._has_room(
             0
         ):
@@ -153,8 +153,8 @@ class BackgroundRecorder:
         return bool(steps)
 
     def wait_until_written(self, seconds: float) -> None:
-        """Wait until the encoded packets are in the file, but at most `seconds`. Any thread may call this
-        method.
+        """Wait until the encoded packets are in the file, but no longer than `seconds`. Any thread may call
+        this method.
         """
         until = time.monotonic() + seconds
         while (
@@ -167,8 +167,8 @@ class BackgroundRecorder:
             time.sleep(_CHECK_INTERVAL)
 
     def close(self) -> bool:
-        """Encode the waiting packets, write them and close the file. Encoding and writing may each take
-        `_ENDS_WITHIN` seconds at most.
+        """Encode the waiting packets, write them and close the file. Spend at most `_ENDS_WITHIN` seconds on
+        encoding, and as long again on writing.
 
         Return whether the capture is complete.
         """
@@ -204,8 +204,8 @@ class BackgroundRecorder:
     def _end_gap(self) -> str:
         """Resume after missing packets.
 
-        Return the comment for the next packet, which states how many packets are missing before it; "" if
-        none are.
+        Return the comment for the next packet, which states how many packets are missing before it. If no
+        packets are missing, return "".
         """
         if not self._skipped:
             return ""

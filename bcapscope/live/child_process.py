@@ -1,5 +1,5 @@
-"""Runs a bcapscope command in a child process. The screen runs the simulator or a proxy in this way, and
-other programs run a proxy.
+"""Runs a bcapscope command in a child process. The screen runs the simulator and proxies in this way, and
+`bcapscope.testing` runs proxies.
 
 The parent ends the command with a signal. If the parent is killed, the command's standard input closes, and
 the command ends.
@@ -23,7 +23,7 @@ from bcapscope.messages import Message
 from bcapscope.messages.message import foreign_text
 
 START_TIMEOUT = 60.0
-"""Maximum time in seconds from the start of the command until it listens.
+"""Maximum time in seconds from the start of the command until the command listens on its addresses.
 
 A busy machine may need many seconds to load the program.
 """
@@ -54,7 +54,7 @@ class ChildProcess:
     """
 
     def __init__(self, *words: str) -> None:
-        """Start ``bcapscope WORDS --attended`` and wait until the command listens.
+        """Start ``bcapscope WORDS --attended`` and wait until the command listens on its addresses.
 
         Raises:
             ChildStartError: The command does not start.
@@ -72,7 +72,8 @@ class ChildProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            start_new_session=True,  # only the screen handles Ctrl-C and a closed terminal, not this child
+            # so that Ctrl-C and a closed terminal reach only this process, not the child
+            start_new_session=True,
         )
         self._stdout: BinaryIO | None = cast(BinaryIO, self._process.stdout)
         self._reader = threading.Thread(target=self._read_output, daemon=True, name="child")
@@ -114,7 +115,7 @@ class ChildProcess:
             on_end(self._end_reason())
 
     def _end_reason(self) -> str:
-        """Return the command's last line if it ended unexpectedly; "" if a signal killed it."""
+        """Return the last line of the command's output; "" if a signal killed the command."""
         return "" if self._process.returncode < 0 else self.last_line
 
     @property
@@ -128,18 +129,18 @@ class ChildProcess:
             return next((text for text in reversed(self._output) if text), "")
 
     def hand_over_stdout(self) -> BinaryIO:
-        """Return the command's standard output as a stream. Only the line with the addresses has been read
-        from this stream.
+        """Return the command's standard output as a stream. The stream begins after the line that reports the
+        addresses.
 
-        The caller must read and close the returned stream.
+        Your code must read and close this stream.
         """
         assert self._stdout is not None
         stdout, self._stdout = self._stdout, None
         return stdout
 
     def subscribe_output(self, on_output: Callable[[str], None]) -> None:
-        """Call `on_output` with each line that the command has printed so far. Another thread then calls
-        `on_output` with each later line.
+        """Call `on_output` with each line that the command has printed so far. Later lines are passed to
+        `on_output` from another thread.
         """
         with self._lock:
             self._on_output = on_output
@@ -148,10 +149,10 @@ class ChildProcess:
             on_output(text)
 
     def subscribe_end(self, on_end: Callable[[str], None]) -> None:
-        """Call `on_end` with the last line of the command if the command ends unexpectedly; with "" if a
-        signal killed the command.
+        """If the command ends unexpectedly, call `on_end` with its last line, or with "" if a signal killed
+        the command.
 
-        `on_end` is called from another thread, or at once if the command has ended already.
+        If the command has ended already, `on_end` is called at once; otherwise, later from another thread.
         """
         with self._lock:
             self._on_end, ended = on_end, self._has_ended

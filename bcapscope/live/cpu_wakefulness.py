@@ -5,9 +5,10 @@ A virtual machine's processor needs tens of microseconds to wake from any sleep,
 round trip through the proxy contains two wake-ups, or four if client and controller run on the proxy's
 machine.
 
-Linux lets a program limit the time that a processor may need to wake (power/pm_qos_interface). A limit
-applies to the whole machine and costs electricity, or processor time of the host. The proxy therefore sets
-the limit only while there is much traffic, and not if the host takes processor time away.
+Linux lets a program limit the time that a processor may need to wake (power/pm_qos_interface). The limit
+applies to all processors of the machine. The limit costs electricity or, in a virtual machine, processor time
+of the host. The proxy therefore sets the limit only while there is much traffic, and removes it if the host
+gives the virtual machine less processor time.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from bcapscope.proxy.ring_buffer import RelayCounter
 BUSY_DATAGRAMS = 100
 """Number of datagrams within `BUSY_WITHIN` seconds that counts as much traffic. It corresponds to 50 calls.
 
-Set points every 8 ms make 250 datagrams per second.
+Set points every 8 ms, with their replies, are 250 datagrams per second.
 """
 
 BUSY_WITHIN = 1.0
@@ -37,21 +38,21 @@ AWAKE_FOR = 2.0
 """Time in seconds without much traffic after which the processors may sleep deeply again."""
 
 MAX_STOLEN_SHARE = 0.05
-"""Maximum processor time that the host may take from all processors together, as a share of one processor's
-time.
+"""Maximum processor time that the host of a virtual machine may take from this machine: 0.05 means 50 ms per
+second, summed over all processors.
 """
 
 PAUSED_FOR = 60.0
-"""Time in s until the limit is set again after the host took too much processor time or Linux refused the
-limit.
+"""Time in s until the next attempt to set the limit, after the host took too much processor time or Linux
+refused the limit.
 """
 
 _MEASURED_EVERY = 1.0
 """Seconds between measurements of the processor time that the host took."""
 
 _STREAM_BYTES_EACH = 64
-"""Number of bytes of a TCP stream that counts as one datagram. A set point has about 100 bytes, its reply 58
-or 90.
+"""Number of bytes of a TCP stream that counts as one datagram. A set point has about 100 bytes; the reply to
+a set point has 58 or 90.
 """
 
 _REQUEST = struct.Struct("@i")
@@ -60,17 +61,16 @@ _CPU_FOLDER = Path("/sys/devices/system/cpu")
 _STATISTICS = Path("/proc/stat")
 
 _USUAL_LATENCY_US = 2
-"""Assumed time in µs that a processor needs to wake from the lightest sleep, if Linux does not report this
-time.
+"""Time in µs that a processor needs to wake from the lightest sleep. This value is used if Linux does not
+report the time.
 """
 
 _FIRST_LINE_BYTES = 256
-"""Number of bytes to read from /proc/stat. This number is larger than the number of bytes in the first line
-of /proc/stat.
+"""Number of bytes to read from /proc/stat. Its first line is always shorter.
 """
 
 _STEAL_COLUMN = 8
-"""Column in the first line of /proc/stat. The column holds the processor time that the host took
+"""Index of the column "steal" in the first line of /proc/stat: processor time that the host took
 (proc_stat(5)).
 """
 
@@ -117,8 +117,8 @@ class CpuWakefulness:
             self._not_before = now + PAUSED_FOR
 
     def _is_much_stolen(self, now: float) -> bool:
-        """Return whether since the last check the host took more processor time than `MAX_STOLEN_SHARE`
-        allows.
+        """Return whether the host has taken more processor time than `MAX_STOLEN_SHARE` allows since the last
+        check.
         """
         since, before = now - self._measured_at, self._stolen_before
         self._measured_at, self._stolen_before = now, self._sleep.stolen_seconds()
@@ -140,9 +140,8 @@ class CpuLatencyLimit:
 
     The request needs root rights, unless a udev rule grants access.
 
-    In a KVM guest with the haltpoll driver, the processors then wait without sleeping. In a guest, even the
-    lightest sleep would be handled by the host. Linux drops the request when the process closes the file or
-    ends in any way.
+    In a KVM guest with the haltpoll driver, idle processors then do not sleep at all. Linux drops the request
+    when the process closes the device file or ends.
     """
 
     def __init__(self) -> None:
@@ -156,7 +155,7 @@ class CpuLatencyLimit:
         if sys.platform != "linux":
             return False
         try:
-            # opens the device file only if it exists; does not create it
+            # If the device file does not exist, this call does not create it.
             self._device = os.open(_DEVICE, os.O_WRONLY)
             os.write(self._device, _REQUEST.pack(self._limit_us))
             if self._has_haltpoll:
@@ -186,7 +185,7 @@ class CpuLatencyLimit:
 
 
 def low_latency_problem() -> Message | None:
-    """Return the reason why this process cannot keep processors out of deep sleep; None if it can."""
+    """Return why this process cannot keep processors out of deep sleep; None if the process can do so."""
     if sys.platform != "linux":
         return Message("low-latency.not-linux")
     try:

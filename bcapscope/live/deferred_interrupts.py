@@ -1,5 +1,5 @@
-"""Handles Ctrl-C while bcapscope reads an endless input: the first Ctrl-C only ends the wait for more
-input.
+"""Handles Ctrl-C while bcapscope reads an endless input. The first Ctrl-C ends the input, so that bcapscope
+can print its results.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ T = TypeVar("T")
 class DeferredInterrupts:
     """Delays Ctrl-C while input is processed, so that bcapscope still prints everything that it has read.
 
-    SIGTERM, with which a script ends a program in the background, has the same effect as Ctrl-C.
-    The first Ctrl-C takes effect only while the program waits for input. If a second Ctrl-C comes before the
-    first took effect, it ends the program as usual. Create the object in the main thread, because only that
-    thread handles signals.
+    SIGTERM has the same effect as Ctrl-C, because scripts end programs in the background with SIGTERM. The
+    first Ctrl-C takes effect only while the program waits for input. If the user presses Ctrl-C again before
+    the first Ctrl-C takes effect, the program ends as usual. Create the object in the main thread, because
+    only that thread handles signals.
     """
 
     def __init__(self) -> None:
@@ -28,13 +28,15 @@ class DeferredInterrupts:
         }
 
     def read_or_stop(self, read: Callable[[], T]) -> T | None:
-        """Return the result of `read`, or None if the user pressed Ctrl-C before or during `read`."""
+        """Call `read` and return its result. If the user pressed Ctrl-C before or during the call, return
+        None.
+        """
         if self._is_interrupted:
             return None
         try:
             self._is_waiting = True
             found = read()
-            self._is_waiting = False  # from here on, Ctrl-C no longer discards the result
+            self._is_waiting = False  # from now on, Ctrl-C does not discard the result
         except KeyboardInterrupt:
             return None
         finally:
@@ -42,10 +44,11 @@ class DeferredInterrupts:
         return found
 
     def do_while_waiting(self, work: Callable[[], object]) -> None:
-        """Do `work` while `read` waits for input. A Ctrl-C during the work takes effect after it.
+        """Call `work` while `read` waits for input. If the user presses Ctrl-C meanwhile, Ctrl-C takes effect
+        after `work`.
 
         Raises:
-            KeyboardInterrupt: The user pressed Ctrl-C during the work; `read_or_stop` handles the exception.
+            KeyboardInterrupt: The user pressed Ctrl-C during `work`. `read_or_stop` handles this exception.
         """
         self._is_waiting = False
         work()

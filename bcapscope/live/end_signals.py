@@ -71,8 +71,8 @@ def end_signal_socket() -> Iterator[socket.socket]:
     """Deliver Ctrl-C, SIGTERM and SIGHUP through a non-blocking socket. Each signal arrives as a byte with
     the signal's number.
 
-    Without the socket, a signal could end the program between any two steps, such as after lines were
-    written, but before they were dropped from memory.
+    Without the socket, a signal could end the program at any point, even between two steps that belong
+    together.
 
     Raises:
         FileWriteError: The process has no file descriptors left.
@@ -101,9 +101,9 @@ def end_signal_socket() -> Iterator[socket.socket]:
 def end_signals_blocked() -> Iterator[None]:
     """Block Ctrl-C in child processes that start in this `with` block, until they have loaded.
 
-    A terminal sends Ctrl-C to all processes that run in it. A child process that is still loading would end
-    with a traceback. The child processes never receive SIGTERM or SIGHUP. This process receives signals that
-    were blocked when the `with` block ends.
+    A terminal sends Ctrl-C to all its processes. If a child process received Ctrl-C while it loads, it would
+    end with a traceback. The child processes never receive SIGTERM or SIGHUP. When the `with` block ends,
+    this process receives the signals that arrived during the block.
     """
     if not hasattr(signal, "pthread_sigmask"):  # on Windows, child processes inherit no signal mask
         yield
@@ -116,4 +116,4 @@ def end_signals_blocked() -> Iterator[None]:
 
 
 def _do_nothing(number: int, frame: FrameType | None) -> None:
-    """Do nothing: before it calls this handler, Python has written the signal's number to the socket."""
+    """Do nothing, because Python writes the signal's number to the socket before it calls this handler."""

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 BEGIN, CLOSE_SESSIONS, READY = b"begin", b"close sessions", b"ready"
 """Messages between relay and watcher.
 
-`BEGIN` starts the watcher, which answers `READY`. The watcher answers `CLOSE_SESSIONS` with a JSON list of
-`ClosingRequests`. Any other message from the relay is a hint that the watcher prints if the proxy is too
-slow.
+The relay sends `BEGIN`, and the watcher answers with `READY`. The relay sends `CLOSE_SESSIONS`, and the
+watcher answers with a JSON list of `ClosingRequests`. All other messages from the relay are hints for the
+user, which the watcher prints if the proxy is too slow.
 """
 
 INCOMPLETE = 6
@@ -42,11 +42,11 @@ The code differs from 1, because Python exits with 1 after a traceback.
 
 
 class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
-    """Frames that close the session of a UDP client on its behalf. Each frame is sent after the reply to the
-    previous frame.
+    """Frames with which the proxy closes a session that a UDP client left open. The proxy sends each frame
+    after the reply to the previous frame.
 
-    `open_state` is an encoded message (see `encode_message`). The message names what the client left open in
-    addition to handles, such as slave mode; b"" for nothing.
+    `open_state` is an encoded message (see `encode_message`). The message says what the client left open
+    besides handles, such as slave mode. If the client left only handles open, `open_state` is b"".
     """
 
     client: int
@@ -64,7 +64,9 @@ class TrafficFormat(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ViewOptions:
-    """Which traffic the proxy displays: frames or calls that match `expression`, or None for no traffic."""
+    """Which traffic the proxy displays, and how. `shown` selects frames or calls; None shows no traffic.
+    `expression` is a filter.
+    """
 
     shown: RecordKind | None
     form: TrafficFormat = TrafficFormat.LINE
@@ -73,7 +75,7 @@ class ViewOptions:
     language: Language = Language.ENGLISH
 
     def compiled_filter(self) -> Filter | None:
-        """Compile the filter expression; return None if everything is shown.
+        """Compile the filter expression; return None if there is no filter.
 
         Raises:
             FilterError: The filter expression is invalid.
@@ -92,17 +94,17 @@ class WatcherSubscriber(Protocol):
     subscribers: tuple[PipelineSubscriber, ...]
 
     def on_frame(self, observation: Observation, note: str) -> None:
-        """Receive a frame. `note` says in the user's language what a proxy rule did to the frame; it is "" if
-        no rule did anything.
+        """Receive a frame. `note` says in the user's language what rules of the proxy did to the frame; "" if
+        they did nothing.
         """
 
     def report_if_due(self, client_count: int) -> None:
-        """Send the reports that are due, even if there is no traffic. `client_count` is the number of clients
-        so far.
+        """Send the reports whose time has come. The watcher calls this method even without traffic.
+        `client_count` is the number of clients so far.
         """
 
     def close(self, end_time: int) -> None:
-        """Handle the end of the traffic. `end_time` is in ns since 1970."""
+        """Process the end of the traffic. `end_time` is in ns since 1970."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,8 +26,8 @@ class _ProxySide:
 
     Attributes:
         begun: Whether the recording contains the start of the TCP connection.
-        endpoints: Source and target of packets. Index 0 is for packets toward the client, index 1 for packets
-            toward the controller.
+        endpoints: Source and target of packets. The first pair is for packets to the client, the second pair
+            for packets to the controller.
     """
 
     __slots__ = ("begun", "endpoints", "interface", "is_client_side", "is_stream")
@@ -52,8 +52,7 @@ class _ProxySide:
 
 
 _RecordStep: TypeAlias = tuple[int, _ProxySide, RingRecord, int]
-"""A packet to write: its time in ns since 1970, its leg, the ring record that it comes from, and the record's
-number.
+"""A packet to write: time in ns since 1970, leg, record of the ring buffer, and number of that record.
 """
 
 _step_time: Callable[[_RecordStep], int] = itemgetter(0)
@@ -65,11 +64,13 @@ the cache is full, it is emptied.
 
 
 class ProxyRecorder:
-    """Turns the relay's records into packets, orders the packets by time, and adds them to a recording."""
+    """Converts the relay's records into packets, sorts the packets by time, and writes them to a
+    recording.
+    """
 
     def __init__(self, recorder: Recorder, *, keeps_packet_numbers: bool = False) -> None:
-        """Create a recorder that knows no clients yet. If `keeps_packet_numbers` is True, the caller must
-        call `next_packet_numbers`.
+        """If `keeps_packet_numbers` is True, your code must read the numbers with `next_packet_numbers`,
+        because the recorder keeps them until then.
         """
         self._recorder = recorder
         self._packet_numbers: dict[int, int] | None = {} if keeps_packet_numbers else None
@@ -84,7 +85,8 @@ class ProxyRecorder:
     def add_records(self, records: Sequence[RingRecord]) -> None:
         """Write records in chronological order.
 
-        A packet waits until a later call or `flush` if an earlier packet may still follow.
+        If a packet with an earlier time may still follow, a packet is not written until a later call or
+        `flush`.
         """
         if not self._recorder.is_complete:
             return
@@ -111,16 +113,16 @@ class ProxyRecorder:
         self._write_steps(bisect_right(steps, came, key=_step_time))
 
     def _write_plain_run(self, records: Sequence[RingRecord]) -> int:
-        """Write records from the start of the list, as long as their datagrams were forwarded unchanged. Most
-        are.
+        """Write records fast, from the start of the list up to the first record whose datagram was not
+        forwarded unchanged.
 
-        Packets that still wait are written first, if all `records` are later. The last record is not written,
-        because an earlier packet may follow. Return the number of records written.
+        If all `records` are later than the waiting packets, write the waiting packets first. Do not write the
+        last record, because a packet that follows may be earlier. Return the number of records written.
         """
         first = [
             came if 0 < came <= left else left or came for _, _, _, came, left, _, _ in reversed(records)
         ]
-        # for each record, the earliest time of this record and all later records
+        # for each record, the earliest time among this record and all following records
         soonest = [*accumulate(first, min)][::-1]
         if len(records) < 2 or (self._steps and soonest[0] < self._steps[-1][0]):
             return 0
@@ -147,8 +149,8 @@ class ProxyRecorder:
         return written
 
     def next_packet_numbers(self, count: int) -> list[int]:
-        """Return for each of the next `count` records the number of its last packet on the leg to the client;
-        0 if there is none.
+        """For each of the next `count` records, return the number of its last packet on the client's leg.
+        Return 0 for a record without such a packet.
 
         The numbers are valid only for a recording in one file.
         """
@@ -170,7 +172,7 @@ class ProxyRecorder:
     def _make_pair_encoder(self, number: int, up: bool, size: int) -> PacketPairEncoder | None:
         """Return an encoder for a client's datagrams of `size` bytes.
 
-        The result is None for a TCP stream or an unknown client.
+        Return None if the client uses TCP or is unknown.
         """
         if not self._sends_datagrams(number):
             return None
@@ -252,7 +254,9 @@ class ProxyRecorder:
         )
 
     def _skip_bytes(self, side: _ProxySide, record: RingRecord, time: int) -> None:
-        """Leave a gap in the TCP sequence numbers, for bytes that are not recorded."""
+        """Leave a gap in the TCP sequence numbers of the recording, in place of bytes that are not
+        recorded.
+        """
         came, left = hole_sizes(record)
         if not side.begun:
             self._begin_stream(side, time)
@@ -260,7 +264,7 @@ class ProxyRecorder:
         self._packets.skip_bytes(*side.endpoints[record.up], size)
 
     def _end_stream(self, side: _ProxySide, record: RingRecord, time: int) -> None:
-        """If the recording contains the TCP connection, record that one direction of it ended."""
+        """If the recording contains the TCP connection, record the end of one direction."""
         if side.begun:
             self._begin_packet()
             self._packets.write_stream_end(
@@ -279,5 +283,5 @@ class ProxyRecorder:
 
 
 def _comment(message: bytes) -> str:
-    """Return the English text of an encoded message; "" for none."""
+    """Return the English text of an encoded message; "" if there is no message."""
     return str(decode_message(message)) if message else ""

@@ -63,9 +63,9 @@ _ENDS_WITHIN = 60.0
 """Time in seconds after the end of the relay at which the watcher must have ended."""
 
 _SESSIONS_CLOSE_WITHIN = 3.0
-"""Maximum time in seconds for closing the UDP sessions of all clients on their behalf.
+"""Maximum time in seconds for closing the sessions that UDP clients left open.
 
-The time is limited because an unreachable controller does not reply.
+There is a limit because an unreachable controller does not reply.
 """
 
 _TOTALS_WITHIN = 0.5
@@ -74,7 +74,7 @@ _TOTALS_WITHIN = 0.5
 _STDIN = 0
 
 _SILENT_FOR_NS = 30_000_000_000
-"""Time in ns after which a silent client counts as gone once the terminal was closed."""
+"""After the terminal was closed, a client that is silent for this time in ns counts as gone."""
 
 
 class ProxySupervisor:
@@ -91,7 +91,7 @@ class ProxySupervisor:
         *,
         low_latency: bool = False,
     ) -> None:
-        """Create a relay without listeners. `end_signals` is the socket that `end_signal_socket` returned.
+        """Create a relay without listeners. `end_signals` is the socket of `end_signal_socket`.
 
         Raises:
             FileWriteError: The memory shared with the watcher cannot be allocated, or the operating system
@@ -137,9 +137,9 @@ class ProxySupervisor:
     def start_watcher(self, wait_for_scripts: Callable[[float], bool] | None = None) -> None:
         """Start the watcher process and wait until it is ready.
 
-        `wait_for_scripts` is a function that waits up to the given number of seconds, and returns whether the
-        scripts have started. The watcher process loads while the scripts start. Recording begins after they
-        have started.
+        `wait_for_scripts(seconds)` waits until the scripts have started, but at most this time, and returns
+        whether they have started. The watcher process loads while the scripts start. Recording begins when
+        all scripts have started.
 
         Raises:
             FileWriteError: The recording cannot be written, or the process cannot be started.
@@ -174,14 +174,12 @@ class ProxySupervisor:
             )
         self._is_watched = self._has_watcher_begun = True
         self._unlink_memory()
-        if sys.platform != "win32":  # on Windows, a program cannot wait for a pipe and sockets together
+        if sys.platform != "win32":  # Windows cannot wait for a pipe and sockets together
             self.relay.watch(self._watcher_pipe.fileno(), lambda _: self._receive_from_watcher())
 
     def end_with_parent(self) -> None:
-        """Treat the end of standard input like a closed terminal, because it means that the parent program
-        has ended.
-        """
-        if sys.platform == "win32":  # on Windows, a pipe cannot be waited for together with sockets
+        """If standard input ends, act as if the terminal was closed, because the parent program has ended."""
+        if sys.platform == "win32":  # Windows cannot wait for a pipe and sockets together
             return
         if sys.stdin is None or not _has_other_end(_STDIN):
             self._is_terminal_closed = True
@@ -192,18 +190,18 @@ class ProxySupervisor:
         """Accept clients, call `on_ready`, and forward traffic until the proxy must end. Then shut down.
 
         Raises:
-            KeyboardInterrupt: A signal has asked the proxy to end before it started.
+            KeyboardInterrupt: A signal arrived before the proxy started.
         """
         self._raise_if_ended()
         self.relay.watch(self._end_signals.fileno(), self._on_signal)
-        # Without real-time priority, one round trip in ten waited 4 ms if other programs were busy.
-        # With real-time priority, Linux wakes the relay on the processor where the relay ran last.
-        # The processor where the relay ran last should not sleep.
+        # Measured while other programs were busy: without real-time priority, one round trip in ten took 4 ms
+        # longer. With real-time priority, Linux runs the relay on the processor that it used before,
+        # so this processor should not sleep.
         with realtime_priority() as grade:
             if not grade.realtime:
                 self._send_to_watcher(encode_message(grade.text))
-            # `idle_priority_switch` is called only now, because it starts a thread for a test.
-            # If the thread started earlier, the thread's stack would also be locked in memory.
+            # Call `idle_priority_switch` after `realtime_priority`, because `idle_priority_switch` starts a
+            # thread. `realtime_priority` would lock the stack of an earlier thread in memory.
             if self._is_watched:
                 assert self._watcher is not None
                 assert self._watcher.pid is not None
@@ -224,8 +222,8 @@ class ProxySupervisor:
                 self._print_totals()
 
     def _print_totals(self) -> None:
-        """Print the totals that this process knows. Totals are printed here only if the watcher has ended and
-        cannot print a summary.
+        """Print the totals of the traffic. The relay prints totals only if the watcher has ended and cannot
+        print a summary.
         """
         from bcapscope.live.relay_figures import losses, totals  # imports NumPy
 
@@ -235,7 +233,9 @@ class ProxySupervisor:
         _print_aside("\n".join(texts)).join(_TOTALS_WITHIN)
 
     def close(self) -> None:
-        """Wait for the watcher's summary, then release all resources. Another signal ends the wait."""
+        """Wait until the watcher has printed its summary, then release all resources. Another signal ends the
+        wait.
+        """
         if self._wakefulness is not None:
             self._wakefulness.allow_sleep()
         for port in self._ports:  # `run` was not called, so the relay does not own the listeners
@@ -263,7 +263,7 @@ class ProxySupervisor:
 
     def _check_recording(self, code: int | None) -> None:
         self.is_recording_incomplete = self._options.record is not None and code != 0
-        # the watcher ended too early to report this itself
+        # The watcher reports an incomplete recording itself, unless it ended too early.
         if self.is_recording_incomplete and code != INCOMPLETE:
             name = printable(str(self._options.record))
             print_stderr(self._words("recording.incomplete", name=name))
@@ -274,31 +274,29 @@ class ProxySupervisor:
         self._unlink_memory()
 
     def _unlink_memory(self) -> None:
-        """Remove the name of the shared memory. The operating system then frees the memory when the last
-        process that uses it ends.
+        """Remove the name of the shared memory, so that the operating system frees the memory when all
+        processes that use it have ended.
         """
         if self._is_memory_linked:
             self._is_memory_linked = False
             self._memory.unlink()
 
     def _raise_if_ended(self) -> None:
-        """Raise `KeyboardInterrupt` if a signal has asked the proxy to end before it started."""
+        """Raise `KeyboardInterrupt` if a signal arrived before the proxy started."""
         with suppress(BlockingIOError):
             self._end_signals.recv(1)
             raise KeyboardInterrupt
 
     def must_end_now(self) -> bool:
-        """Return whether a signal other than SIGHUP arrived during shutdown, which asks for an immediate
-        end.
-        """
+        """Return whether the shutdown must end immediately, because a signal other than SIGHUP arrived."""
         with suppress(BlockingIOError):
             if any(number != getattr(signal, "SIGHUP", None) for number in self._end_signals.recv(16)):
                 self._must_end_now = True
         return self._must_end_now
 
     def _on_signal(self, _: int) -> None:
-        """Start the shutdown. If the signal is SIGHUP, run on without the terminal until no client is
-        left.
+        """Shut down after a signal. If the signal is SIGHUP, run without the terminal until all clients are
+        silent, then shut down.
         """
         for number in self._end_signals.recv(16):
             if number == getattr(signal, "SIGHUP", None):
@@ -307,7 +305,7 @@ class ProxySupervisor:
                 self._begin_ending()
 
     def _begin_ending(self) -> None:
-        """Shut down gracefully, or immediately after a second signal."""
+        """Shut down gracefully at the first signal, and immediately at the second."""
         if self._watcher_priority is not None:
             self._watcher_priority.raise_for_good()
         if self._ending_since or not self._send_to_watcher(CLOSE_SESSIONS):
@@ -334,11 +332,12 @@ class ProxySupervisor:
                 self._begin_ending()
 
     def _receive_from_watcher(self) -> None:
-        """Read a message from the watcher, if one has arrived. The message is the requests that close
-        sessions, or the end of the watcher.
+        """Read a message from the watcher, if one has arrived. The watcher sends the requests that close
+        sessions. The end of the pipe means that the watcher has ended.
 
-        This method never blocks, because the periodic work may have read the message already. A blocking read
-        would then never return, because the watcher waits for the relay.
+        Another call of this method may have read the message already. If this call then waited for the next
+        message, it would wait forever, because the watcher waits for the relay. This method therefore never
+        blocks.
         """
         try:
             if not self._watcher_pipe.poll():
@@ -362,7 +361,7 @@ class ProxySupervisor:
         return self._is_watched
 
     def _close_udp_sessions(self) -> None:
-        """Close the sessions of UDP clients on their behalf; sessions whose robot may move come first."""
+        """Close the sessions that UDP clients left open. Sessions with a robot that may move come first."""
         until = time.monotonic() + _SESSIONS_CLOSE_WITHIN
         for closing in sorted(self._closing_requests, key=lambda each: not each.open_state):
             session = self.relay.sessions.get(closing.client)
@@ -384,19 +383,19 @@ class ProxySupervisor:
 
 
 def _has_other_end(descriptor: int) -> bool:
-    """Return whether a file descriptor has another end, as a pipe, a socket or a terminal has.
-
-    A file and /dev/null have no other end.
+    """Return whether a file descriptor is a pipe, a socket or a terminal. Only pipes, sockets and terminals
+    report that their other end was closed.
     """
     mode = os.fstat(descriptor).st_mode
     return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or os.isatty(descriptor)
 
 
 def _print_aside(text: str) -> threading.Thread:
-    """Print to standard error in a new thread, and return the thread. If output to the terminal is stopped,
-    only that thread is blocked.
+    """Print to standard error in a new thread, and return the thread. If the terminal is stopped, for example
+    by Ctrl-S, only this thread waits.
 
-    The thread bypasses Python's buffer, because the end of the program would wait for the buffer's lock.
+    The thread does not use Python's buffer, because the end of the program would wait for the lock of the
+    buffer.
     """
 
     def write() -> None:
@@ -409,12 +408,12 @@ def _print_aside(text: str) -> threading.Thread:
 
 
 def _shared_memory(size: int) -> SharedMemory:
-    """Create zeroed shared memory with all pages allocated. If a page could not be allocated later, the
-    process would be killed.
+    """Create shared memory, filled with zeros. Allocate all pages now, because a process is killed if a page
+    cannot be allocated later.
     """
     try:
         if sys.platform != "win32":
-            # Python's resource tracker frees the memory if the proxy is killed
+            # If the proxy is killed, Python's resource tracker frees the memory.
             resource_tracker.ensure_running()
         memory = SharedMemory(create=True, size=size)
         try:

@@ -52,42 +52,45 @@ from bcapscope.traffic.pipeline import Pipeline
 from bcapscope.traffic.slave_mode_tracker import SlaveModeTracker
 
 POLL_INTERVAL = 0.025
-"""Seconds between polls of the ring."""
+"""Usual time in seconds between two polls of the ring."""
 
 _DECODE_FOR = 0.024
-"""Maximum time in seconds for decoding between two polls of the ring. While the watcher decodes, it records
-nothing.
+"""Maximum time in seconds for decoding between two polls of the ring, because the watcher records nothing
+while it decodes.
 """
 
 _MAY_WAIT_SHARE = 0.25
-"""Fill ratio of the ring up to which undecoded records may wait. Up to this ratio, the watcher rests most of
-the time, even if more traffic arrives than it decodes in `_DECODE_FOR`. The watcher rests because a busy
-processor lengthens each round trip through the proxy.
+"""If the ring is filled less than this ratio, undecoded records may wait. The watcher then rests between
+polls, even if it has not decoded all traffic. Without these rests, the watcher would keep a processor busy,
+and each round trip through the proxy would take longer.
 """
 
 _SHOWN_WITHIN_NS = 2_000_000_000
-"""Age in ns. If undecoded traffic is older, the watcher no longer rests between polls."""
+"""Maximum age in ns of undecoded traffic. If the traffic is older, the watcher decodes without rests between
+polls.
+"""
 
 _PUBLISHED_WITHIN_NS = 200_000_000
-"""Age in ns while a screen shows the traffic. If undecoded traffic is older, the watcher no longer rests.
+"""Maximum age in ns of undecoded traffic while a screen shows the traffic. If the traffic is older, the
+watcher decodes without rests.
 """
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075
-"""Length of the rest after a poll, as a multiple of the poll's duration, and its maximum in seconds."""
+"""Length of the rest after a poll, relative to the duration of the poll, and maximum length in seconds."""
 
 _STATUS_EVERY_NS = 500_000_000
 _DECODING_DELAY_NS = round(3 * POLL_INTERVAL * 1e9)
-"""Assumed maximum time in ns from the arrival of a datagram until the watcher decodes it."""
+"""Assumed maximum time in ns between the arrival of a datagram and its decoding by the watcher."""
 
 _NICENESS = 10
 _RECORDS_AT_ONCE = 128
-"""Number of records that the watcher decodes and displays together."""
+"""Maximum number of records that the watcher decodes before it displays them."""
 _RECORDS_PER_YIELD = 32
 """Number of records that the watcher records before it yields the processor."""
 _FRAMES_PER_YIELD = 4
 """Number of frames that the watcher decodes before it yields the processor.
 
-Yielding takes a quarter of the time that decoding a frame takes.
+Yielding takes a quarter of the time of decoding a frame.
 """
 
 _CATCHES_UP_WITHIN = 10.0
@@ -144,7 +147,9 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
 
 
 def _give_relay_priority() -> None:
-    """Lower the priority of this process below that of the relay. Also ignore Ctrl-C, SIGHUP and SIGTERM."""
+    """Prefer the relay to this process: lower this process's priority. Also ignore Ctrl-C, SIGHUP and
+    SIGTERM.
+    """
     for name in ("SIGINT", "SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -153,7 +158,7 @@ def _give_relay_priority() -> None:
 
 
 class RecorderTask:
-    """Records the relay's traffic before the watcher decodes it.
+    """Writes the relay's traffic to the recording, before the watcher decodes the traffic.
 
     Records stay in the ring until the watcher decodes them.
     """
@@ -165,10 +170,9 @@ class RecorderTask:
         self._yield_cpu = yield_function(reader)
 
     def record_available(self) -> None:
-        """Record everything written so far.
+        """Record what the relay has written so far.
 
-        The first call may record nothing. The first call may only find out how many bytes the relay has
-        written.
+        The first call may record nothing, because it may only learn how much the relay has written.
         """
         until = self.reader.bytes_written
         while self.reader.position < until:
@@ -181,8 +185,8 @@ class ProxyWatcher:
     """Reads the relay's records from the ring. Decodes, displays and diagnoses the traffic according to the
     options.
 
-    Undecoded records wait in the ring, whose size is fixed. The memory of the watcher is bounded, because the
-    relay, the tracker and the diagnosis limit their data.
+    Undecoded records wait in the ring, whose size is fixed. The relay, the tracker and the diagnosis limit
+    their data, so the watcher needs limited memory.
     """
 
     def __init__(
@@ -261,8 +265,8 @@ class ProxyWatcher:
         )
 
     def _may_rest(self) -> bool:
-        """Return whether undecoded records may wait. Records may wait if traffic arrives, the ring is not too
-        full, and the oldest record is not too old.
+        """Return whether undecoded records may wait. Records may wait if new traffic arrives, the ring has
+        enough space, and the oldest undecoded record is not too old.
         """
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written
@@ -275,7 +279,7 @@ class ProxyWatcher:
         return reader.fill_ratio < _MAY_WAIT_SHARE
 
     def _decode(self) -> bool:
-        """Decode for at most `_DECODE_FOR`. Return True if undecoded records remain."""
+        """Decode for at most `_DECODE_FOR` seconds. Return True if undecoded records remain."""
         until = time.monotonic() + _DECODE_FOR
         recorded = None if self._recorder_task is None else self._recorder_task.reader.position
         while records := self._reader.read_records(_RECORDS_AT_ONCE, recorded):
@@ -319,11 +323,11 @@ class ProxyWatcher:
         self._terminal.write_message(f"{head}: {printable(sentence)}")
 
     def _close_conversation(self, conversation: Conversation, why: Message) -> None:
-        """Complete the calls of a client that is gone, report what it left open, and drop its data."""
+        """After a client is gone, complete its calls, report what it left open, and drop its data."""
         self._traffic.close_conversation(conversation)
         self._write_lines()
         left = self._session_closer.pop_left_open(conversation)
-        # After it received the closing requests, the relay itself reports which UDP sessions it closed.
+        # If the relay got the closing requests, the relay itself reports which UDP sessions it closed.
         is_reported = self._has_sent_closing and conversation.transport is Transport.UDP
         if left is not None and not is_reported:
             client = str(conversation.client)
@@ -361,9 +365,7 @@ class ProxyWatcher:
             self._publish_status(now)
 
     def _publish_status(self, now: int) -> None:
-        """Store the delay figures in the ring, where the relay reads them. Show the status on the
-        terminal.
-        """
+        """Store the delay figures in the ring for the relay, and show the status on the terminal."""
         for place, figure in enumerate(self._delays.figures()):
             self._reader.figures[place] = figure
         self._next_status_at = now + _STATUS_EVERY_NS
@@ -392,8 +394,8 @@ class ProxyWatcher:
             self._write_message(message)
 
     def _closing_requests(self) -> bytes:
-        """Return the requests that close the open sessions, as a JSON list of `ClosingRequests`."""
-        # Complete answered calls now, although a late retry could still arrive.
+        """Return a JSON list of `ClosingRequests`, which close all open sessions."""
+        # Complete answered calls now, without waiting for late retries.
         self._traffic.flush()
         self._pipeline.expire(time.time_ns() + RETRY_WITHIN_NS)
         self._write_lines()

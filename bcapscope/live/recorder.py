@@ -1,4 +1,4 @@
-"""The recorder that long-running programs use: proxy, simulator, Tester and live capture."""
+"""The recorder for long-running programs: proxy, simulator, Tester and live capture."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from bcapscope.render.escape import printable
 
 
 class Recorder:
-    """A recording for a program that must continue even if the disk fails. After a failure, the recorder
-    warns once and drops packets.
+    """A recording for programs that must continue even if the disk fails. After a failure, the recorder warns
+    once and drops packets.
 
     Attributes:
         files: Files of the recording, with the number of packets that wait for `flush`.
-        packets: Recording to write packets to. Writing never raises an exception. After `flush`, the packets
-            are in the file.
-        is_complete: Whether every file could be written so far.
+        packets: Recording to which you write packets. Writing never raises an exception, and `flush` brings
+            the packets into the file.
+        is_complete: Whether all packets could be written so far.
     """
 
     def __init__(
         self, path: Path, warn: Callable[[Message], None], ring: RotationLimits | None = None
     ) -> None:
-        """Create the file. The names of a ring's files contain a number and a time. The function `warn` must
-        not block.
+        """Create the file. In a ring of files, the name of each file contains a number and a time. The
+        function `warn` must not block.
 
         Raises:
             FileWriteError: The file exists already, or cannot be written.
@@ -46,7 +46,7 @@ class Recorder:
     def begin_packet(self) -> bool:
         """Call this method before each packet of a ring of files.
 
-        Return True if a new file began because the previous file was full.
+        If the previous file is full, begin a new file and return True.
         """
         try:
             return self.is_complete and self.files.rotate_if_full()

@@ -24,7 +24,7 @@ _DIRECTIONS = ((True, "up"), (False, "down"))
 
 
 class DelayStatistics:
-    """Statistics of the delay that the relay adds to data which it forwards unchanged."""
+    """Statistics of the relay's delay, for data that the relay forwards unchanged."""
 
     def __init__(self) -> None:
         self._histograms = {True: Histogram(), False: Histogram()}
@@ -33,8 +33,8 @@ class DelayStatistics:
         self._has_warned = False
 
     def add_records(self, records: Iterable[RingRecord]) -> None:
-        """Add the delays of records. Data that a rule affected are left out, because a rule may delay data on
-        purpose.
+        """Add the delays of records. Leave out data that a rule of the proxy affected, because such a rule
+        may delay data on purpose.
         """
         found: dict[bool, list[int]] = {True: [], False: []}
         for kind, up, _, received, sent, _, note in records:
@@ -48,8 +48,8 @@ class DelayStatistics:
                 self._worst_ns = max(self._worst_ns, *delays)
 
     def pop_warning(self) -> Message | None:
-        """Return a warning the first time that the relay delayed data longer than set points permit. Return
-        None at all other times.
+        """Return a warning after the relay has delayed data for longer than set points permit. Return the
+        warning only once; at all other times, return None.
         """
         if self._has_warned or not self._slow_count:
             return None
@@ -106,8 +106,8 @@ def rates(counts: Sequence[int], before: Sequence[int], seconds: float) -> Messa
 
 
 def losses(counts: Sequence[int]) -> Iterator[Message]:
-    """Yield one message for each kind of loss: traffic that was lost, denied, changed by rules or not
-    watched.
+    """Yield a message for each kind of loss: traffic that was lost, denied, changed by rules of the proxy, or
+    not watched.
     """
     for counter in _LOSSES:
         if counts[counter]:
@@ -115,7 +115,7 @@ def losses(counts: Sequence[int]) -> Iterator[Message]:
 
 
 def totals(counts: Sequence[int]) -> Iterator[Message]:
-    """Yield one clause for each total: clients, datagrams and bytes."""
+    """Yield the total numbers of clients, datagrams and bytes, each as a clause of a sentence."""
     yield Message("relay.clients", clients=Count(counts[RelayCounter.CLIENTS], "client"))
     names = "came_up", "left_up", "came_down", "left_down"
     yield Message("relay.datagrams", **{name: counts[RelayCounter[name.upper()]] for name in names})

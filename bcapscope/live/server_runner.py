@@ -1,4 +1,4 @@
-"""What all commands that serve clients need: reachability, log, recording and shutdown.
+"""Code for all commands that serve clients: reachability, log, recording and shutdown.
 
 Output never delays a reply: separate threads write the log, the messages and the recording. Output that
 cannot be written in time is dropped and counted.
@@ -26,7 +26,7 @@ from bcapscope.simulator.simulator_server import ControllerModel, SimulatorServe
 
 
 def reachability(host: str) -> Message:
-    """Return a clause that says which computers can reach a server that listens on this address."""
+    """Return a clause that says which computers can reach a server at this address."""
     address = ipaddress.ip_address(host.partition("%")[0])
     if address.is_loopback:
         return Message("listen.reach.machine")
@@ -38,7 +38,7 @@ def _do_nothing(descriptor: int) -> None:
 
 
 class ServerRunner:
-    """Runs the server of a command until the command ends, and writes its log and its recording."""
+    """Runs a server for a command until the command ends. Writes the log and the recording of the server."""
 
     def __init__(self, *, quiet: bool, record: Path | None, words: MessageFormatter = ENGLISH_WORDS) -> None:
         """Prepare the output. If `quiet` is True, calls are not logged. `record` is the file for the
@@ -74,12 +74,12 @@ class ServerRunner:
     ) -> None:
         """Serve clients until a signal arrives, with real-time priority if the operating system grants it.
 
-        The priority is needed because the simulated controller must keep its cycle of 8 ms. Without real-time
-        priority, the simulator received set points too late and ended three of five plays; six busy processes
-        ran on the two processors.
+        The priority is needed because the simulated controller must keep its cycle of 8 ms. In a test with
+        six busy processes on two processors, three of five plays failed without this priority, because the
+        simulator received set points too late.
 
-        `serve` calls `on_readable` with each descriptor in `watched` that is readable. `on_readable` may
-        change the list `watched`.
+        `serve` calls `on_readable` with each descriptor in `watched` that is readable. `on_readable` may also
+        change `watched`.
         """
         watched = [] if watched is None else watched
         with end_signal_socket() as end, realtime_priority(collect_garbage=True):
@@ -112,10 +112,10 @@ class ServerRunner:
 
 
 class ServerCallLog:
-    """Log lines for stdout. A line is formatted after the client has its reply, and written within
-    `_FLUSH_AFTER_NS`.
+    """Log lines for stdout. Each line is formatted after the client got its reply, and written within
+    `_FLUSH_AFTER_NS` ns.
 
-    The reason why a call was refused is printed to stderr, even if log lines are switched off.
+    If a call is refused, the reason is printed to stderr, even if calls are not logged.
     """
 
     _FLUSH_AFTER_NS = 20_000_000
@@ -143,7 +143,7 @@ class ServerCallLog:
     def flush_if_due(self) -> None:
         """Format the pending entries.
 
-        Write the entries if `_FLUSH_AFTER_NS` has passed since the last write.
+        If more than `_FLUSH_AFTER_NS` ns have passed since the last write, write the entries.
         """
         self._format_pending()
         if self._lines and time.monotonic_ns() - self._flushed_at > self._FLUSH_AFTER_NS:

@@ -13,7 +13,7 @@ _ANSI_SEQUENCE = re.compile(r"\x1b\[[;?0-9]*[a-zA-Z]")
 
 
 def print_stderr(text: str) -> None:
-    """Write a line to stderr. Colours are kept only if stderr is a terminal. If the terminal is closed, write
+    """Write a line to stderr. If stderr is not a terminal, remove colours. If the terminal is closed, write
     nothing.
     """
     stream = sys.stderr
@@ -37,7 +37,7 @@ def choose_palette(color: str) -> Palette:
 
 
 def discard_stdout() -> None:
-    """Discard the output in Python's buffer that stdout did not accept.
+    """Discard output that is still in Python's buffer, because stdout did not accept it.
 
     If the output were not discarded, Python would try to write it again at exit.
     """
@@ -45,9 +45,9 @@ def discard_stdout() -> None:
 
 
 def discard_unwritable_output() -> None:
-    """Flush stdout and stderr; discard what a closed terminal does not accept.
+    """Flush stdout and stderr. If a terminal is closed, discard its output.
 
-    If that output were not discarded, Python would try to write it again at exit, and exit with 120.
+    If the output were not discarded, Python would try to write it again at exit, and would exit with 120.
     """
     for stream in (sys.stdout, sys.stderr):
         try:

@@ -43,8 +43,8 @@ class TerminalKeys:
     def read_keys(self) -> str:
         """Return the typed characters in lower case. Call this method when file descriptor 0 is readable.
 
-        When the user presses Escape a second time, two Escapes are returned, even if much time is between the
-        presses. Escape sequences of arrow keys and similar keys are removed.
+        At the second of two presses of Escape, return two Escapes, no matter how much time passed between
+        them. Escape sequences, such as those of arrow keys, are removed.
         """
         data = os.read(0, 64)
         if not data:
@@ -57,8 +57,8 @@ class TerminalKeys:
 
 
 def _has_terminal() -> bool:
-    """Return whether keys can be read from a terminal. A background job, and a program on Windows, cannot
-    read keys.
+    """Return whether this process can read keys from a terminal. Background jobs and programs on Windows
+    cannot read keys.
     """
     if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
         return False

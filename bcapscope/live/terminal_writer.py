@@ -1,5 +1,5 @@
-"""Writes to a terminal from separate threads. If the terminal is stopped, for example by Ctrl-S, only these
-threads wait.
+"""Writes to a terminal from separate threads. If output to the terminal is stopped, for example by Ctrl-S,
+only these threads wait.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _MESSAGES_WITHIN = 0.5
 """Maximum time in seconds that `close` spends on writing the remaining messages, after the lines."""
 
 _WRITE_SIZE = 4096
-"""Number of bytes that are written at once. A pipe accepts so many bytes completely or not at all (PIPE_BUF
+"""Maximum number of bytes in one write. A pipe accepts up to this number completely or not at all (PIPE_BUF
 of Linux).
 """
 
@@ -40,10 +40,10 @@ ERASE_LINE = "\r\x1b[K"
 class TerminalWriter:
     """Writes lines to stdout, messages to stderr, and a status line at the bottom of a terminal.
 
-    Lines and messages have separate threads. A message can therefore report that lines cannot be shown. If
-    stdout is closed or its disk is full, a message reports this, and the program continues. The writer
-    bypasses Python's buffers. With a buffer, a thread that waits for the terminal would hold the buffer's
-    lock and delay the end of the program.
+    One thread writes lines to stdout, another writes messages to stderr. Therefore, bcapscope can still show
+    a message if stdout blocks. If stdout is closed or its disk is full, a message reports the error, and the
+    program continues. The writer bypasses Python's buffers. A thread that waits for the terminal would hold
+    the lock of the buffer and delay the end of the program.
     """
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
@@ -73,7 +73,7 @@ class TerminalWriter:
 
     @property
     def shows_status(self) -> bool:
-        """Whether the writer shows the status line, because stderr is a terminal."""
+        """Whether the writer shows the status line. This requires that stderr is a terminal."""
         return self._stderr_is_terminal
 
     def write_lines(self, lines: Sequence[bytes | str]) -> None:
@@ -99,7 +99,7 @@ class TerminalWriter:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Write the remaining lines, then the remaining messages, within the time limits."""
+        """Write the remaining lines, then the remaining messages. Both steps have a time limit."""
         with self._changed:
             self._no_more_lines = True
             self._changed.notify_all()
@@ -177,12 +177,12 @@ class TerminalWriter:
 
 
 def _write_unbuffered(stream: TextIO, data: bytes) -> Iterator[bytes]:
-    """Write data without Python's buffer. Yield each part of the data after it was written."""
+    """Write data without Python's buffer. After each write, yield the bytes that were written."""
     raw = getattr(stream.buffer, "raw", stream.buffer)
     at = 0
     while at < len(data):
         count = raw.write(data[at : at + _WRITE_SIZE])
-        if not count:  # the stream is non-blocking and accepts nothing now; wait until it accepts data
+        if not count:  # If a non-blocking stream accepts nothing now, wait until it accepts data.
             select.select((), (raw,), ())
             continue
         yield data[at : at + count]

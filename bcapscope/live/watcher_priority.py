@@ -1,17 +1,17 @@
-"""Controls when the watcher leaves the processor to other programs, such as the clients and controllers of
-the relay.
+"""Controls the priority of the watcher, so that it does not take processor time from the relay and other
+programs.
 
-Measured on two processors that also ran a client and a server: the 99.9th percentile of round trips was 2.6
-ms if the watcher ran at nice 10. The percentile was 0.5 ms if the watcher ran at idle priority. When another
-process wakes up, Linux interrupts a process of idle priority at once. Linux lets a process of any other
-priority finish its slice of about 3 ms first.
+Measured 99.9th percentile of round trips: 2.6 ms with the watcher at nice 10, 0.5 ms with the watcher at idle
+priority. A client and a server ran on the same two processors. When another process wakes up, Linux
+interrupts a process of idle priority at once. A process of any other priority may first finish its time slice
+of about 3 ms.
 
-Linux does not guarantee that it interrupts the process at once. Linux updates the run time of a process, and
-decides which process runs, only at a tick every 1 to 10 ms (sched(7), EEVDF). The watcher therefore also
-yields the processor after each 0.1 or 0.2 ms of work. At a yield, Linux chooses the next process.
+However, Linux sometimes interrupts a process with idle priority too late. Linux updates the run time of a
+process, and decides which process runs, only at a tick every 1 to 10 ms (sched(7), EEVDF). The watcher
+therefore also yields the processor after each 0.1 or 0.2 ms of work, so that Linux chooses the next process.
 
 If other programs are always busy, a process of idle priority gets almost no processor time, and each yield
-gives up a whole slice. The relay always gets the processor. The relay therefore checks how far the watcher
+gives up a whole time slice. The relay, which always gets the processor, therefore checks how far the watcher
 has read, and raises the watcher's priority if necessary.
 """
 
@@ -28,22 +28,21 @@ from pathlib import Path
 from bcapscope.proxy.ring_buffer import RingReader, RingWriter
 
 LATE_AFTER = 0.2
-"""Time in seconds within which the watcher should read new records. If the watcher is later, the relay raises
-the watcher's priority.
+"""Maximum time in seconds in which the watcher should read new records. If the watcher takes longer, the
+relay raises the watcher's priority.
 """
 
 OVERDUE_AFTER = 0.4
-"""Delay of the watcher in seconds. If the delay is longer, the watcher's urgency is `ALL`, so that traffic is
-recorded within a second.
+"""Delay of the watcher in seconds after which its urgency is `ALL`, so that traffic is recorded within a
+second.
 """
 
 MAX_RING_SHARE = 0.5
-"""Maximum share of the ring that unread records may fill. If unread records fill more, the watcher's urgency
-is raised.
+"""If unread records fill more than this share of the ring, the watcher's urgency is raised.
 """
 
 IDLE_AGAIN_AFTER = 30.0
-"""Time in seconds during which the watcher must not be late before it returns to idle priority."""
+"""The watcher returns to idle priority after it was not late for this time in seconds."""
 
 
 class WatcherUrgency(IntEnum):
@@ -54,14 +53,14 @@ class WatcherUrgency(IntEnum):
     SOME = 1
     """The watcher has the relay's priority, and yields the processor between pieces of work."""
     ALL = 2
-    """The watcher has the relay's priority, and does not yield."""
+    """The watcher has the relay's priority, and does not yield the processor."""
 
 
 class WatcherPriority:
     """Gives the watcher idle priority while the watcher keeps up with the traffic."""
 
     def __init__(self, ring: RingWriter, set_idle: Callable[[bool], None]) -> None:
-        """Switch the watcher to idle priority.
+        """Start with the watcher at idle priority.
 
         `set_idle` is a function that switches the watcher to idle priority (True) or to normal priority
         (False).
@@ -85,7 +84,7 @@ class WatcherPriority:
             self._set_urgency(WatcherUrgency.NONE)
 
     def raise_for_good(self) -> None:
-        """Keep the watcher at full urgency from now on, because the user waits for the watcher to end."""
+        """Set the highest urgency and keep it, because the user now waits for the watcher to end."""
         self._last_late_at = math.inf
         self._set_urgency(WatcherUrgency.ALL)
 
@@ -129,9 +128,8 @@ def lower_priority(niceness: int) -> None:
 
 
 def idle_priority_switch(process: int) -> Callable[[bool], None]:
-    """Return a function that switches another process to idle priority (True) or to this process's priority.
-
-    The function does nothing if this user may not move a process out of idle priority.
+    """Return a function that switches another process to idle priority (True) or to the priority of this
+    process (False). If the user may not move a process out of idle priority, the function does nothing.
     """
     possible = _can_leave_idle_priority()
     ours = os.getpriority(os.PRIO_PROCESS, 0) if possible else 0
@@ -143,7 +141,7 @@ def idle_priority_switch(process: int) -> Callable[[bool], None]:
         with suppress(OSError):  # the process, or one of its threads, may have ended
             for thread in Path(f"/proc/{process}/task").iterdir():
                 os.sched_setscheduler(int(thread.name), policy, os.sched_param(0))
-                # this may need rights that leaving idle priority does not need
+                # `setpriority` may need more rights than `sched_setscheduler`.
                 with suppress(PermissionError):
                     os.setpriority(os.PRIO_PROCESS, int(thread.name), ours)
 

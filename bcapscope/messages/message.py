@@ -1,4 +1,4 @@
-"""Sentences as data, and their texts in the reader's language."""
+"""Sentences as data, which are converted to text in the reader's language."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ class Place(ABC):
 
     In a template, the type of the value follows the name of the placeholder: ``{latency:duration}``.
 
-    The attributes of a typed value are the arguments of its constructor, in the same order, and never change.
-    The subclasses are not dataclasses: defining 17 dataclasses would take 7 ms at the start of every command.
+    Attributes have the names and the order of the constructor's arguments, and never change. The subclasses
+    are not dataclasses, because defining 17 dataclasses takes 7 ms at the start of every command.
     """
 
     type_name: ClassVar[str]
@@ -58,7 +58,7 @@ class Place(ABC):
 
     @abstractmethod
     def text(self, words: MessageFormatter) -> str:
-        """Return the value as text, without escaping strings from the wire."""
+        """Return the value as text. Strings from the wire are not escaped."""
 
     @abstractmethod
     def to_json(self) -> Json:
@@ -70,17 +70,16 @@ PlaceValue: TypeAlias = Union["Message", Place, str, int, float]
 
 
 class Message:
-    """A sentence as data: an id of the catalogue, and a value for each placeholder. A message is immutable
-    and is compared by value.
+    """A sentence as data: an id of the catalogue, and a value for each placeholder. A message is immutable;
+    messages with the same contents are equal.
 
-    ``str()`` returns the English sentence. A traceback therefore shows the sentence of an exception that
-    holds a message.
+    ``str()`` returns the English sentence. Therefore, if an exception holds a message, the traceback shows
+    the sentence.
 
     Attributes:
         id: Key in the catalogue, such as `finding.no-reply`.
         places: Value of each placeholder in the sentence, by the placeholder's name.
-        english: English text of a message whose text comes from a table of the protocol; None if the
-            catalogue has the English text.
+        english: English text from a table of the protocol; None if the catalogue has the English text.
     """
 
     __slots__ = ("english", "id", "places")
@@ -98,7 +97,7 @@ class Message:
     def from_table(cls, id: str, english: str, /, **places: PlaceValue) -> Message:
         """Return a message whose English text is in a table, such as the meaning of a result code.
 
-        For a message from a table, the catalogue holds only translations.
+        The catalogue contains only translations of such a message.
         """
         message = cls(id, **places)
         object.__setattr__(message, "english", english)
@@ -138,16 +137,16 @@ def foreign_text(text: str) -> Message:
 
 
 class MessageFormatter:
-    """Turns the messages of a report into sentences in one language.
+    """Converts messages to sentences in one language.
 
     Attributes:
         language: Language of the reader.
-        start: Time when the traffic began, ns since 1970. Sentences show times relative to this time.
-        only_client: Whether the traffic has a single client. If so, sentences do not name the client's
-            address.
+        start: Start of the traffic in ns since 1970. Sentences show times relative to the start.
+        only_client: Whether the traffic has a single client. Sentences then leave out the address of this
+            client.
         find_frame: Function that takes the number of a frame. The function returns the name of the frame's
-            capture and the number of the packet in this capture, or None if the frame is unknown. If
-            `find_frame` itself is None, sentences show only the numbers of frames.
+            capture and the number of the packet in this capture, or None if the frame is unknown. Without
+            this function, sentences show only the numbers of frames.
     """
 
     def __init__(
@@ -163,24 +162,22 @@ class MessageFormatter:
         self.find_frame = find_frame
 
     def __call__(self, id: str, /, **places: PlaceValue) -> str:
-        """Return the text of the message with this id and these values of placeholders. The caller needs no
-        `Message` object.
+        """Return the text of the message with this id and these values of placeholders. You need not create a
+        `Message`.
         """
         return self.text(Message(id, **places))
 
     def for_report(self, start: int, only_client: bool) -> MessageFormatter:
-        """Return a formatter in the same language for a report about other traffic."""
+        """Return a formatter in the same language for a report about traffic that began at `start`."""
         return MessageFormatter(self.language, start, only_client, self.find_frame)
 
     def for_captures(self, find_frame: Callable[[int], tuple[str, int] | None]) -> MessageFormatter:
-        """Return a formatter in the same language that adds to each frame number the frame's capture and
-        packet.
-        """
+        """Return a formatter in the same language that also names each frame's capture and packet."""
         return MessageFormatter(self.language, self.start, self.only_client, find_frame)
 
     def text(self, message: Message) -> str:
-        """Return a message as text; never raises. If the id is unknown, the text is the id with the values of
-        the placeholders.
+        """Return a message as text. This method never raises an exception. If the id is unknown, the text is
+        the id with the values of the placeholders.
         """
         template = _template(self.language, message.id)
         if template is None:
@@ -188,8 +185,8 @@ class MessageFormatter:
         return self._filled(template, message)
 
     def plural(self, id: str, number: int) -> str:
-        """Return the text that states a number of things, in singular or plural. The template of the text has
-        the placeholder ``{n}``.
+        """Return the text for a number of things, in the singular or plural. The template of the text has the
+        placeholder ``{n}``.
         """
         translations = _translations(self.language)
         template = translations.ngettext(id, f"{id}.plural", number)
@@ -212,8 +209,8 @@ class MessageFormatter:
         return text[:1].upper() + text[1:] if type_name[:1].isupper() else text
 
     def _filled(self, template: str, message: Message) -> str:
-        """Fill the placeholders of a template, and remove the template's spaces between two Japanese
-        characters.
+        """Fill the placeholders of a template. Remove a space of the template if Japanese characters are on
+        both sides.
         """
         made = ""
         for literal, name, type_name in _parsed(template):
@@ -253,7 +250,7 @@ def _json(value: PlaceValue) -> Json:
 
 @cache
 def _translations(language: Language) -> GNUTranslations:
-    import gettext  # noqa: PLC0415 - `bcapscope --help` loads this module and shows no message
+    import gettext  # noqa: PLC0415 - keeps `bcapscope --help` fast
 
     path = os.path.join(os.path.dirname(__file__), "locale", language, "LC_MESSAGES", f"{DOMAIN}.mo")
     with open(path, "rb") as compiled:
@@ -266,7 +263,7 @@ def has_message(id: str) -> bool:
 
 @lru_cache(4096)
 def _template(language: Language, id: str) -> str | None:
-    """Return the template of an id in a language, or in English if it is not translated; None if the
+    """Return the template of an id in a language; in English if there is no translation. Return None if the
     catalogue lacks the id.
     """
     found = _translations(language).gettext(id)
@@ -279,7 +276,7 @@ def _template(language: Language, id: str) -> str | None:
 
 @lru_cache(4096)
 def _parsed(template: str) -> tuple[tuple[str, str | None, str], ...]:
-    """Return the parts of a template in order. A part is a literal text, and the name and type of the
-    placeholder after it.
+    """Split a template into parts. Each part is a literal text with the name and type of the placeholder
+    after it.
     """
     return tuple((literal, name, spec or "") for literal, name, spec, _ in Formatter().parse(template))

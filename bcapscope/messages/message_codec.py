@@ -1,4 +1,4 @@
-"""Encode messages as JSON, to send them to another process. The other process shows the messages in the
+"""Encode messages as JSON, to send them to another process. The receiving process shows the messages in the
 reader's language.
 """
 

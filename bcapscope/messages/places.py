@@ -26,7 +26,7 @@ def duration_text(nanoseconds: int) -> str:
 
 
 def amount_text(value: float) -> str:
-    """Format a measured number with three significant digits. A large number keeps all digits before the
+    """Format a measured number with three significant digits. Large numbers keep all digits before the
     decimal point.
     """
     return f"{value:.0f}" if 999.5 <= abs(value) < 1e9 else f"{value:.3g}"
@@ -48,7 +48,7 @@ class Duration(Place):
 
 
 class Moment(Place):
-    """A time in ns since 1970. Sentences show it in seconds since the start of the traffic."""
+    """A time in ns since 1970. Sentences show seconds since the start of the traffic."""
 
     type_name = "time"
 
@@ -163,7 +163,7 @@ class CodePlace(Place):
     Attributes:
         code: The code, unsigned.
         name: The vendor's symbol, or the code in hex.
-        meaning: What the code means.
+        meaning: Meaning of the code.
     """
 
     type_name = "code"
@@ -198,15 +198,17 @@ class FramePlace(Place):
 
 
 def frames_text(numbers: Sequence[int], words: MessageFormatter, separator: str = ", ") -> str:
-    """Return frame numbers as text. If there is a `words.find_frame`, add the captures and packet numbers of
-    the frames.
+    """Return frame numbers as text. If `words.find_frame` is set, add the captures and packet numbers of the
+    frames.
     """
     frames, origins = separator.join(map(str, numbers)), origins_text(numbers, words)
     return f"{frames} ({origins})" if origins else frames
 
 
 def origins_text(numbers: Iterable[int], words: MessageFormatter) -> str:
-    """Return the captures of frames and their packet numbers as text; "" if `words.find_frame` is None."""
+    """Name the captures that contain the frames, with the packet numbers. If `words.find_frame` is None,
+    return "".
+    """
     find_frame = words.find_frame
     if find_frame is None:
         return ""
@@ -266,7 +268,9 @@ class ClientPlace(Place):
 
 
 class WireText(Place):
-    """A string from the wire. Sentences shorten it. The code that shows the sentence must escape it."""
+    """A string from the wire. Sentences show a shortened string. The code that shows a sentence must escape
+    the string.
+    """
 
     type_name = "text"
 
@@ -324,9 +328,7 @@ class Clauses(_Several, Place):
 
 
 def joined_clauses(clauses: Iterable[Message]) -> Message | None:
-    """Return clauses as one message that contains each different clause once; None if there are no
-    clauses.
-    """
+    """Join clauses to one message, without repeated clauses. If there are no clauses, return None."""
     items = tuple(dict.fromkeys(clauses))
     if len(items) < 2:
         return items[0] if items else None

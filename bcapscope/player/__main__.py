@@ -1,7 +1,7 @@
 """The player's process: ``python -m bcapscope.player``, started only by `player_process.PlayerProcess`.
 
-The process has one thread and no event loop. The process reads orders from standard input and writes messages
-to standard output. Standard error is for Python's own error messages.
+The process has one thread and no event loop. The process reads the user's orders, such as stop, from standard
+input and writes messages to standard output. Standard error is for Python's own error messages.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from bcapscope.protocol.codec.variant import Value
 def main() -> None:
     """Read a plan from standard input, and play the trajectory in it."""
     messages = os.dup(1)
-    os.dup2(2, 1)  # text that any module prints must not mix with the messages
+    os.dup2(2, 1)  # so that text which a module prints does not mix with the messages
     pipe = PlayerPipe(0, messages)
     plan = pipe.read_plan()
     pipe.install_signal_handlers()
@@ -56,8 +56,8 @@ def main() -> None:
 def play(
     plan: PlayPlan, pipe: PlayerPipe, recording: RotatingRecording | None, log: BinaryIO | None
 ) -> PlayEnded:
-    """Play a plan and return how the play ended. If wanted, record all frames, and save the controller's
-    log.
+    """Play a plan and return how the play ended. If there is a `recording`, record all frames; if there is a
+    `log`, save the controller's log.
     """
     target = plan.target
     with realtime_priority(plan.realtime and not plan.look_only) as granted:
@@ -74,7 +74,7 @@ def play(
         recorder = FrameRecorder(pipe.send, recording)
         session = PlaySession(plan, channel, pipe, recorder)
         ended = structs.replace(run_blocking(session.run()), realtime=granted.realtime)
-    # The play is over, so the files are written without real-time priority.
+    # After the play, write the files without real-time priority.
     read = partial(read_control_log, target, plan.robot, abort_on_order(pipe))
     return write_files(ended, recorder, channel, log if session.has_log else None, read)
 
@@ -86,8 +86,8 @@ def write_files(
     log: BinaryIO | None,
     read_records: Callable[[], Sequence[Value]],
 ) -> PlayEnded:
-    """Write the recording, and write the records that `read_records` returns to the log. Return the message
-    that ends the play.
+    """Write the recording. Write the records that `read_records` returns to `log`. Return the message that
+    ends the play.
     """
     reasons: list[Message] = []
     try:
@@ -111,9 +111,7 @@ def write_files(
 
 
 def abort_on_order(pipe: PlayerPipe) -> Callable[[], None]:
-    """Return a function that raises BcapError if the parent process has sent an order since `abort_on_order`
-    was called.
-    """
+    """Return a function that raises BcapError if the parent process has sent a further order."""
     before = pipe.order_count
 
     def look() -> None:

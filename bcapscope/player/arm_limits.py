@@ -1,9 +1,10 @@
-"""Limits of an arm for each axis. Speed and acceleration of set points, and how much of these limits they
-use.
+"""Limits of an arm for each axis. Computes the speed and acceleration of set points, as values and as shares
+of the arm's limits.
 
-An arm is identified by the type name that the controller reports. No public document lists the limits of all
-arms, so the user gives the limits of a real arm. bcapscope knows only the simulator's arm. If a speed limit
-is unknown, `MAX_ARM_SPEED` is used. No arm of DENSO Wave is faster, so a larger step is an error in the file.
+The type name that the controller reports identifies the arm. No public document lists the limits of all arms,
+so the user gives the limits of a real arm. bcapscope knows only the simulator's arm. If the speed limit of an
+axis is unknown, `MAX_ARM_SPEED` is used. No arm of DENSO Wave is faster, so faster set points are an error in
+the file.
 """
 
 from __future__ import annotations
@@ -29,8 +30,7 @@ from bcapscope.simulator.machine import ROBOT_TYPE
 ToJoints: TypeAlias = Callable[[PoseType, tuple[float, ...]], tuple[float, ...]]
 
 MAX_ARM_SPEED = {"deg": 1500.0, "mm": 15_000.0}
-"""Highest plausible speed of an axis, in degrees per second or mm per second, depending on the unit of the
-axis.
+"""Highest plausible speed of an axis: in degrees per second or mm per second, by the unit of the axis.
 """
 
 _NAMES = tuple(dict.fromkeys(axis.name for kind in AXES.values() for axis in kind if axis.unit))
@@ -51,10 +51,10 @@ class ArmLimits:
     """Limits of one arm. `axis_count` is the number of joints; None if it is unknown.
 
     Attributes:
-        axes: Limits of each known axis, by the axis's name, in the unit of the axis and seconds. An unknown
-            limit is infinite.
-        to_joints: Function that computes the joints of a pose of P or T type. The function raises an
-            exception if the pose is out of reach. None if the arm's kinematics are unknown.
+        axes: Limits of each known axis by name, in the unit of the axis and seconds. An unknown limit is
+            infinite.
+        to_joints: Function that computes the joints for a pose of P or T type, and raises an exception if the
+            pose is out of reach. None if the arm's kinematics are unknown.
     """
 
     arm_name: Message
@@ -80,8 +80,8 @@ SIMULATED_ARM = ArmLimits(
     joints_of,
     AXIS_COUNT,
 )
-"""Limits of the simulator's arm. A scenario can set narrower software limits; a controller does not report
-software limits.
+"""Limits of the simulator's arm. A scenario can set narrower software limits, which the simulator does not
+report to clients.
 """
 
 
@@ -91,7 +91,8 @@ def limits_for_arm(type_name: str) -> ArmLimits:
 
 
 def with_limits(limits: ArmLimits, texts: Sequence[str]) -> ArmLimits:
-    """Return limits that are changed as the user's texts say. Raises InputError if a text is invalid.
+    """Return the limits with the changes that the user's texts describe. Raises InputError if a text is
+    invalid.
 
     Each text is `AXES=LOW..HIGH`, `AXES.speed=NUMBER` or `AXES.acceleration=NUMBER`, in mm or degrees and
     seconds. AXES is a name such as `J1` or `X`, or a range such as `J1..J3`.
@@ -138,8 +139,8 @@ def _axis_range(text: str, first: str, last: str) -> tuple[str, ...]:
 class TrajectoryMotion:
     """The motion of some axes in mm or degrees, with `period` seconds between two rows.
 
-    Each set point has a row; the row is NaN if the set point is out of reach. An angle that passes half a
-    turn goes on counting.
+    Each set point has a row; the row is NaN if the set point is out of reach. Angles continue beyond 180°
+    instead of jumping to -180°.
     """
 
     axes: tuple[Axis, ...]
@@ -148,20 +149,20 @@ class TrajectoryMotion:
 
     @property
     def speeds(self) -> Array:
-        """Speed from each set point to the next in units per second. Each row is for one step."""
+        """Speed from each set point to the next in units per second, one row per step."""
         return np.diff(self.rows, axis=0) / self.period
 
     @property
     def accelerations(self) -> Array:
-        """Acceleration at each pair of steps in units per second squared. The accelerations are computed as
-        controllers compute them.
+        """Acceleration from each step to the next in units per second squared, computed as controllers
+        compute it.
         """
         return np.diff(self.rows, n=2, axis=0) / (self.period * self.period)  # ** may raise an exception
 
 
 def motions_of(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> Iterator[TrajectoryMotion]:
-    """Yield the motion of the axes that the set points have. If the motion of the joints can be computed,
-    yield it too.
+    """Yield the motion of the axes that the set points have. If bcapscope can compute the joints of these set
+    points, yield the motion of the joints too.
     """
     axes = AXES[kind][: points.shape[1]]
     counted = [place for place, axis in enumerate(axes) if axis.unit]
@@ -179,12 +180,12 @@ def _joints(kind: PoseType, points: Array, to_joints: ToJoints) -> Array:
         try:
             rows[place] = to_joints(kind, tuple(points[place].tolist()))
         except BcapError:
-            continue  # the arm cannot reach the set point; the row of this set point stays NaN
+            continue  # the arm cannot reach the set point; its row stays NaN
     return rows
 
 
 def limit_excess(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> float:
-    """Return the largest share of a speed or acceleration limit that the set points use. If a set point is
+    """Return the largest speed or acceleration of the set points, as a share of its limit. If a set point is
     out of reach, return infinity.
     """
     worst = 0.0

@@ -2,8 +2,8 @@
 
 No event loop is used, because it could delay a set point. One thread drives the requester and waits for data
 of the channel. `begin_call`, `send_due` and `wait_for_outcome` are the steps of a call, for code that has a
-deadline between two steps. `perform_call` makes a whole call, for a `Session`. All four
-methods use the same requester, and therefore one sequence of serials.
+deadline between two steps. `perform_call` makes a whole call, for a `Session`. These four methods share a
+requester, and therefore one sequence of serials.
 """
 
 from __future__ import annotations
@@ -43,32 +43,34 @@ from bcapscope.transport.receive_timestamps import (
 from bcapscope.transport.socket_link import preferred_address
 
 SPIN_TIME = 200_000
-"""Time in ns before a deadline at which the thread stops sleeping and watches the clock. A sleep lasts too
-long by less than this time.
+"""Time in ns before a deadline at which the thread stops sleeping and watches the clock. Sleeps end too late,
+but by less than this time.
 """
 
 _DATAGRAM_SIZE = 4096
-"""Largest size of a datagram in bytes. Controllers send at most 503 bytes."""
+"""Largest datagram, in bytes, that the channel reads. Controllers send at most 503 bytes."""
 
 _STREAM_READ_SIZE = 512
-"""Maximum number of bytes read from a stream at once, enough for a few replies. After a delay, a controller
-sends a hundred replies together. Reading all of them takes longer than the time between two set points."""
+"""Maximum number of bytes to read from a stream at once, enough for a few replies. After a delay, a
+controller may send a hundred replies together. Reading a hundred replies at once would take longer than the
+time between two set points.
+"""
 
 _CONNECT_TIMEOUT = 5.0  # seconds
 
 _CLOCK_TOLERANCE = 100_000
-"""Tolerance in ns. If the difference between the two clocks changes by more, a clock was set or the thread
-was delayed.
+"""Maximum normal change, in ns, of the difference between two clocks. If the difference changes by more, a
+clock was set or the thread was delayed.
 """
 
 
 class Channel:
-    """A socket that is connected to the controller. The operating system therefore drops datagrams from other
+    """A socket that is connected to the controller, so that the operating system drops datagrams from other
     senders.
 
-    Times are ns of the monotonic clock `now`. `arrival_time` is the arrival time of the bytes received last.
-    If the operating system reports none, it is the time when they were read. Every method raises OSError if
-    the connection is lost.
+    Times are ns of the monotonic clock `now`. `arrival_time` is when the last bytes arrived. If the operating
+    system does not report an arrival time, `arrival_time` is when the bytes were read. Every method raises
+    OSError if the connection is lost.
     """
 
     def __init__(self, sock: socket.socket) -> None:
@@ -94,7 +96,7 @@ class Channel:
         clock = time.monotonic_ns
         rest = until - SPIN_TIME - clock()
         if rest > 0:
-            time.sleep(rest / 1e9)  # there is nothing to do until the set point is due
+            time.sleep(rest / 1e9)  # the player has nothing to do until the set point is due
         while clock() < until:
             pass
 
@@ -145,16 +147,14 @@ class Channel:
         now = self.arrival_time = time.monotonic_ns()
         self._has_kernel_times = bool(control)
         if abs(time.time_ns() - now - self._epoch_offset) > _CLOCK_TOLERANCE:
-            # The two clocks differ: the system's clock was set, or this thread was delayed just now.
+            # The clocks' difference changed: the system's clock was set, or this thread was delayed.
             self._epoch_offset = _measure_epoch_offset()
         elif control:
             self.arrival_time = min(now, kernel_timestamp(control, 0) - self._epoch_offset)
 
 
 def _measure_epoch_offset() -> int:
-    """Return the time in ns since 1970 at which the clock `now` was 0. The two clocks are read five times,
-    and the result with the largest difference is returned.
-    """
+    """Return the time in ns since 1970 at which the clock `now` was 0: the largest of five measurements."""
     return max(time.time_ns() - time.monotonic_ns() for _ in range(5))
 
 
@@ -190,8 +190,8 @@ def _connect_datagrams(host: str, port: int, local_port: int) -> socket.socket:
 R = TypeVar("R")
 
 FrameCallback: TypeAlias = Callable[[bool, bytes, int], None]
-"""Function that is called for every frame. The function receives whether the frame was sent, its bytes, and
-its time in ns of the channel's clock.
+"""Function that is called for every frame. The arguments say whether the frame was sent, its bytes, and its
+time in ns on the channel's clock.
 """
 
 
@@ -211,8 +211,8 @@ ABORT_CHECK_INTERVAL = 50_000_000
 """Time in ns between two calls of the function `BlockingCaller.check_abort`."""
 
 READ_RESERVE = 100_000
-"""Time in ns before the end of a wait that is reserved for reading a reply. The reply may have arrived during
-`BlockingCaller.sleep_until_due`.
+"""Time in ns, at the end of a wait, that is reserved for reading a reply. A reply may arrive while
+`BlockingCaller.sleep_until_due` sleeps.
 """
 
 
@@ -224,11 +224,10 @@ class BlockingCaller:
     """Makes calls over a channel, one after the other.
 
     Attributes:
-        late_replies: Late replies that were not yet evaluated. The code that evaluates them clears the list.
+        late_replies: Late replies that the pacer has not yet evaluated. The pacer clears this list.
         check_abort: Function that is called regularly while `perform_call` waits. If the function raises an
             exception, the call ends.
-        overslept: Time in ns by which waits of the current call lasted too long because of the operating
-            system.
+        overslept: Time in ns by which the operating system prolonged the waits of the current call.
     """
 
     def __init__(
@@ -268,12 +267,12 @@ class BlockingCaller:
     def begin_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy, at: int
     ) -> None:
-        """Prepare a call, which `send_due` then sends. The time-outs of the call count from the time `at`."""
+        """Prepare a call for `send_due` to send. The time-outs of the call count from the time `at`."""
         self._requester.start_call(function_id, arguments, retry_policy, at)
         self.overslept = 0
 
     def send_due(self) -> int:
-        """Send the attempt that is due; return the time at which sending began."""
+        """Send the attempt that is due, and return the time just before sending."""
         now = self.link.now()
         for raw in self._requester.data_to_send():
             self.link.send(raw)
@@ -284,9 +283,9 @@ class BlockingCaller:
         """Sleep for most of the time until the next retry or `until`, whichever is earlier.
 
         Sleeping helps because the scheduler delays a program that used the processor shortly before a reply
-        wakes it. Measured with set points every 1 ms beside busy programs, without real-time priority (Linux
-        6.18, sched-eevdf): three set points in a hundred were 2 ms late. If the caller
-        slept, three in a thousand were late.
+        wakes it. In a test, busy programs ran beside the player, which sent a set point every 1 ms without
+        real-time priority (Linux 6.18, sched-eevdf). Without this sleep, 3 % of the set points were 2 ms
+        late; with this sleep, 0.3 %.
         """
         due, now = self._requester.deadline, self.link.now()
         end = max(now, min(until, until if due is None else due) - READ_RESERVE)
@@ -294,8 +293,7 @@ class BlockingCaller:
         self.overslept += max(0, self.link.now() - end)
 
     def wait_for_outcome(self, until: int) -> RequesterOutcome | None:
-        """Wait until the call ends or `until` is reached, and send retries. Return None if the call has not
-        ended.
+        """Send retries until the call ends or the time `until` comes. Return None if the call has not ended.
 
         Data are read in small portions, so that many late replies do not delay the caller.
         """
@@ -320,8 +318,8 @@ class BlockingCaller:
     def wait_for_late_reply(self, serials: Collection[int], until: int) -> LateReply | None:
         """Wait, without sending, for a reply to a call that was given up; return None if no reply came.
 
-        A reply to any attempt counts, even one that was discarded before. Another retry is not needed: it
-        would bring the same result, because the controller executes a call only once.
+        A reply to any attempt counts, even a reply that was discarded before. Another retry would bring the
+        same result, because the controller executes a call only once.
         """
         while True:
             self._next_outcome()
@@ -336,15 +334,15 @@ class BlockingCaller:
                 return None
 
     def abandon(self) -> CallTimedOut:
-        """Give up the running call; return the outcome that it timed out."""
+        """Give up the running call, and return a time-out as its outcome."""
         return CallTimedOut(self._requester.abandon())
 
     def close(self) -> None:
         self.link.close()
 
     def _receive(self, until: int) -> bytes | None:
-        """Return received bytes. If the controller's UDP port is closed, record this and return None, so that
-        retries continue.
+        """Return received bytes. If the controller's UDP port is closed, remember this fact and return None,
+        so that retries continue.
         """
         link = self.link
         end = max(until, link.now())

@@ -1,4 +1,4 @@
-"""Results of the pre-flight check, and the checks of a trajectory's numbers, type and times.
+"""Checks of a trajectory's numbers, pose type and times, and the results of a pre-flight check.
 
 Each check reports one problem, or one problem per axis.
 """
@@ -27,13 +27,13 @@ points with the problem.
 """
 
 SAME_INTERVAL = 0.01
-"""Maximum difference between two intervals that are treated as equal, as a share of the interval."""
+"""Intervals that differ by at most this share of the interval count as equal."""
 
 LARGEST_NUMBER = 1e9
 """Largest plausible number of mm or degrees in a set point."""
 
-_RADIANS, _METRES = 6.3, 2.0  # if all values are smaller, they look like radians or metres
-_UNIT = 0.01  # maximum difference between the length of a unit vector and 1
+_RADIANS, _METRES = 6.3, 2.0  # values that are all below these limits look like radians or metres
+_UNIT = 0.01  # how much the length of a unit vector may differ from 1
 _USUAL_AXES = 6
 
 RESAMPLE_ADVICE = Message("preflight.advice.resample")
@@ -64,7 +64,7 @@ class PreflightProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreflightContext:
-    """The trajectory, and facts with which the checks compare it. A fact is None if it is unknown.
+    """The trajectory, and facts with which the checks compare it. An unknown fact is None.
 
     `period` is the time in seconds between two calls of slvMove. `current_pose` has the same pose type as the
     trajectory.
@@ -79,11 +79,10 @@ class PreflightContext:
 
     @property
     def axis_count(self) -> int | None:
-        """Number of joints of the arm, if the arm is known, or the number that the controller reports; None
-        if unknown.
+        """Number of joints of a known arm, or the number that the controller reports; None if unknown.
 
-        Most controllers report eight joints, with 0 for joints that the robot lacks. If a controller reports
-        eight joints, the robot may therefore have fewer.
+        Most controllers report eight joints, with 0 for joints that the robot lacks. Eight reported joints
+        therefore do not show how many joints the robot has.
         """
         if self.limits.axis_count is not None or self.current_pose is None:
             return self.limits.axis_count
@@ -93,8 +92,8 @@ class PreflightContext:
 
     @property
     def step(self) -> float | None:
-        """Time in seconds between two set points according to the file; None if the intervals in the file
-        differ.
+        """Time in seconds between two set points according to the file; None if the file has unequal
+        intervals.
         """
         if self.trajectory.period is None and self.trajectory.times is not None:
             return None
@@ -218,7 +217,7 @@ def check_cycle(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_interval(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the times of the file's set points with the times of slvMove."""
+    """Compare the intervals between the file's set points with the time between calls of slvMove."""
     trajectory = context.trajectory
     if trajectory.period is not None:
         yield from _check_period(trajectory.period, context.period)

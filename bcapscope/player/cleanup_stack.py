@@ -15,8 +15,7 @@ from bcapscope.player.robot_adapter import RobotAdapter
 from bcapscope.protocol.tables.hresult import E_BUSY
 
 _BUSY_TIMEOUT = 5_000_000_000
-"""Time in ns that a controller may still need for a call that was given up. During this time, the controller
-accepts no other call.
+"""Maximum time in ns to wait for a controller that refuses calls because it is busy with an earlier call.
 """
 
 _BUSY_PAUSE = 20_000_000
@@ -26,7 +25,7 @@ class CleanupStack:
     """Undoes steps, newest first. The stack reports which steps remain, so that another process can undo them
     if this process is killed.
 
-    If the controller no longer answers (`is_controller_gone`), the remaining cleanup tasks are skipped.
+    If the controller no longer answers (`is_controller_gone`), the stack skips the remaining cleanup tasks.
     """
 
     def __init__(self, robot: RobotAdapter, pipe: PlayerPipe, channel: Channel) -> None:
@@ -40,8 +39,8 @@ class CleanupStack:
     async def run_and_push(self, task: CleanupTask, step: Callable[[], Awaitable[None]]) -> None:
         """Push a cleanup task, then run the step that the task undoes.
 
-        The task is pushed before the step makes its call, because the reply to that call may be lost. If the
-        controller refuses the call, the task is removed.
+        Push the task first, because the reply to the step's call may be lost. If the controller refuses the
+        call, remove the task.
         """
         self.push(task)
         try:
@@ -55,8 +54,8 @@ class CleanupStack:
         self._report_tasks()
 
     async def clean_up_all(self) -> None:
-        """Run all cleanup tasks. If the controller refuses the call of a task, report this and continue with
-        the next task.
+        """Run all cleanup tasks. If the controller refuses a task's call, report the refusal and continue
+        with the next task.
         """
         while self._tasks and not self.is_controller_gone:
             task = self._tasks[-1]

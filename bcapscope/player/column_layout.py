@@ -1,9 +1,9 @@
 """Find the columns of a trajectory in a table: by title, by number, or by the user's description.
 
-Known titles are those of `bcapscope extract`, plain names of axes and joints, and the titles of a
-controller's log with their English forms: `[J1 - 指令値]`, `[FIG - 指令値]`
-(ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and DrawLineDemo). A column whose title has an
-unknown word is ignored, so that a force or a distance is never read as a position.
+Known titles are the titles that `bcapscope extract` writes, names of axes and joints, and the titles in a
+controller's log, also in English: `[J1 - 指令値]`, `[FIG - 指令値]` (ShoheiKobata/orin_bcap_python_samples
+others/Get_Syslog.py and DrawLineDemo). The reader ignores a column with an unknown word in its title, so that
+the reader never mistakes a force or a distance for a position.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from bcapscope.protocol.slave_mode.poses import AXES, Axis
 
 
 class ColumnRole(StrEnum):
-    """Roles that the numbers in a column can have. If several columns fit, the role that is listed first is
-    preferred.
+    """Whether the numbers in a column are commanded or measured. If several columns fit, the reader prefers
+    the role that is listed first here.
     """
 
     COMMANDED = "commanded"
@@ -58,12 +58,12 @@ UNITS = {
 """Known units by their names."""
 
 TIME, COUNTER, NUMBER = "time", "counter", "number"
-"""Names for the columns that hold the time, the controller's counter, or the number of the record."""
+"""Names of the columns for the time, the controller's counter and the number of the record."""
 
 
 class ColumnTitle(NamedTuple):
-    """What the title of a column means: an axis, `TIME`, `COUNTER` or `NUMBER`; the column's role; and its
-    unit, if the title names one.
+    """What the title of a column means. `axis` is an axis, `TIME`, `COUNTER` or `NUMBER`; `unit` is None if
+    the title names no unit.
     """
 
     axis: str
@@ -107,7 +107,7 @@ _PREFERENCE = (PoseType.J, PoseType.P, PoseType.T)
 _HALF_TURN = 180.0
 _POSTURES = 31.0
 _MAX_NAMED = 12
-_EVEN = 1e-3  # maximum difference between steps that count as equal, as a share of the step
+_EVEN = 1e-3  # steps that differ by at most this share count as equal
 _USUAL_AXES = 6
 
 
@@ -116,7 +116,7 @@ class ReadOptions:
     """The user's description of a file with a trajectory.
 
     Attributes:
-        kind: Pose type to read; None to use a pose type that the file has. Joints are preferred.
+        kind: Pose type to read; None to choose a pose type that the file has, preferably joints.
         columns: Number of the column of each axis and of `time`, counted from 1; empty to use the titles.
         angle: Unit of angles if the file names none: `deg` or `rad`.
         length: Unit of positions if the file names none: `mm` or `m`.
@@ -130,10 +130,9 @@ class ReadOptions:
 
 @dataclass(frozen=True, slots=True)
 class ColumnLayout:
-    """The columns of the axes, in the order of the axes, and the columns of time and counter, if there are
-    any.
+    """The columns of the axes, in the order of the axes, and the columns of time and counter, if any.
 
-    Each note is one clause about a choice or an assumption.
+    Each note is one clause about something that the reader chose or assumed.
     """
 
     kind: PoseType
@@ -177,7 +176,7 @@ def _column_pairs(part: str) -> Iterator[tuple[str, int]]:
 
 
 def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayout | None:
-    """Find the columns by their titles; return None if no pose type has a column for each axis it needs."""
+    """Find the columns by their titles; return None if the columns are too few for any pose type."""
     if options.columns:
         return _layout_as_given(options, titles, len(titles))
     read = [read_title(title) for title in titles]
@@ -203,7 +202,9 @@ def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayou
 
 
 def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> ColumnLayout:
-    """Guess what columns without titles mean, from some rows; raise TrajectoryError if this is unclear."""
+    """Guess from some rows what columns without titles mean; raise TrajectoryError if their meaning is
+    unclear.
+    """
     count = len(rows[0])
     if options.columns:
         return _layout_as_given(options, (), count)
@@ -228,7 +229,7 @@ def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> 
 
 
 def _ambiguity(rows: Sequence[Sequence[float]]) -> Message | None:
-    """Return why the numbers are probably not joint angles; None if they look like joint angles."""
+    """Return why the numbers are probably not joint angles; None if they are probably joint angles."""
     first = [row[0] for row in rows]
     steps = [b - a for a, b in pairwise(first)]
     if len(steps) > 1 and steps[0] > 0 and max(steps) - min(steps) <= _EVEN * steps[0]:
@@ -243,7 +244,9 @@ def _ambiguity(rows: Sequence[Sequence[float]]) -> Message | None:
 
 
 def _axis_columns(kind: PoseType, role: ColumnRole, read: Sequence[ColumnTitle | None]) -> list[int]:
-    """Return the columns of a pose type's axes, up to the first axis without a column; [] if too few."""
+    """Return the columns of a pose type's axes, up to the first axis without a column; [] if these are too
+    few.
+    """
     by_name: dict[str, int] = {}
     for place, title in enumerate(read):
         if title and title.role is role:
@@ -306,8 +309,9 @@ def _layout_as_given(options: ReadOptions, titles: Sequence[str], count: int) ->
 
 
 def _named_axis_count(kind: PoseType, columns: Mapping[str, int]) -> int:
-    """Count the axes of a pose type that the user named, up to the first axis without a column. Return 0 if
-    these axes are too few for the pose type."""
+    """Count the axes that the user named, up to the first axis without a column; return 0 if they are too few
+    for the pose type.
+    """
     count = len(list(takewhile(lambda axis: axis.name in columns, AXES[kind])))
     return count if count >= MIN_COLUMNS[kind] else 0
 
@@ -319,8 +323,7 @@ def _layout_notes(
     role: ColumnRole,
     read: Sequence[ColumnTitle | None],
 ) -> Iterator[Message]:
-    """Yield a note for each choice that the reader made: of a role, a pose type, or one of several
-    columns."""
+    """Yield a note for each choice of a role, a pose type or a column that the reader made."""
     if role is ColumnRole.MEASURED:
         yield Message("trajectory.note.measured")
     elif role is ColumnRole.UNMARKED and any(title and title.role is ColumnRole.COMMANDED for title in read):
@@ -365,8 +368,9 @@ def read_title(text: str) -> ColumnTitle | None:
 
 
 def _words(text: str) -> list[str]:
-    """Split a title between letters, digits and Japanese; attach a number to a word before it that means
-    "joint"."""
+    """Split a title between letters, digits and Japanese characters, but never between a word for "joint" and
+    its number.
+    """
     plain = unicodedata.normalize("NFKC", text[:_LONGEST]).casefold()
     words: list[str] = []
     for word in _WORD.findall(plain.replace("_", " ")):

@@ -36,13 +36,14 @@ _REST = (
 LOG_COLUMN_TITLES = tuple(f"[J{axis} - {what}]" for axis in range(1, 9) for what in _AXES) + tuple(
     f"[{title}]" for title in _REST
 )
-"""Titles of the 39 columns: first the set point, encoder, current and load of each axis, then values of the
-program."""
+"""Titles of the 39 columns: set point, encoder, current and load of each axis, then values of the program."""
 
 
 @contextmanager
 def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
-    """Open a new file, or raise OSError; delete it if it stays empty. Without a path, yield None."""
+    """Open a new file, or raise OSError. At the end of the `with` block, delete the file if it is empty.
+    Without a path, yield None.
+    """
     if path is None:
         yield None
         return
@@ -51,7 +52,7 @@ def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
         yield file
     finally:
         is_empty = not file.tell()
-        with suppress(OSError):  # the writing code has already flushed the file, and seen any error
+        with suppress(OSError):  # the code that wrote the file has already flushed it and handled errors
             file.close()
         if is_empty:
             Path(path).unlink(missing_ok=True)
@@ -87,7 +88,9 @@ def read_control_log(target: ControllerTarget, robot: str, check_abort: Callable
 
 
 def _csv_cell(value: object) -> object:
-    """Put an apostrophe before text that a spreadsheet would execute; leave numbers unchanged."""
+    """Put an apostrophe before text that a spreadsheet would execute as a formula; leave numbers
+    unchanged.
+    """
     return f"'{value}" if isinstance(value, str) and is_spreadsheet_formula(value) else value
 
 

@@ -1,7 +1,7 @@
-"""Collects the frames that a player sends and receives, to display the last ones and to record all.
+"""Collects the frames that a player sends and receives, to display the last frames and to record all frames.
 
 The recorder keeps frames in memory and writes them at the end. A disk access may take longer than the time
-between two set points. A separate thread for writing is no solution: Python would make the thread that sends
+between two set points. A separate thread for writing would not help: Python would make the thread that sends
 set points wait for it.
 """
 
@@ -22,12 +22,14 @@ MAX_FRAMES = 2_000_000
 later frames."""
 
 _FRAMES_PER_WRITE = 1000
-"""Number of frames that one write stores; if the disk becomes full, the frames of the last write are lost."""
+"""Number of frames per write. If the disk becomes full, the frames of the last write are lost."""
 
 
 @contextmanager
 def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
-    """Create a recording, or raise OSError; delete it if it stays empty. Without a path, yield None."""
+    """Create a recording, or raise OSError. At the end of the `with` block, delete the file if it is empty.
+    Without a path, yield None.
+    """
     if path is None:
         yield None
         return
@@ -43,7 +45,7 @@ class FrameRecorder:
     """Keeps every frame for the recording, and reports each frame for display unless `is_pacing`."""
 
     def __init__(self, send: Callable[[FrameMessage], object], recording: RotatingRecording | None) -> None:
-        """`send` gets each frame unless `is_pacing`; `recording` is the file to write, or None."""
+        """`send` is called with each frame unless `is_pacing`; `recording` is the file to write, or None."""
         self.last_sent = b""
         self.last_received = b""
         self.is_pacing = False
@@ -53,7 +55,7 @@ class FrameRecorder:
         self._frames: list[tuple[bool, bytes, int]] = []
 
     def on_frame(self, sent: bool, raw: bytes, now: int) -> None:
-        """Note a frame that was sent or received at `now`, ns of the monotonic clock."""
+        """Keep a frame that was sent or received at `now`, in ns of the monotonic clock."""
         if sent:
             self.last_sent = raw
         else:

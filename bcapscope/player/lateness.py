@@ -9,20 +9,21 @@ import msgspec
 import numpy as np
 
 _BINS_PER_OCTAVE = 16
-"""Number of bins between one power of two and the next. With 16 bins, an estimated percentile differs from
-the exact one by at most 7 %."""
+"""Number of bins between one power of two and the next. With 16 bins, an estimated percentile differs by at
+most 7 % from the exact percentile.
+"""
 
 _BINS = 64 * _BINS_PER_OCTAVE
 _PERCENTILES = (0.5, 0.99, 0.999)
 
 MAX_REPORTED_BINS = 40
-"""Maximum number of bins that `Lateness.bins` returns. With so few bins, the player can write its report to
-the pipe in one piece."""
+"""Maximum number of bins that `Lateness.bins` returns. A progress report with so few bins fits into one write
+to the pipe.
+"""
 
 
 class Spread(msgspec.Struct, frozen=True):
-    """Distribution of values in ns. A percentile such as `p99` is the smallest value that 99 % of all values
-    do not exceed."""
+    """Distribution of values in ns. 99 % of all values are at most `p99`."""
 
     count: int = 0
     p50: int = 0
@@ -35,7 +36,9 @@ class Lateness:
     """Records the lateness of every set point in ns."""
 
     def __init__(self, capacity: int) -> None:
-        """Allocate memory for `capacity` values; further values change only the bins and the maximum."""
+        """Allocate memory for `capacity` values; further values are counted only in the bins and the
+        maximum.
+        """
         self._values = array("q", bytes(8 * capacity))
         self._capacity = capacity
         self._bins = array("q", bytes(8 * _BINS))
@@ -44,7 +47,7 @@ class Lateness:
         self._maximum = 0
 
     def add(self, late: int) -> None:
-        """Record one lateness in ns; it must not be negative."""
+        """Record how late one set point was, in ns; `late` must not be negative."""
         if self._count < self._capacity:
             self._values[self._count] = late
         self._count += 1
@@ -52,7 +55,9 @@ class Lateness:
         self._maximum = max(self._maximum, late)
 
     def estimated_spread(self) -> Spread:
-        """Return percentiles estimated fast from the bins: the upper edge of each percentile's bin."""
+        """Return estimated percentiles, which is fast. The estimate is the upper edge of the bin that holds
+        the percentile.
+        """
         if not self._count:
             return Spread()
         wanted = [_rank(share, self._count) for share in _PERCENTILES]
@@ -69,7 +74,9 @@ class Lateness:
         return tuple(sorted(edges))
 
     def exact_spread(self) -> Spread:
-        """Return exact percentiles, or estimated ones if there were too many values to keep; slow."""
+        """Return exact percentiles, which is slow. If there were too many values to keep, return estimated
+        percentiles.
+        """
         if not 0 < self._count <= self._capacity:
             return self.estimated_spread()
         values = sorted(self._values[: self._count])

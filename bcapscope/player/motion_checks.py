@@ -1,4 +1,4 @@
-"""Checks of a trajectory's motion: first point, distances, speeds, and rest at its begin and end."""
+"""Checks of a trajectory's motion: first point, distances, speeds, and rest at the start and end."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from bcapscope.simulator.kinematics import AxisLimit
 POSITION_TOLERANCE = 0.05
 """If the robot is farther than this from the first point, in mm or degrees, it needs an approach motion."""
 
-_SLACK = 1.000001  # limits are raised by this factor, because set points may be rounded to single precision
+_SLACK = 1.000001  # factor that raises the limits, because set points may be rounded to single precision
 _DIRECTIONS = Axis("Ox..Az", "deg")
 _MOVE = Message("preflight.advice.move-there")
 _SLOWER, _POSITIONS = Message("preflight.advice.slower"), Message("preflight.advice.positions")
@@ -42,12 +42,14 @@ _SLOW, _CRAWL = 0.1, 1.0
 
 
 class AxisFigures(NamedTuple):
-    """How far and how fast one axis moves, in the axis's unit and seconds. An unknown limit is infinite.
+    """How far and how fast an axis moves, in the unit of the axis and in seconds. An unknown limit is
+    infinite.
 
     Attributes:
         step: Largest step from one set point to the next.
-        acceleration: Largest acceleration, if the robot is at rest before the first and after the last point.
-        fastest: Number of the set point at the end of the fastest step, from 1.
+        acceleration: Largest acceleration, assuming that the robot is at rest before the first and after the
+            last point.
+        fastest: Number, counted from 1, of the set point at the end of the fastest step.
     """
 
     axis: Axis
@@ -61,7 +63,9 @@ class AxisFigures(NamedTuple):
 
 
 def axis_figures(context: PreflightContext) -> tuple[AxisFigures, ...]:
-    """Return the figures of the trajectory's axes, then of the joints if bcapscope can compute them."""
+    """Return the figures of the trajectory's axes, then the figures of the joints if bcapscope can compute
+    the joints.
+    """
     if context.step is None:
         return ()
     return tuple(
@@ -103,7 +107,7 @@ def check_rest(context: PreflightContext) -> Iterator[PreflightProblem]:
             fact = Message(id, axis=axis.name, speed=speed)
             yield PreflightProblem("rest", Severity.WARNING, fact, RESAMPLE_ADVICE, (number,), 1)
             if context.loop:
-                return  # in a loop, the motion continues from round to round without rest
+                return  # in a loop, the robot moves from round to round without rest
 
 
 def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -139,7 +143,7 @@ def first_point_offsets(context: PreflightContext) -> tuple[float, ...] | None:
 
 
 def _here_and_first(here: Sequence[float], context: PreflightContext) -> Array:
-    """Return two rows, the robot's pose and the first point, reduced to the axes that both have."""
+    """Return the robot's pose and the first point as two rows, reduced to the axes that both have."""
     first = context.trajectory.points[0]
     width = min(len(here), len(first))
     return np.vstack((np.asarray(here[:width]), first[:width]))
@@ -170,8 +174,9 @@ def _own_motion(context: PreflightContext) -> TrajectoryMotion:
 
 
 def _padded_motions(context: PreflightContext) -> Iterator[TrajectoryMotion]:
-    """Yield the motion of each set of axes, with rest added at its start and end. In a loop, the start of the
-    next round follows instead of rest."""
+    """Yield the motion of each set of axes. Before the first point and after the last point, the robot stands
+    still. In a loop, the start of the next round follows the last point.
+    """
     points = context.trajectory.points
     after = points[:2] if context.loop else points[-1:]
     return _motions_through(context, np.vstack((points[:1], points, after)))
@@ -254,7 +259,9 @@ def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def _mark_set_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
-    """Assign each violation to its set point; rows after the last point are the start of the next round."""
+    """Return which set points have a violation. Rows after the last set point belong to the start of the next
+    round.
+    """
     at = where[:count].copy()
     rest = where[count : 2 * count]
     at[: len(rest)] |= rest

@@ -4,26 +4,24 @@ The slave mode decides whether the player or the controller sets the pace (DENSO
 Slave mode; table of slave modes in ShoheiKobata/orin_bcap_python_samples):
 
 * **Async, mode 1**: the player sets the pace. Deadlines are absolute, one per period. If no reply has arrived
-  shortly before the next deadline, the pacer gives the call up and sends the next set point. In these modes
-  the pacer never retries a set point: the newest set point wins, so a retry only wastes bandwidth. A reply
-  does not wake the player: the pacer looks for the reply only shortly before it would give up the call or
-  make the next packet. The operating system gives the reply's arrival time
-  (`BlockingCaller.sleep_until_due`). A late reply still shows that the controller is alive, and a late
-  refusal ends the play. If the newest answered set point is older than `SILENCE_TIMEOUT`, the controller is
-  behind or gone. If the controller is behind or gone, the pacer sends nothing until a reply arrives.
+  shortly before the next deadline, the pacer gives the call up and sends the next set point. In Async and
+  mode 1, the pacer never retries a set point, because the controller follows only the newest set point. A
+  reply does not wake the player: the pacer reads replies only shortly before the next deadline. The operating
+  system records when each reply arrived (`BlockingCaller.sleep_until_due`). A late reply still shows that the
+  controller is alive, and a late refusal ends the play. If the time since the newest answered set point
+  exceeds `SILENCE_TIMEOUT`, the pacer sends nothing until a reply arrives.
 * **Sync, mode 2**: the controller sets the pace by answering only when its buffer has room. The next set
-  point is due `_PREPARATION` after the reply, so that this delay is always the same. Without a reply the
-  requester retries every `RetryPolicy.timeout`, and discards replies to earlier attempts. After the last
-  attempt, the pacer sends nothing more, because a controller with a full buffer needs no set point yet. Then
-  the pacer accepts a reply to any attempt. After `SILENCE_TIMEOUT` without a reply, the pacer treats the
-  controller as gone.
-* **Mode 0**: player and controller set the pace together. S_BUF_FULL asks for a pause of one period. S_OK
-  means that the buffer has room, so the next set point follows at once. 83201483 means that the buffer had no
-  room, so the pacer sends the same set point again.
+  point is due 0.3 ms after the reply (`_PREPARATION`), so that this delay is always the same. Without a reply
+  the requester retries every `RetryPolicy.timeout`, and discards replies to earlier attempts. After the last
+  attempt, the pacer only waits, and accepts a reply to any attempt. A controller with a full buffer needs no
+  set point yet. After the time `SILENCE_TIMEOUT` without a reply, the pacer treats the controller as gone.
+* **Mode 0**: player and controller set the pace together. If the controller replies S_BUF_FULL, the pacer
+  pauses for one period. S_OK means that the buffer has room, so the next set point follows at once. 83201483
+  means that the buffer had no room, so the pacer sends the same set point again.
 
 The pacer never skips a set point and never sends faster to catch up. If a set point is late by more than half
-a period, the pacer moves the deadlines, so that the robot pauses instead of jumping. A controller that
-answers too soon does not speed up the pacer either: see `_Throttle`.
+a period, the pacer moves the deadlines, so that the robot pauses instead of jumping. `_Throttle` prevents a
+controller that answers too soon from speeding up the pacer.
 """
 
 from __future__ import annotations
@@ -60,23 +58,27 @@ OVERFLOW_DELAY = 1_000_000
 """Delay in ns before the pacer repeats a set point that found the buffer full."""
 
 MAX_REPEATS = 64
-"""Maximum number of times that the pacer sends one set point, which together take eight periods."""
+"""Maximum number of times that the pacer sends one set point: enough to wait eight periods for room in the
+buffer.
+"""
 
 MIN_PERIOD_SHARE = 0.98
 """Minimum average time between set points, as a share of the period; clocks differ by far less than 2 %."""
 
 _START_DELAY = 5_000_000
 _PREPARATION, _PREPARATION_MAX, _PREPARATION_SHARE = 300_000, 1_000_000, 0.4
-"""Time reserved before a deadline to make the next packet: minimum and maximum in ns, and share of the
-period. Right after a sleep, code runs ten times slower, because other programs have filled the processor's
-caches."""
+"""Time reserved before a deadline to make the next packet: a share of the period, between a minimum and a
+maximum in ns. After a sleep, code first runs ten times slower, because other programs have filled the
+processor's caches.
+"""
 
 _MOTION_ERRORS = 0x8420
 """Upper 16 bits of the result codes that late set points can cause: the buffer ran empty, or an axis was too
 fast."""
 _GAPS_KEPT = 8
-"""Number of recent gaps between set points kept, to explain a refused set point. No controller buffers as
-many set points."""
+"""Number of recent gaps between set points that the pacer keeps, to explain a refused set point. No
+controller's buffer holds more set points.
+"""
 _ROBOT_EXECUTE = 64
 _NAME = "Robot_Execute slvMove"
 _BY_CLOCK = (ModeKind.ASYNC, ModeKind.MODE_1)
@@ -87,8 +89,7 @@ class HaltedError(Exception):
 
 
 class SlvMoveCall(NamedTuple):
-    """What all calls of slvMove share: robot handle, type of the numbers, mode, retry policy, period in
-    ns."""
+    """The robot handle, number type, mode, retry policy and period (ns) that all calls of slvMove share."""
 
     robot: int
     real_type: VT
@@ -101,8 +102,7 @@ class SlvMoveCall(NamedTuple):
 
 
 class _SetPointGap(NamedTuple):
-    """Time in ns between two set points, and what the player's lateness and a slow reply contributed to
-    it."""
+    """Time in ns between two set points, and how much a late player and a slow reply added to this time."""
 
     length: int
     late: int
@@ -115,11 +115,11 @@ ns. The function must return quickly. To end the play at once, the function rais
 
 
 class Pacer:
-    """Sends the set points of a sequence in time.
+    """Sends each set point of a sequence at its deadline.
 
     Attributes:
         lateness: Time from each set point's deadline to its sending; `cycle` holds the cycle times.
-        started_at: Time in ns of the first set point; None before that set point is sent.
+        started_at: Time in ns at which the first set point was sent; None until then.
     """
 
     def __init__(
@@ -191,7 +191,7 @@ class Pacer:
         return self._next_deadline(due, code)
 
     def _record_reply_time(self, settled: RequesterOutcome, sent: int) -> None:
-        """Store how long the reply took, without the known time by which the player woke up too late."""
+        """Store how long the reply took, without the time that the player is known to have overslept."""
         caller = self._caller
         self._overslept = caller.overslept
         self._reply_took = caller.link.now() - sent - self._overslept
@@ -227,7 +227,7 @@ class Pacer:
         link.wait_until(due)
 
     def _await_reply(self, due: int) -> RequesterOutcome:
-        """Wait for the reply; the slave mode decides how long."""
+        """Wait for the reply, for a time that depends on the slave mode."""
         caller, link = self._caller, self._caller.link
         by_clock = self._move.mode.kind in _BY_CLOCK
         until = due + self._move.period - self._preparation
@@ -318,7 +318,9 @@ class Pacer:
         late.clear()
 
     def _adjusted_deadline(self, due: int, sent: int) -> int:
-        """Return the time from which the next deadline counts: `due`, or `sent` if much later than `due`."""
+        """Return `due`. If the set point was sent more than half a period later, return `sent`. The next
+        deadline is one period after the returned time.
+        """
         if sent - due <= self._move.period // 2:
             return due
         self._shifted += 1
@@ -329,7 +331,7 @@ class Pacer:
             self._had_to_wait = False
             return self._caller.link.now() + _PREPARATION
         if self._move.mode.kind in _BY_CLOCK or code == S_BUF_FULL:
-            # the next deadline does not depend on the reply: `sent - due` is the whole lateness
+            # the next deadline does not depend on the reply: `sent - due` is the set point's whole lateness
             self._overslept = 0
             return due + self._move.period
         ready, free = self._caller.link.now() + _PREPARATION, self._throttle.free_at
@@ -340,10 +342,10 @@ class Pacer:
 class _Throttle:
     """Limits how fast a controller that sets the pace can request set points.
 
-    At first, the pacer may send two set points more than the buffer holds. After these first set points, the
-    pacer sends at most one set point per period on average. A controller that confuses two slave modes may
-    answer at once instead of holding the reply back. If the rate of these requests were not limited, the
-    pacer would send the whole trajectory in an instant.
+    At first, the pacer may send two set points more than the buffer holds. Afterwards, the pacer sends at
+    most one set point per period on average. A controller that confuses two slave modes may answer at once,
+    although its reply should wait for room in the buffer. Without the limit, the pacer would then send the
+    whole trajectory in an instant.
     """
 
     def __init__(self, period: int, burst: int) -> None:

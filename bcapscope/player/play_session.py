@@ -4,8 +4,8 @@ However the session ends, the player undoes its steps in reverse order: slave mo
 RobSlave, handles, Controller_Disconnect, Service_Stop. If the controller stops answering, the player skips
 the remaining steps. After an order to stop, the robot first slows down on its path until it is at rest. After
 a failure, the robot cannot slow down on its path: a controller with an error has left slave mode, and a
-silent controller accepts no set points. Until the cleanup begins, an order from the user ends any wait at
-once.
+silent controller accepts no set points. An order from the user ends any wait at once, unless the cleanup has
+begun.
 """
 
 from __future__ import annotations
@@ -69,11 +69,12 @@ YES, NO, CLEAR, AGAIN = "yes", "no", "clear", "again"
 """Answers to questions."""
 
 _ROBOT_EXECUTE = 64
-_LATENESS_CAPACITY = 1_000_000  # number of set points whose lateness the pacer keeps: two hours at 8 ms
+# number of set points for which the pacer keeps the lateness: two hours at 8 ms
+_LATENESS_CAPACITY = 1_000_000
 
 
 class PlayMonitor:
-    """Polls for orders and reports the progress of `pacer`; all methods return at once."""
+    """Polls for orders and reports the progress of `pacer`; no method waits."""
 
     pacer: Pacer
 
@@ -135,7 +136,7 @@ class PlayAbortedError(Exception):
 
 
 class PlaySession:
-    """A session with a controller; `has_log` says whether the controller's own log contains the motion."""
+    """A session with a controller; `has_log` is True if the controller's own log contains the motion."""
 
     def __init__(self, plan: PlayPlan, channel: Channel, pipe: PlayerPipe, recorder: FrameRecorder) -> None:
         self.has_log = False
@@ -205,7 +206,7 @@ class PlaySession:
                 await self._offer_to_clear_errors(error)
 
     def _confirm_start(self) -> None:
-        """Ask the user to confirm the start and, if a real robot will move, that it may move."""
+        """Ask the user whether the play may start and, if the robot is real, whether it may move."""
         if not self._confirm(QuestionTopic.BEGIN, Message("play.question.begin")):
             raise PlayAbortedError(PlayOutcome.DECLINED, Message("play.not-confirmed"))
         robot = self._robot
@@ -217,7 +218,7 @@ class PlaySession:
             raise PlayAbortedError(PlayOutcome.UNARMED, Message("play.not-armed"))
 
     async def _clean_up_after_crash(self, left: PendingCleanup) -> None:
-        """Undo the steps of a crashed player, then report the errors that the controller shows."""
+        """Undo the steps of a crashed player, then report the controller's errors."""
         self._robot.generation = Generation(left.generation)
         self._is_leaving = True
         self._report_state(PlayState.LEAVING)
@@ -248,8 +249,8 @@ class PlaySession:
     async def _prepare(self, trajectory: Trajectory) -> None:
         """Bring the robot to a state from which it can enter slave mode.
 
-        If slave mode is on already, another client controls the robot. Most calls of the player would cause
-        an error that ends the other client's motion (issue 42 of DENSORobot/denso_robot_ros).
+        If slave mode is on already, another client controls the robot. Most calls of the player would then
+        cause an error that ends the other client's motion (issue 42 of DENSORobot/denso_robot_ros).
         """
         robot, cleanup = self._robot, self._cleanup
         self._report_state(PlayState.PREPARING)
@@ -337,7 +338,7 @@ class PlaySession:
         try:
             await halt_robot(self._session, self._robot.robot.handle, self._wait_async)
         except BcapError:
-            pass  # even if the halt fails, the cleanup leaves slave mode next
+            pass  # even if the halt fails, the cleanup then leaves slave mode
         except OSError:
             self._cleanup.is_controller_gone = True
 
@@ -348,7 +349,7 @@ class PlaySession:
         """Report the controller's errors and offer to clear them. The method returns only if the user wants
         to play again.
 
-        If the user orders a stop instead, the session ends with the error as its reason.
+        If the user does not want to play again, the method raises the controller's error.
         """
         latest = error
         while True:

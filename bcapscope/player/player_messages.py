@@ -26,20 +26,22 @@ from bcapscope.protocol.slave_mode.modes import (
 )
 
 SetPointValues: TypeAlias = tuple[float, ...]
-"""Numbers of one set point, in the order and units of its pose type (`protocol.slave_mode.poses.AXES`)."""
+"""Numbers of one set point in the order and units of its axes (`protocol.slave_mode.poses.AXES`)."""
 
 
 TYPE_NAME_FACT = "type name"
-"""Key of the robot type's name among the facts that the controller reports."""
+"""Key of the robot's type name in the facts about the controller."""
 
 
 class SlaveModePacing(StrEnum):
-    """Kind of slave mode that controllers of all generations have, although under different numbers."""
+    """Kind of slave mode. All generations of controllers have both kinds, under different numbers."""
 
     SYNC = "sync"
     """The controller sets the pace: Sync on RC7, mode 2 on later controllers."""
     ASYNC = "async"
-    """The player sets the pace, and the newest set point wins: Async on RC7, mode 1 on later controllers."""
+    """The player sets the pace, and the robot follows the newest set point: Async on RC7, mode 1 on later
+    controllers.
+    """
 
 
 class CleanupTask(StrEnum):
@@ -55,12 +57,13 @@ class CleanupTask(StrEnum):
 
 
 class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
-    """Steps still to undo. The player sends this message before each step and after each cleanup task.
+    """Steps that the player must still undo. The player sends this message before each step and after each
+    cleanup task.
 
     Attributes:
         debts: Cleanup tasks that remain, oldest first.
-        port: Local port of the player. The controller knows a UDP client by its port, so a cleanup uses the
-            same port.
+        port: Local port of the player. A cleanup after a crash uses the same port, because the controller
+            recognises a UDP client by its port.
     """
 
     debts: tuple[CleanupTask, ...]
@@ -76,7 +79,8 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
         task: Name of the program on the controller that must run on RC7 during slave mode.
         mode: Kind of slave mode, or the exact number for slvChangeMode.
         period: Time in ns between set points in the modes where the player sets the pace.
-        points: Set points of the trajectory, which begins and ends at rest. Axes without a value do not move.
+        points: Set points of the trajectory, which begins and ends at rest. Axes that the set points lack do
+            not move.
         limits: Limits of the arm as `arm_limits.with_limits` accepts them. A stop does not exceed these
             limits.
         rounds: How often to play the set points, without a pause between rounds; 0 to play until an order to
@@ -88,7 +92,7 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
             anything.
         log: Path of a new CSV file for the controller's own log; None for no log.
         record: Path of a new recording of all frames; None for no recording.
-        aftermath: Steps of a crashed player to undo, without playing anything; None to play.
+        aftermath: Steps of a crashed player that this player undoes, without playing anything; None to play.
         first_serial: First serial to use, beyond every serial that a crashed player can have used.
     """
 
@@ -122,7 +126,7 @@ class Order(StrEnum):
 
 
 class PlayerCommand(msgspec.Struct, frozen=True):
-    """An order, or the answer to the last question."""
+    """What the user tells the player: an order to stop or halt, or the answer to the player's question."""
 
     order: Order | None = None
     answer: str = ""
@@ -178,13 +182,13 @@ class PlayCounts(msgspec.Struct, frozen=True):
     """Counts of set points.
 
     Attributes:
-        sent: Set points sent, without retries. A set point sent again because the buffer was full counts
-            again.
+        sent: Set points sent, without retries. A set point that the player repeats because the buffer was
+            full counts again.
         late: Late replies.
         unanswered: Set points that got no reply.
         repeated: Set points sent again because the controller's buffer was full (83201483).
         shifted: Times that the pacer moved the deadlines because it was late by more than half a period.
-        held: Set points that the player sent later, because the controller sets the pace but asked for them
+        held: Set points that the player delayed because the controller, which sets the pace, asked for them
             too soon.
     """
 
@@ -203,9 +207,9 @@ class PlayProgress(msgspec.Struct, frozen=True, tag=True):
     Attributes:
         index: Number of set points of the trajectory sent so far, in all rounds.
         of: Total number of set points in all rounds; 0 if the play has no end.
-        elapsed: Seconds since the first set point; `left` is the seconds until the last set point, or None if
-            the play has no end.
-        lateness: Distribution of the time from the deadline of each set point so far to its sending.
+        elapsed: Seconds since the first set point. `left` is the time in seconds until the last set point, or
+            None if the play has no end.
+        lateness: Distribution of the time from each set point's deadline to its sending.
         commanded: The last set point sent; `returned` is the pose in the last reply.
         sent: The last frame sent; `received` is the last frame received.
         cycle: Histogram of the time between set points: smallest ns, largest ns and count of each bin.
@@ -245,7 +249,9 @@ class QuestionTopic(StrEnum):
 
 
 class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
-    """A question to the user. The player waits for the answer; the first choice is to change nothing."""
+    """A question to the user. The player waits for the answer. If the user picks the first choice, the player
+    changes nothing.
+    """
 
     topic: QuestionTopic
     text: Message
@@ -253,7 +259,9 @@ class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
 
 
 class PlayerProblem(msgspec.Struct, frozen=True, tag=True):
-    """A problem, and the errors that the controller shows: code and text of each, newest first."""
+    """A problem of the play, with the controller's current errors, newest first: the code and the text of
+    each error.
+    """
 
     text: Message
     errors: tuple[tuple[int, str], ...] = ()

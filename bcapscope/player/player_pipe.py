@@ -31,14 +31,15 @@ _SEND_TIMEOUT = 2.0
 """Seconds that `wait_until_sent` waits for the parent to read the last messages."""
 
 _MAX_UNWRITTEN = 1 << 20
-"""Maximum number of bytes that wait until the parent reads them. If more bytes wait, the player drops further
-messages."""
+"""Maximum number of bytes that may wait for the parent. Above this limit, the player drops further
+messages.
+"""
 
 PARENT_GONE = Message("play.parent-gone")
 
 
 class PlayerPipe:
-    """Receives orders and sends messages through the file descriptors of two pipes.
+    """Receives orders and sends messages through two pipes.
 
     `order` is the most serious order so far: a halt is more serious than a stop. `reason` says why the order
     was given. `order` and `reason` are None before the first order.
@@ -75,8 +76,8 @@ class PlayerPipe:
         """Treat signals as orders.
 
         The first SIGINT, SIGTERM or SIGHUP is an order to stop. A second of these signals, or SIGUSR1, is an
-        order to halt. If the parent started the player with SIGUSR1 blocked, a SIGUSR1 sent before this call
-        takes effect during this call.
+        order to halt. If the parent blocked SIGUSR1 in the player, a SIGUSR1 that was sent earlier takes
+        effect now.
         """
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)
@@ -102,7 +103,7 @@ class PlayerPipe:
             return False
         self._unwritten = data
         if not self._flush():
-            # the pipe is full: it never takes only a part of so short a message
+            # the pipe is full, and took no part of the message, because pipes never split short messages
             self._unwritten = b""
             return False
         return True
@@ -114,7 +115,7 @@ class PlayerPipe:
         self._flush()
 
     def wait_until_sent(self) -> None:
-        """Wait until all messages are sent or the reader is gone, at most `_SEND_TIMEOUT` seconds."""
+        """Wait up to `_SEND_TIMEOUT` seconds until all messages are sent or the parent is gone."""
         give_up = time.monotonic() + _SEND_TIMEOUT
         while not self._flush() and not self._is_closed and time.monotonic() < give_up:
             select.select((), (self._messages,), (), _SEND_TIMEOUT)
@@ -131,7 +132,7 @@ class PlayerPipe:
         return answer if answer in question.choices else question.choices[0]
 
     def set_order(self, order: Order, reason: Message) -> None:
-        """Store an order, but never replace an order to halt by an order to stop."""
+        """Store an order, but never replace an order to halt with an order to stop."""
         self.order_count += 1
         if self.order is not Order.HALT:
             self.reason = self.reason if self.order is order else reason

@@ -42,11 +42,14 @@ from bcapscope.player.player_messages import (
 from bcapscope.protocol.codec.frame import Frame
 
 _LEAVE_TIMEOUT = 20.0
-"""Seconds without a message after which the parent treats a player that should end as hung. A player that
-waits for a silent controller sends messages more often, because its time-outs are shorter."""
+"""Seconds without a message after which the parent kills a player that should end. Even a player that waits
+for a silent controller sends messages more often.
+"""
 
 _SERIAL_MARGIN = 5000
-"""Number of serials to skip after the last known one: a player uses fewer between two progress reports."""
+"""Number of serials to skip after the last known serial: more than a player uses between two progress
+reports.
+"""
 
 _SERIAL_MAX = 0xFFFF
 """Largest serial; serials run from 1 to 65535 and then start again at 1."""
@@ -55,9 +58,9 @@ _SERIAL_MAX = 0xFFFF
 class PlayerProcess:
     """A running player. `ended` is the player's last message, or None while the player works.
 
-    When `fileno` is readable, `read_messages` returns the messages; `wait_for_messages` waits for them. Any
-    thread may call `read_messages` and `wait_for_messages`. A caller that reads too slowly misses only
-    progress reports. The last message is always `PlayEnded`.
+    Call `read_messages` when `fileno` is readable, or `wait_for_messages` to wait. Any thread may call
+    `read_messages` and `wait_for_messages`. If the parent reads too slowly, the player drops only progress
+    reports. The last message is always `PlayEnded`.
     """
 
     def __init__(self, plan: PlayPlan) -> None:
@@ -71,7 +74,7 @@ class PlayerProcess:
         self._start(plan)
 
     def _start(self, plan: PlayPlan) -> None:
-        # The player inherits the blocked SIGUSR1, and unblocks it once its handler is installed.
+        # The player inherits the blocked SIGUSR1, and unblocks it after installing its signal handler.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGUSR1,))
         try:
             self._process = subprocess.Popen(
@@ -79,7 +82,7 @@ class PlayerProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                # no buffer: a signal handler may interrupt `_send` and write an order to the pipe itself
+                # no buffer, because a signal handler may interrupt `_send` and write to the same pipe
                 bufsize=0,
                 start_new_session=True,  # so that Ctrl-C reaches only the parent, which then stops the player
             )
@@ -181,15 +184,14 @@ class PlayerProcess:
 
     def _send(self, data: bytes) -> None:
         rest = memoryview(data + b"\n")
-        with suppress(OSError, ValueError):  # the player has ended, which `read_messages` will report
+        with suppress(OSError, ValueError):  # the player has ended; `read_messages` will report this
             while rest:
                 rest = rest[os.write(self._commands.fileno(), rest) :]
 
     def _on_crash(self) -> PlayerMessage:
         """Start a process that cleans up after a crashed player.
 
-        Return a message that says that the cleanup has begun or, if no cleanup is needed, that the play has
-        ended.
+        Return a message that the cleanup has begun or, if no cleanup is needed, that the play has ended.
         """
         assert self._process.stderr is not None
         words = self._process.stderr.read().decode(errors="replace").strip().splitlines()
@@ -200,7 +202,7 @@ class PlayerProcess:
         crash = Message("play.crash.why", how=how, why=words[-1]) if words else Message("play.crash", how=how)
         crashed = self._process
         owed = self._pending_cleanup
-        # Over TCP, the controller noticed the crash: the connection closed with the player.
+        # Over TCP, the controller noticed the crash, because the connection closed.
         is_owing = bool(owed.debts) or (owed.port > 0 and not self._plan.target.tcp)
         try:
             if is_owing and not self._crash:
@@ -232,7 +234,7 @@ class PlayerProcess:
         )
 
     def _with_crash(self, ended: PlayEnded) -> PlayEnded:
-        """If the player crashed, add this fact to the last message."""
+        """If the player crashed, say so in the last message."""
         if not self._crash:
             return ended
         reason = Message("play.cleaned-up", crash=self._crash)
@@ -252,7 +254,7 @@ def _reap(process: subprocess.Popen[bytes]) -> None:
 
 
 class ArmedMessageLogger:
-    """Logs the armed calls of a player to a real controller; ignores calls to bcapscope's simulator."""
+    """Logs a player's armed calls to a real controller; ignores calls to bcapscope's simulator."""
 
     def __init__(self, logger: ArmedCallLogger) -> None:
         """Write to `logger`."""

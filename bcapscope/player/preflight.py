@@ -44,8 +44,8 @@ class PreflightResult:
 
     Attributes:
         problems: Problems found, most serious first.
-        axis_figures: Figures of each axis at the file's own times; () if the times are uneven or a number is
-            not finite.
+        axis_figures: Figures of each axis according to the file's times; () if the times are uneven or a
+            number is not finite.
         first_point_offsets: Distance from the robot to the first point for each axis; None if unknown.
     """
 
@@ -67,7 +67,9 @@ class PreflightResult:
 
     @property
     def seconds(self) -> float:
-        """Duration at the file's own times, or with set points `period` apart if the file has no times."""
+        """Duration according to the file's times, or with `period` between set points if the file has no
+        times.
+        """
         trajectory = self.trajectory
         if trajectory.period is None and trajectory.times is not None:
             return float(trajectory.times[-1])
@@ -107,7 +109,7 @@ def run_preflight(
 
 
 def run_preflight_for(trajectory: Trajectory, plan: PlayPlan, controller: ControllerInfo) -> PreflightResult:
-    """Check a trajectory against the connected controller, with the limits of the controller's robot."""
+    """Check a trajectory for the connected controller, with the limits of its robot."""
     return run_preflight(
         trajectory,
         plan.period / 1e9,

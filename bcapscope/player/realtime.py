@@ -1,4 +1,4 @@
-"""Keep the processor for the player: real-time priority, locked memory, no garbage collection.
+"""Prevent delays of the player: real-time priority, locked memory, no garbage collection.
 
 A program with SCHED_FIFO runs before all programs without real-time priority (sched(7)). An ordinary program
 therefore cannot delay a set point. Locked memory is never swapped to disk (mlockall(2)). Without real-time
@@ -25,8 +25,9 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Enumeration
 
 FIFO_PRIORITY = 40
-"""Real-time priority of the player: above ordinary programs, but below the interrupts (50) that deliver
-replies."""
+"""Real-time priority of the player: above ordinary programs, but below 50, the priority of the interrupts
+that deliver replies.
+"""
 
 _THROTTLE_FILES = Path("/proc/sys/kernel/sched_rt_runtime_us"), Path("/proc/sys/kernel/sched_rt_period_us")
 _NEEDED_SHARE = 0.5
@@ -36,8 +37,9 @@ _TIME_SLICE = 100_000
 """Requested time slice in ns; the shortest that Linux offers."""
 
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
-"""Number of the system call sched_setattr on each processor. Older C libraries have no function for
-sched_setattr."""
+"""Number of the system call sched_setattr on each processor, because older C libraries have no function for
+this call.
+"""
 
 _SCHED_ATTR = struct.Struct("=IIQiIQQQ")
 """Layout of the kernel's struct sched_attr: size, policy, flags, niceness, priority, runtime, deadline,
@@ -45,7 +47,8 @@ period."""
 
 
 class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
-    """Whether the system granted real-time priority, and locked memory that is never swapped to disk.
+    """Whether the system granted real-time priority, and whether it granted memory that it never swaps to
+    disk.
 
     `text` states both facts in a sentence, with advice if the system refused one.
     """
@@ -57,11 +60,11 @@ class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
 
 @contextmanager
 def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) -> Iterator[RealtimeReport]:
-    """Take the highest priority that the system grants while a `with` block runs.
+    """Run a `with` block with the highest priority that the system grants.
 
     Real-time priority and locked memory can disturb other programs, so the function asks for them only if
-    `is_wanted`. The garbage collector skips objects that exist before the block, because examining them
-    repeatedly costs milliseconds. New objects are collected only if `collect_garbage`.
+    `is_wanted`. Inside the block, the garbage collector ignores older objects, because examining them costs
+    milliseconds. The garbage collector examines new objects only if `collect_garbage`.
     """
     gc.collect()
     gc.freeze()
@@ -124,7 +127,7 @@ def _set_time_slice(length: int) -> None:
 
 
 def _throttling_note() -> Message | None:
-    """Return a warning if the kernel limits real-time programs to less than half of the processor time."""
+    """Return a warning if the kernel gives real-time programs less than half of the processor time."""
     try:
         runtime, period = (int(path.read_text()) for path in _THROTTLE_FILES)
     except (OSError, ValueError):

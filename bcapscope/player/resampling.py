@@ -1,9 +1,10 @@
-"""Give the points of a path new times: another period or speed, rest at begin and end, or a stop at any
+"""Give the points of a path new times: another period or speed, rest at the start and end, or a stop at any
 point.
 
-The path is the `SmoothCurve` through the set points. Only the rate of motion along the path changes. The rate
-grows from 0 and falls to 0 by the polynomial 10u³ - 15u⁴ + 6u⁵, whose first and second derivatives are 0 at
-both ends. Position, speed and acceleration are therefore continuous, and the path begins and ends at rest.
+The path is a `SmoothCurve` through the set points. The path stays the same; only the speed along the path
+changes. The speed grows from 0 and falls to 0 as the polynomial 10u³ - 15u⁴ + 6u⁵, whose first and second
+derivatives are 0 at both ends. Position, speed and acceleration are therefore continuous, and the path begins
+and ends at rest.
 """
 
 from __future__ import annotations
@@ -25,25 +26,25 @@ DEFAULT_RAMP = 0.25
 """Seconds that a start or a stop takes by default."""
 
 _SHORTEST_STOP, _LONGEST_STOP = 0.1, 2.0  # seconds
-_STOP_GROWTH = 1.5  # duration of each stop that is tried, relative to that of the previous one
+_STOP_GROWTH = 1.5  # each stop that is tried takes longer than the previous stop by this factor
 _DEFAULT_STOP = 0.5  # shortest stop, in seconds, if no acceleration limit is known
-_ROUNDING = 1e-9  # a computed number of cycles can be this share of a cycle too large, through rounding
+_ROUNDING = 1e-9  # rounding can make a computed number of cycles too large by this share of a cycle
 
 
 def resample(
     trajectory: Trajectory, period: float, *, speed: float = 1.0, ramp: float = DEFAULT_RAMP
 ) -> Trajectory:
-    """Return a finite trajectory with other times, and the same first and last point.
+    """Return the trajectory with other times, and the same first and last point.
 
-    A trajectory without a period needs times, which must increase. If a trajectory has neither a period nor
-    times, `period` becomes its period.
+    If the trajectory has times but no period, the times must increase. If the trajectory has neither times
+    nor a period, `period` becomes its period.
 
     Args:
         period: Seconds between the set points of the result.
         speed: Maximum speed of the result, as a share of the original speed; above 0.
         ramp: Duration of the start and of the stop in seconds; 0 if the trajectory begins and ends at rest.
 
-    Raises TrajectoryError if a number is not finite, times do not increase, or there would be too many set
+    Raises TrajectoryError if a number is not finite, times do not increase, or the result has too many set
     points. Raises InputError if period, speed or ramp is invalid.
     """
     if not (
@@ -88,11 +89,11 @@ def stop_after(
 ) -> Array:
     """Return the set points, one row each, that bring the robot to rest on its path after set point `row`.
 
-    The stop takes 0.1 s to 2 s; the function tries longer and longer stops until one keeps within the limits.
-    If the trajectory itself exceeds a limit, the stop may exceed this limit by the same factor. If an
-    acceleration limit is unknown, the stop takes at least 0.5 s. If the trajectory ends sooner than a stop
-    takes, the result is the remaining points of the trajectory. `period` is in seconds; in a `loop`, the
-    first point follows the last.
+    The function tries longer and longer stops, from 0.1 s to 2 s, until a stop keeps within the limits. If
+    the trajectory itself exceeds a limit, the stop may exceed this limit by the same factor. If an
+    acceleration limit is unknown, the stop takes at least 0.5 s. If the trajectory ends before a stop would
+    end, return the remaining points of the trajectory. `period` is in seconds. With `loop`, the first point
+    follows the last point.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
     longest = min(ceil(_LONGEST_STOP / period), 2 * ahead)
@@ -117,7 +118,7 @@ def stop_after(
 
 
 def _curve_parameters(end: float, period: float, speed: float, ramp: float) -> Array:
-    """Return the curve's parameter at each cycle, from 0 to `end`."""
+    """Return the curve's parameter, which runs from 0 to `end`, at each cycle."""
     time = end / speed
     if not time / period < MAX_POINTS - ramp / period - 2:
         raise TrajectoryError(Message("resample.too-long", time=f"{time:.3g}", period=f"{period:.3g}"))
@@ -145,6 +146,8 @@ def _knots(trajectory: Trajectory, period: float) -> Array:
 
 
 def _ramp_integral(part: Array) -> Array:
-    """Return how far the path advances during a share `part` of a start: 0 at 0, 0.5 at 1."""
+    """Return the distance that the robot covers in the share `part` of a start, relative to the distance of a
+    whole start at full speed: 0 if `part` is 0, 0.5 if `part` is 1.
+    """
     gained: Array = part**4 * (2.5 - part * (3.0 - part))
     return gained

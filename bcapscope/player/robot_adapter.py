@@ -2,7 +2,7 @@
 move to the first point, read errors.
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); ShoheiKobata/orin_bcap_python_samples and
-DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later). Every method that waits uses `pause`, which
+DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later). Every method that waits calls `pause`, which
 raises an exception if the user orders a stop.
 """
 
@@ -31,10 +31,10 @@ from bcapscope.protocol.tables.hresult import E_ROBOTISBUSY, describe_hresult, h
 
 _MS = 1_000_000
 _POLL = 50 * _MS
-_ROBSLAVE_START_DELAY = 1000 * _MS  # DENSO's samples for RC7 wait this long after Task_Start
+_ROBSLAVE_START_DELAY = 1000 * _MS  # time that DENSO's samples for RC7 wait after Task_Start
 _ARRIVAL_TIMEOUT = 1000 * _MS  # a robot that stands still for this long has stopped
 _RUNNING = 3  # state of a task
-# retries of the call that switches the motor: on takes up to two minutes, off takes less
+# retries of the call that switches the motor: switching on takes up to two minutes, switching off takes less
 _ON_RETRIES, _OFF_RETRIES = 119, 29
 _MACHINE_LOCK = (0x81501005, 0x81201705, 0x81201748)
 _E_SWITCHING_OFF = 0x8350106E
@@ -45,7 +45,7 @@ _POSES = {
     PoseType.J: ("@CURRENT_ANGLE", "CurJnt"),
     PoseType.T: ("@CURRENT_TRANS", "CurTrn"),
 }
-"""For each pose type, the robot's variable that holds its pose, and the command with the same result."""
+"""For each pose type, the variable that holds the robot's pose, and the command that returns the pose."""
 
 _FACTS = (
     (TYPE_NAME_FACT, ObjectClass.ROBOT, "@TYPE_NAME"),
@@ -57,7 +57,7 @@ _FACTS = (
 class RobotAdapter:
     """A controller with its robot. Every method raises the exceptions of `Session.call`.
 
-    A controller that reports joints as VT_R4 is an RC7, as DENSO's slides show. `facts` holds what the
+    If a controller reports joints as VT_R4, it is an RC7, as DENSO's slides show. `facts` holds what the
     controller reports about itself and the robot.
     """
 
@@ -119,7 +119,9 @@ class RobotAdapter:
             await self.robot.slv_change_mode(0)
 
     async def is_robslave_ready(self) -> bool:
-        """Return whether RobSlave runs, which RC7 needs for slave mode; True for later controllers."""
+        """Return whether RobSlave runs; True for controllers after RC7, which do not need RobSlave for slave
+        mode.
+        """
         if self.generation is not Generation.RC7:
             return True
         await self._opener.open_remote(Task)
@@ -154,9 +156,8 @@ class RobotAdapter:
     async def _switch_motor(self, on: bool, retries: int) -> None:
         """Switch the motor on or off, with at least `retries` retries.
 
-        A controller whose machine lock is on refuses to switch the motor. The method ignores the refusal,
-        because a locked machine has no motor to switch. DENSO's slides recommend the machine lock for
-        experiments.
+        With the machine lock on, which DENSO's slides recommend for experiments, a controller refuses to
+        switch the motor. The method ignores this refusal, because a locked robot does not move.
         """
         parameter = Variant(VT.I2, int(on))
         if self.generation is not Generation.RC7:
@@ -177,10 +178,9 @@ class RobotAdapter:
         """Move to a pose by an ordinary motion. The motion ends with the pass motion @E, as slave mode
         requires.
 
-        With NEXT, the controller answers the call at once, so that the player can halt the robot on its way.
-        If the robot stops before the goal, raise the controller's error or, if there is no error,
-        RemoteProtocolError. If the robot is at the goal but the controller reports another Fig, the method
-        returns after a second.
+        The option NEXT makes the controller answer the call at once, so that the player can halt the robot on
+        its way. If the robot stops before the goal, raise the controller's error or, if there is no error,
+        RemoteProtocolError. If the robot is at the goal with another Fig, the method returns after a second.
         """
         pose = f"@E {kind}({', '.join(map(_decimal, goal))})"
         while True:
@@ -214,9 +214,10 @@ class RobotAdapter:
             raise RemoteProtocolError(Message("play.no-motion", distance=distance), b"")
 
     async def set_formats(self, kind: PoseType) -> None:
-        """Make slvMove carry poses in request and reply, whatever formats an earlier client set.
+        """Make slvMove carry a pose in its request and in its reply, even if an earlier client set other
+        formats.
 
-        RC7 and early versions of RC8 cannot set formats.
+        RC7 and early versions of RC8 have no formats to set.
         """
         if self.generation is Generation.RC7:
             return
@@ -238,7 +239,9 @@ class RobotAdapter:
         await clear_errors(await self._opener.open_remote(Controller))
 
     async def _read_pose_value(self, kind: PoseType) -> Variant:
-        """Read the robot's pose from a variable, or by a command if the variable is missing or EMPTY."""
+        """Read the robot's pose from a variable. If the variable is missing or EMPTY, read the pose with a
+        command.
+        """
         variable, command = _POSES[kind]
         if kind not in self._read_by_command:
             found = await self._read_optional(ObjectClass.ROBOT, variable)
@@ -258,9 +261,9 @@ class RobotAdapter:
 
 
 def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -> float:
-    """Return the difference of the axis that differs most, in degrees or mm, without Fig.
+    """Return the difference, in degrees or mm, of the axis that differs most; ignore Fig.
 
-    Direction cosines count as angles. Only axes that both poses have count, because RC7 may report six
+    Direction cosines count as angles. Compare only the axes that both poses have, because RC7 may report six
     joints.
     """
     width = min(len(here), len(there))
@@ -270,5 +273,5 @@ def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -
 
 
 def _decimal(value: float) -> str:
-    """Write a number without an exponent, because no source shows a pose that contains exponents."""
+    """Write a number without an exponent, because no known source writes exponents in a pose."""
     return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")

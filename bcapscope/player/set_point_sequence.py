@@ -1,5 +1,4 @@
-"""The sequence of set points to send: those of the trajectory, and additional ones at its start, its end or a
-stop.
+"""The set points to send: the trajectory, and additional set points at its start, at its end and for a stop.
 
 The player sends the first point a few times before the robot moves, so that the controller's buffer is full
 when the motion starts. An unfilled buffer runs empty at the first points of a motion (issues 20 and 49 of
@@ -22,8 +21,7 @@ class SetPointSequence:
     """Iterates over the set points.
 
     Attributes:
-        index: Number of set points returned so far: those of the trajectory in all rounds, and those of a
-            stop.
+        index: Number of set points returned so far: of the trajectory, in all rounds, and of a stop.
         total: Total number of set points in all rounds; 0 if the sequence has no end.
         is_stopping: Whether the robot is coming to rest, or has come to rest.
     """
@@ -31,11 +29,11 @@ class SetPointSequence:
     def __init__(
         self, trajectory: Trajectory, period: float, limits: ArmLimits, rounds: int, hold_count: int
     ) -> None:
-        """Begin at the first point. The trajectory must have all numbers of slvMove, and begin and end at
-        rest.
+        """Begin at the first point. The trajectory must have every axis that slvMove needs, and begin and end
+        at rest.
 
         `period` is in seconds. With 0 `rounds`, the sequence has no end. A stop does not exceed `limits`. The
-        first and the last point are sent `hold_count` additional times.
+        sequence repeats the first and the last point `hold_count` times.
         """
         self.index = 0
         self.is_stopping = False
@@ -53,8 +51,9 @@ class SetPointSequence:
         return next(self._remaining)
 
     def stop(self) -> None:
-        """Replace the remaining set points by points that bring the robot to rest; further calls change
-        nothing."""
+        """Replace the remaining set points with points that bring the robot to rest; further calls of this
+        method change nothing.
+        """
         if not self.is_stopping:
             self.is_stopping = True
             self._remaining = self._stopping_points()

@@ -1,12 +1,13 @@
-"""A smooth curve through set points, to compute set points between them and stops on the path.
+"""A smooth curve through set points, from which the player computes intermediate points and stops on the
+path.
 
-Between two points, each axis follows a polynomial of fifth degree (quintic Hermite interpolation). At both
-points, the polynomial has the position, speed and acceleration of the point. Speed and acceleration at a
-point are those of the parabola through the point and its two neighbours. At the first and the last point,
-which have one neighbour, speed and acceleration are those of the straight line to the neighbour. The curve
-therefore goes through every point, and position, speed and acceleration are continuous (C2). A wrong point
-changes at most the two pieces of the curve before it and the two after it. For points at equal intervals, the
-speed never exceeds 1.75 times the speed of the fastest straight line between two points.
+Between two points, each axis follows a polynomial of fifth degree (quintic Hermite interpolation). At each
+end, the polynomial has the position, speed and acceleration of the point. Each point has the speed and
+acceleration of the parabola through it and its two neighbours. The first and the last point have the speed
+and acceleration of the straight line to their neighbour. The curve therefore goes through every point, and
+position, speed and acceleration are continuous (C2). A wrong point changes only the two pieces of the curve
+before it and the two pieces after it. For points at equal intervals, the speed never exceeds 1.75 times the
+speed of the fastest straight line between two points.
 """
 
 from __future__ import annotations
@@ -24,15 +25,16 @@ ROTATION_COLUMNS = slice(3, 6)
 """Columns of P type that hold rotations in degrees; 180 and -180 are the same rotation."""
 
 FIG_COLUMN = {PoseType.P: 6, PoseType.T: 9}
-"""For each pose type, the column of Fig. Fig is the number of a posture, so values between two numbers mean
-nothing."""
+"""For each pose type, the column of Fig. Fig is the number of a posture, so a value between two numbers means
+nothing.
+"""
 
 DIRECTION_COLUMNS = ORIENTATION, APPROACH = slice(3, 6), slice(6, 9)
 """Columns of T type that hold its two unit vectors, which are at a right angle."""
 
 
 class SmoothCurve:
-    """The curve through a number of points. The parameter of the curve begins at 0."""
+    """A curve through points. The curve's parameter begins at 0."""
 
     def __init__(self, kind: PoseType, knots: Array, points: Array) -> None:
         """Compute the curve through `points`, one row each. `knots` are the parameters of the points and
@@ -44,7 +46,9 @@ class SmoothCurve:
         self._speeds, self._accelerations = _derivatives(knots, self._rows)
 
     def sample(self, parameters: Array) -> Array:
-        """Return one pose per parameter; a parameter outside the curve gives its first or last pose."""
+        """Return one pose per parameter; a parameter outside the curve gives the curve's first or last
+        pose.
+        """
         where = np.clip(parameters, self._knots[0], self._knots[-1])
         left = np.clip(np.searchsorted(self._knots, where, side="right") - 1, 0, len(self._knots) - 2)
         width = self._knots[left + 1] - self._knots[left]
@@ -54,7 +58,7 @@ class SmoothCurve:
     def _interpolate(self, left: NDArray[np.intp], part: Array, width: Array) -> Array:
         u, h = part[:, None], width[:, None]
         u3, rest = u**3, 1 - u
-        # the parts of the curve from position, speed and acceleration at its start and end (Bernstein form)
+        # what position, speed and acceleration at the start and at the end add to the curve (Bernstein form)
         start = rest**3 * (
             self._rows[left] * (1 + 3 * u + 6 * u**2)
             + self._speeds[left] * h * u * (1 + 3 * u)
@@ -68,8 +72,9 @@ class SmoothCurve:
         return start + end
 
     def _to_poses(self, rows: Array, nearest: NDArray[np.intp]) -> Array:
-        """Make rows valid poses: limit rotations to half a turn, normalise vectors, take Fig from the
-        previous point."""
+        """Turn rows into valid poses: rotations between -180° and 180°, unit vectors, and Fig from the
+        previous point.
+        """
         fig = FIG_COLUMN.get(self._kind, rows.shape[1])
         if fig < rows.shape[1]:
             rows[:, fig] = self._points[nearest, fig]
@@ -87,7 +92,7 @@ class SmoothCurve:
 
 
 def unwrap_rotations(kind: PoseType, points: Array) -> Array:
-    """Return the points with rotations that continue beyond 180° instead of jumping by 360°."""
+    """Let rotations continue beyond 180° instead of jumping by 360°."""
     if kind is not PoseType.P:
         return points
     return np.hstack(
@@ -96,7 +101,9 @@ def unwrap_rotations(kind: PoseType, points: Array) -> Array:
 
 
 def direction_turns(kind: PoseType, rows: Array) -> Array:
-    """Return for each step the angle in degrees by which the vectors of T type turn; 0 for other types."""
+    """Return the angle in degrees by which the vectors of T type turn in each step; 0 for other pose
+    types.
+    """
     turned = np.zeros(len(rows) - 1)
     for columns in DIRECTION_COLUMNS if kind is PoseType.T else ():
         way = np.linalg.norm(np.diff(rows[:, columns], axis=0), axis=1)

@@ -1,4 +1,4 @@
-"""Trajectories: the set points with axes in slvMove's order, the source, the interval and the gaps."""
+"""Trajectories: set points with their axes in the order of slvMove, their source, intervals and gaps."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAX_POINTS = 5_000_000
 
 
 class TrajectoryError(InputError):
-    """A file holds no valid trajectory. Line and column of the error count from 1; None if unknown."""
+    """A file holds no valid trajectory. Line and column of the error, counted from 1; None if unknown."""
 
     def __init__(self, reason: Message, line: int | None = None, column: int | None = None) -> None:
         if line is not None and column is not None:
@@ -64,7 +64,7 @@ class TrajectorySource:
         file_format: Kind of the file, or the encoding of its text.
         part: Name of the trajectory if the file has several; None if the file has only one.
         columns: Columns in the order of `Trajectory.axes`, then the columns of times and counter, if any.
-        notes: What the reader assumed, left out and converted, one clause each.
+        notes: One clause for each thing that the reader assumed, left out or converted.
     """
 
     path: str
@@ -76,12 +76,13 @@ class TrajectorySource:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Set points of one pose type. An array with a wrong number of rows or columns raises ValueError.
+    """Set points of one pose type. The constructor raises ValueError if an array has a wrong number of rows
+    or columns.
 
     Attributes:
         points: Read-only array, one row per set point, one column per axis in the order of slvMove: 1 to 8
             joints, 6 or 7 numbers of P type, 9 or 10 of T type. Units are mm and degrees.
-        period: Seconds between two set points according to the file; None if the file does not say.
+        period: Seconds between two set points according to the file; None if the file states no period.
         times: Read-only array: seconds from the first set point to each set point; None if the file has no
             times.
     """
@@ -96,11 +97,11 @@ class Trajectory:
         if self.points.ndim != 2 or not MIN_COLUMNS[self.kind] <= self.points.shape[1] <= len(
             AXES[self.kind]
         ):
-            raise ValueError(f"points of shape {self.points.shape} are no poses of type {self.kind}")
+            raise ValueError(f"points of shape {self.points.shape} do not fit pose type {self.kind}")
         if not 0 < len(self.points) <= MAX_POINTS:
-            raise ValueError(f"{len(self.points)} set points are no trajectory")
+            raise ValueError(f"a trajectory cannot have {len(self.points)} set points")
         if self.times is not None and self.times.shape != (len(self.points),):
-            raise ValueError(f"times of shape {self.times.shape} for {len(self.points)} set points")
+            raise ValueError(f"times of shape {self.times.shape} do not fit {len(self.points)} set points")
         self.points.flags.writeable = False
         if self.times is not None:
             self.times.flags.writeable = False
@@ -116,10 +117,11 @@ class Trajectory:
         return tuple(self.points[row].tolist())
 
     def completed(self, current_pose: Sequence[float]) -> Trajectory:
-        """Fill the axes that the file lacks from the robot's current pose, so that these axes do not move.
+        """Add the axes that the file lacks, with the values of the robot's current pose, so that these axes
+        do not move.
 
         The result has 7 columns for P type, 8 for J type, 10 for T type. Axes that the current pose lacks too
-        get 0.
+        get the value 0.
         """
         have, width = self.points.shape[1], len(AXES[self.kind])
         missing = np.zeros(width - have)
@@ -136,10 +138,10 @@ CYCLES = (PERIOD_MS / 1000, 0.001)
 """Cycle times of set points, seconds (DENSO Wave 2009, How to use the Slave mode)."""
 
 EVEN_TOLERANCE = 0.01
-"""Intervals count as even if none differs from the usual interval by more than this share of it."""
+"""Intervals count as even if they all differ from the usual interval by at most this share."""
 
 MAX_PARTS = 64
-"""Records with gaps are split into at most this number of trajectories."""
+"""Maximum number of trajectories into which the reader splits records with gaps."""
 
 GAP_FACTOR = 1.5
 """An interval is a gap if it is longer than this multiple of the usual interval."""
@@ -148,8 +150,9 @@ _CYCLE_TOLERANCE = 0.05
 
 
 class SetPointTiming(NamedTuple):
-    """Timing of set points in seconds. `period` is None if the intervals are uneven. `times` is None if there
-    are no useful times."""
+    """Timing of set points in seconds. `period` is None if the intervals are uneven. `times` is None if the
+    file has no useful times.
+    """
 
     period: float | None
     times: Array | None
@@ -170,8 +173,8 @@ def timing_from_due_times(times: Array) -> SetPointTiming:
 def timing_from_send_times(times: Array) -> SetPointTiming:
     """Compute the timing from the times, in seconds, at which set points were sent.
 
-    If the usual interval is close to a cycle time, each set point counts as one cycle. This is correct
-    because a controller takes one set point per cycle, whenever in the cycle it arrives.
+    If the usual interval is close to a cycle time, each set point counts as one cycle, because a controller
+    takes one set point per cycle.
     """
     steps = np.diff(times)
     if not len(steps):
@@ -188,17 +191,17 @@ def timing_from_send_times(times: Array) -> SetPointTiming:
 
 
 def find_gaps(times: Array) -> NDArray[np.bool_]:
-    """Return, for each interval between two times, whether set points may be missing in it."""
+    """Return for each interval whether set points may be missing in it."""
     steps = np.diff(times)
     return np.asarray(steps > GAP_FACTOR * np.median(steps))
 
 
 def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
-    """Use a counter to find the runs of records without gaps. The second returned value is the growth of the
-    counter per record.
+    """Use the counter to find runs of records without gaps. Return the runs, and how much the counter grows
+    per record.
 
     A run is a pair: the index of its first record, and the index after its last record. If the counter grows
-    too unevenly, return all records as one run, and None as the growth.
+    too unevenly, return all records as one run, and None.
     """
     whole = ((0, len(counter)),)
     steps = np.diff(counter)

@@ -1,7 +1,8 @@
 """Trajectories from JSON and YAML: the JSON of `bcapscope extract`, and ROS messages as JSON or YAML.
 
 A JointTrajectory (trajectory_msgs of ROS 1 and 2) has `joint_names` and `points`, each with `positions` in
-radians and `time_from_start`. The JointTrajectory may be nested, as in MoveIt's RobotTrajectory.
+radians and `time_from_start`. The JointTrajectory may be a part of another message, such as MoveIt's
+RobotTrajectory.
 """
 
 from __future__ import annotations
@@ -35,8 +36,9 @@ EXTRACT_FORMAT = "bcapscope trajectory 1"
 """Format name that `extract` writes."""
 
 MAX_VALUES = 1_500_000
-"""Maximum number of values in a JSON or YAML file: enough for 28 minutes of six joints and a time every 8 ms.
-A value takes up to 72 bytes of memory, so all values together take 110 MB."""
+"""Maximum number of values in a JSON or YAML file: enough for 28 minutes with six joints and a time every 8
+ms. A value takes up to 72 bytes of memory, so the values take up to 110 MB.
+"""
 
 TOO_MANY_VALUES = Message("trajectory.too-many-values", limit=MAX_VALUES)
 
@@ -52,8 +54,8 @@ def read_documents(
 ) -> tuple[Trajectory, ...]:
     """Read trajectories from the documents of a parsed file, or raise TrajectoryError if there are none.
 
-    A JSON file is one document. For ROS messages, an option applies only where the message does not state the
-    fact.
+    A JSON file is one document. An option applies to a ROS message only if the message does not state the
+    same fact.
     """
     only = documents[0] if len(documents) == 1 else None
     if isinstance(only, dict) and only.get("format") == EXTRACT_FORMAT:
@@ -112,7 +114,8 @@ def _select_values(row: object, places: Sequence[int], width: int, number: int) 
 
 def _find_ros_messages(node: object, deep: int, seen: set[int]) -> Iterator[dict[str, Any]]:
     """Yield each object that looks like a JointTrajectory. Search each node of a YAML document only once,
-    even if aliases repeat it."""
+    even if aliases repeat the node.
+    """
     if id(node) in seen:
         return
     seen.add(id(node))
@@ -165,8 +168,10 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
 
 
 def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[Message, ...]]:
-    """Return the positions of J1, J2 and so on in the message, and notes. The joints are ordered by the
-    numbers in their names if possible, or else as the message lists them."""
+    """Return the indices of J1, J2 and so on in `names`, and notes for the user. The joints are ordered by
+    the numbers in their names. If the names have no suitable numbers, the joints stay in the order of the
+    message.
+    """
     numbers = [_LAST_NUMBER.search(name) for name in names]
     by_number = {int(found[1]): place for place, found in enumerate(numbers) if found and len(found[1]) < 3}
     count = sum(found is not None for found in numbers)
@@ -200,7 +205,7 @@ def _float(value: object) -> float:
 
 
 def _number_table(rows: Sequence[Sequence[object]], names: Sequence[str]) -> Array:
-    """Convert values to numbers. Accept NaN and infinities as text."""
+    """Convert values to numbers. Accept NaN and infinities that are written as text."""
     if len(rows) > MAX_POINTS:
         raise TrajectoryError(Message("trajectory.too-long", limit=MAX_POINTS))
     table = np.array([[_float(value) for value in row] for row in rows], dtype=np.float64)
@@ -217,9 +222,9 @@ def _number_table(rows: Sequence[Sequence[object]], names: Sequence[str]) -> Arr
 def read_yaml(data: bytes) -> Iterator[object]:
     """Yield the documents of a YAML stream as lists, dictionaries and text, or raise TrajectoryError.
 
-    The values in the documents stay text, even numbers. PyYAML's own loaders would first build a node for
-    each value. For a trajectory of 140,000 values, PyYAML's nodes took 71 MB more memory, and reading took
-    four times as long (PyYAML 6, libyaml).
+    All values stay text, even numbers. PyYAML's own loaders would first build a node for each value. With
+    these nodes, a trajectory of 140,000 values took 71 MB more memory and four times as long to read (PyYAML
+    6, libyaml).
     """
     events = yaml_events(data)
     try:
@@ -231,7 +236,7 @@ def read_yaml(data: bytes) -> Iterator[object]:
 
 
 def _build_document(events: Iterator[yaml.Event]) -> object:
-    """Build a document from the parser's events, up to the end of the document, without recursion."""
+    """Build one document from the parser's events, without recursion."""
     roots: list[object] = []
     # lists and dictionaries that have not ended yet, each with the key of its next value, if known
     open_nodes: list[tuple[Any, list[str]]] = [(roots, [])]

@@ -1,11 +1,11 @@
 """Read trajectories from files: detect the kind of a file and call the reader for this kind.
 
-This is the only module of the player that opens files to read set points. Files are not trusted: their size
-is limited, and wrong content of any kind raises `TrajectoryError`.
+No other module of the player opens files with set points. Files are not trusted: their size is limited, and
+wrong content of any kind raises `TrajectoryError`.
 
-No public source describes how a project of WINCAPS III stores a log itself. bcapscope does not guess the
-format, and looks for exported logs in the project. If the project has no exported logs, the error lists the
-files and says what to export.
+No public source describes the format in which a WINCAPS III project stores logs. bcapscope therefore reads
+only logs that were exported into the project. If the project has no exported logs, the error lists the files
+and says what to export.
 """
 
 from __future__ import annotations
@@ -38,11 +38,12 @@ from bcapscope.player.trajectory_documents import MAX_VALUES, TOO_MANY_VALUES, r
 from bcapscope.player.trajectory_table import read_table
 
 MAX_TABLE_SIZE = 1 << 30
-"""Largest table that is read, in bytes: two hours of a log with 73 columns."""
+"""Size in bytes of the largest table that bcapscope reads: two hours of a log with 73 columns."""
 
 MAX_OBJECT_SIZE = 24 << 20
-"""Largest JSON or YAML file that is read, in bytes. A JSON or YAML file takes up to 24 times its size in
-memory. See `MAX_VALUES`."""
+"""Size in bytes of the largest JSON or YAML file that bcapscope reads. A JSON or YAML file takes up to 24
+times its size in memory. See `MAX_VALUES`.
+"""
 
 LONGEST_LINE = 1 << 16
 
@@ -50,7 +51,7 @@ MAX_FILES = 5000
 """Maximum number of files to examine in a folder."""
 
 MAX_TRAJECTORIES = 64
-"""Maximum number of trajectories read from a folder; a longer list would be of no use to the user."""
+"""Maximum number of trajectories to read from a folder; a longer list would not help the user."""
 
 _DEEPEST = 8
 _SUFFIXES = frozenset((".csv", ".tsv", ".txt", ".log", ".json", ".yaml", ".yml"))
@@ -84,8 +85,8 @@ def read_trajectories(
     `bcapscope extract`, a JointTrajectory as JSON or YAML, or a capture.
 
     Returns one trajectory per slave-mode session of a capture, per message of a ROS file, or per control log
-    of a project. A table gives one trajectory. A table that lacks records gives one trajectory for each part
-    between the gaps.
+    of a project. A table gives one trajectory. If records are missing, the table gives one trajectory for
+    each part between the gaps.
     """
     options = options or ReadOptions()
     try:
@@ -123,7 +124,7 @@ def _read_file(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
 
 
 def _open_regular_file(path: Path) -> BinaryIO:
-    """Open a regular file; reading a pipe or a device could block."""
+    """Open a file. Refuse pipes and devices, because reading them could block."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             raise TrajectoryError(Message("trajectory.no-file"))
@@ -149,7 +150,7 @@ def _read_whole(stream: BinaryIO, size: int) -> bytes:
 
 
 def _parse_json(data: bytes) -> list[object]:
-    # in JSON and YAML, one of these characters precedes each value
+    # in JSON and YAML, each value follows one of these characters
     if sum(map(data.count, (b",", b"[", b"{"))) > MAX_VALUES:
         raise TrajectoryError(TOO_MANY_VALUES)
     try:
@@ -192,15 +193,16 @@ def _is_project(path: Path) -> bool:
     """Return whether a path is a folder or a project file."""
     try:
         return path.is_dir() or (path.suffix.casefold() == ".wpj" and path.is_file())
-    except ValueError:  # the path is invalid, which the code that opens the file will report
+    except ValueError:  # the path is invalid; the code that opens the file will report this
         return False
 
 
 def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
     """Read every control log in a project, given as its folder or file.
 
-    The function reads no further file once it has `MAX_TRAJECTORIES` trajectories or more. The function skips
-    tables without titles, because their meaning is unknown, and captures, because WINCAPS III exports none.
+    The function reads no further file once it has at least `MAX_TRAJECTORIES` trajectories. The function
+    skips tables without titles, because their meaning is unknown. The function also skips captures, because
+    WINCAPS III exports no captures.
 
     Raises:
         TrajectoryError: There is no control log; the message lists the files and says what to export.
@@ -239,8 +241,7 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _with_file_name(trajectories: Sequence[Trajectory], name: str) -> Iterator[Trajectory]:
-    """Add the file name to the source of each trajectory, and skip trajectories whose columns have no
-    names."""
+    """Add the file name to the source of each trajectory; skip trajectories without column names."""
     for trajectory in trajectories:
         source = trajectory.source
         part = Message.from_table("text", name)

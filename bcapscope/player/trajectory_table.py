@@ -58,10 +58,10 @@ class TableLine(NamedTuple):
 def read_table(
     lines: Iterable[str], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read a table; `source.file_format` holds its encoding. Raise TrajectoryError if the table has no set
-    points.
+    """Read a table; `source.file_format` holds the encoding of the table. Raise TrajectoryError if the table
+    has no set points.
 
-    Returns one trajectory, or one per run of records if records are missing between the runs.
+    Returns one trajectory or, if records are missing, one trajectory for each run of records without gaps.
     """
     text = iter(lines)
     head = list(islice(text, HEAD_LINES))
@@ -122,8 +122,9 @@ def _table_lines(lines: Iterable[str], separator: str) -> Iterator[TableLine]:
 
 
 def _find_layout(first: Sequence[TableLine], options: ReadOptions) -> tuple[ColumnLayout, int, Sequence[str]]:
-    """Return the layout of the columns, the number of lines before the numbers, and the titles, or () without
-    titles."""
+    """Return the layout of the columns, the number of lines before the numbers, and the titles. Without
+    titles, return () for the titles.
+    """
     if _is_numeric(first[0]):
         bare = [[_lenient_float(cell) for cell in line.cells if cell.strip()] for line in first]
         even = [row for row in bare if len(row) == len(bare[0])]
@@ -156,7 +157,7 @@ def _read_numbers(
     """Return the numbers of the given columns, and whether each column has numbers. An empty column gives
     NaN.
 
-    Raises TrajectoryError if a cell is not a number, a column is empty in only some lines, or a line does not
+    Raises TrajectoryError if a cell is not a number, a column is empty in some lines only, or a line does not
     have `width` cells.
     """
     numbers, filled, count = array("d"), [False] * len(columns), 0
@@ -193,8 +194,9 @@ def _parse_number(text: str, line: int, column: Column) -> float:
 
 
 def _without_empty(layout: ColumnLayout, filled: Sequence[bool]) -> tuple[Column, ...]:
-    """Return the columns before the first empty one. Raise TrajectoryError if these columns are too few for a
-    pose, or if a column after the empty one has numbers."""
+    """Return the columns before the first empty column. Raise TrajectoryError if these columns are too few
+    for a pose, or if a column after the empty column has numbers.
+    """
     columns, axes_filled = layout.columns, filled[: len(layout.columns)]
     width = axes_filled.index(False) if False in axes_filled else len(axes_filled)
     if any(axes_filled[width:]) or width < MIN_COLUMNS[layout.kind]:
@@ -227,8 +229,7 @@ def _split_parts(
 
 
 def _counter_timing(column: Column | None, step: float | None) -> SetPointTiming:
-    """Guess the interval from the growth of the counter, because no public source says what the counter
-    counts."""
+    """Guess the interval from the growth of the counter. No public source says what the counter counts."""
     if column is None or column.axis != COUNTER or step is None:
         return SetPointTiming(None, None)
     if step <= 1:

@@ -1,7 +1,7 @@
 """The b-CAP protocol: frames, VARIANTs, functions, commands and result codes.
 
-The package uses only the standard library, and neither I/O nor a clock. Other programs can import these names
-directly from `bcapscope.protocol`:
+The package uses only the standard library. The package does no I/O and reads no clock. Other programs can
+import these names directly from `bcapscope.protocol`:
 
 * `Frame`, `Malformed`, `parse_datagram`, `parse_single_frame`, `encode_frame`: read and write single frames
   and datagrams.
@@ -75,11 +75,11 @@ _NAMES_BY_MODULE = {
 _MODULE_BY_NAME = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
 
 
-# Hide `__getattr__` from type checkers, because they would accept any name of the module.
+# Hide `__getattr__` from type checkers, which would otherwise accept any name in the module.
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> object:
-        """Import the submodule that defines a name of `__all__`, and return the named object."""
+        """Import the submodule that defines `name`, and return the object with this name."""
         module = _MODULE_BY_NAME.get(name)
         if module is None:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,6 +1,6 @@
 """The calls that close a session.
 
-A client calls these functions when it ends. The proxy calls them for a client that crashed or is gone.
+A client makes these calls when it ends. The proxy makes these calls for a client that crashed or is gone.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, Ob
 RELEASES: Mapping[ObjectClass, Function] = {
     function.releases: function for function in FUNCTIONS.values() if function.releases is not None
 }
-"""For each class of objects, the function that releases such an object. The service counts as an object that
-Service_Stop releases."""
+"""For each class, the function that releases an object of this class. The service is such an object, and
+Service_Stop releases it.
+"""
 
 ClosingCall = tuple[int, tuple[Variant, ...]]
 

@@ -7,8 +7,9 @@ from bcapscope.protocol.codec.frame_content import has_compressed_header
 from bcapscope.protocol.guard import always_passes
 
 LONGEST_FIRST_FRAME = 4096
-"""If this number of bytes has arrived, the first frame counts as complete. Calls that open a session are much
-shorter."""
+"""The first frame counts as complete when this number of bytes has arrived. Requests that open a session are
+much shorter.
+"""
 
 _LONGEST_STOP = 1024
 _LENGTH_ENDS = 5

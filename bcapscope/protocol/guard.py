@@ -1,7 +1,7 @@
 """Decide from a request's function and arguments how the request affects the robot, and whether it is a stop.
 
-All clients of bcapscope and the proxy's guard use these functions. The functions assume that a request moves
-the robot if its function id or command is unknown, or if an argument is missing or has a wrong type.
+bcapscope's clients and the proxy's guard use these functions. The functions assume that a request moves the
+robot if its function id or command is unknown, or if an argument is missing or has a wrong type.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def always_passes(function_id: int, arguments: Sequence[Variant]) -> bool:
     """Return whether a request stops something or releases a handle, so that no guard may block it.
 
     Such requests are Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, TwofgStop, slvChangeMode 0,
-    the ..._Release functions, Controller_Disconnect and Service_Stop. A guard may block a stop command with
-    too many arguments, because it is unclear which of them the controller uses.
+    the ..._Release functions, Controller_Disconnect and Service_Stop. A guard may block a stop with too many
+    arguments, because it is unclear which arguments the controller uses.
     """
     function = FUNCTIONS.get(function_id)
     if function is None:
@@ -69,8 +69,8 @@ def always_passes(function_id: int, arguments: Sequence[Variant]) -> bool:
 def passes_read_only(function_id: int, arguments: Sequence[Variant]) -> bool:
     """Return whether a read-only proxy forwards a request.
 
-    A read-only proxy also forwards requests that open a session or an object, such as Controller_Connect.
-    Without the handles in the replies to these requests, a client could not read anything.
+    A read-only proxy also forwards requests that open a session or an object, such as Controller_Connect. A
+    client could not read anything without the handles that these requests return.
     """
     return (
         always_passes(function_id, arguments) or request_effect(function_id, arguments) <= CallEffect.SESSION
@@ -97,7 +97,8 @@ def _command_effect(function_id: int, arguments: Sequence[Variant]) -> CallEffec
 
 
 def _switches_off(arguments: Sequence[Variant]) -> bool:
-    """Return True if the parameter of Motor or slvChangeMode is surely 0, so that the call switches it off.
+    """Return True if the parameter of Motor or slvChangeMode is certainly 0, which switches the motor or
+    slave mode off.
 
     For Motor, the parameter may also be an array whose first element is 0.
     """

@@ -1,4 +1,4 @@
-"""Parse numbers that people type: only ASCII digits, of limited length and value.
+"""Parse numbers that people type: ASCII digits only, with limits for length and value.
 
 Python's own functions accept too much: digits of every script, integers of 4,300 digits, and floats that
 overflow to infinity.

@@ -10,7 +10,7 @@ _FORMULA_STARTS = tuple("=+-@\t\r＝＋－＠")
 def is_spreadsheet_formula(text: str) -> bool:
     """Return whether a spreadsheet would interpret a text as a formula.
 
-    Japanese spreadsheets also interpret the full-width forms of `=`, `+`, `-` and `@`.
+    Japanese spreadsheets also treat the full-width forms of `=`, `+`, `-` and `@` as the start of a formula.
     """
     return text.lstrip(" \u3000").startswith(_FORMULA_STARTS)
 
@@ -26,7 +26,9 @@ def shortened(text: str, most: int) -> str:
 
 
 def display_width(text: str) -> int:
-    """Return how many terminal columns a text takes: two per wide character, none per combining character."""
+    """Return how many terminal columns a text takes: two for a wide character, none for a combining
+    character.
+    """
     if text.isascii():
         return len(text)
     return sum(

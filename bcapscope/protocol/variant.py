@@ -1,5 +1,6 @@
-"""Deprecated location of `VT` and `Variant`, kept for user programs copied from the screen of an older
-version."""
+"""Deprecated location of `VT` and `Variant`, for programs that users copied from the screen of an older
+version.
+"""
 
 import warnings
 from typing import Any

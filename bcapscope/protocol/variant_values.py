@@ -20,9 +20,9 @@ def variant_of(value: object) -> Variant:
     """Convert a Python value to a VARIANT. Raise LocalProtocolError if b-CAP has no type for this value.
 
     None becomes EMPTY, bool becomes BOOL, int becomes I4 (or I8 if too large for I4), float becomes R8, str
-    becomes BSTR, and bytes become an array of UI1. A list of values of one type becomes an array of that
-    type, and a list of int and float an array of R8. Any other list becomes an array of VARIANT. A Variant
-    stays unchanged.
+    becomes BSTR, and bytes become an array of UI1. A list of values of one type becomes an array of this
+    type. A list of int and float becomes an array of R8. Any other list becomes an array of VARIANT. A
+    Variant stays unchanged.
     """
     if isinstance(value, Variant):
         return value
@@ -66,15 +66,16 @@ def argument_of(function: Function, param: Param, value: object) -> Variant:
 
 
 def plain_value(variant: Variant) -> Value:
-    """Return the Python value of a VARIANT. If the value is a VARIANT array, convert its elements, too."""
+    """Return the Python value of a VARIANT. If the value is a VARIANT array, convert its elements too."""
     if isinstance(variant.value, tuple):
         return tuple(plain_value(item) if isinstance(item, Variant) else item for item in variant.value)
     return variant.value
 
 
 def date_of(days: float) -> datetime | None:
-    """Convert a DATE to a datetime in the controller's time zone; None if the date is outside Python's
-    calendar."""
+    """Convert a DATE to a datetime in the controller's time zone; None if Python's datetime cannot represent
+    the date.
+    """
     try:
         return _DATE_ZERO + timedelta(days=days)
     except (OverflowError, ValueError):

@@ -1,4 +1,4 @@
-"""Add-ons: the user's classes, which see each message and may change, drop or answer it.
+"""Add-ons: classes in a user's script that see each message, and may change, drop or answer it.
 
 A script is a Python file. The proxy creates one object of each class in the file that has at least one of the
 methods below. Then it calls these methods. The constructor of the class must need no arguments.
@@ -10,7 +10,7 @@ methods below. Then it calls these methods. The constructor of the class must ne
     gone(client)          a client is gone
     done()                the proxy ends
 
-Add-ons run in a process of their own. A message waits until the add-ons have decided about it.
+Add-ons run in a process of their own. The proxy holds each message until the add-ons have decided about it.
 """
 
 from __future__ import annotations
@@ -40,15 +40,16 @@ from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 HOOKS = ("request", "reply", "settled", "connected", "gone", "done")
 
 SLOW_HOOK_NS = 2_000_000
-"""Time in ns after which a hook counts as slow: no more than a set point may take (DENSO Wave 2009, How to
-use the Slave mode)."""
+"""A hook that takes longer than this time in ns counts as slow. A set point may take no longer than this time
+(DENSO Wave 2009, How to use the Slave mode).
+"""
 
 
 class AddonClient(NamedTuple):
     """A client, as the proxy describes it to add-ons.
 
     Attributes:
-        number: Number of the client. No other client ever gets the same number.
+        number: Number of the client, which no other client gets.
     """
 
     number: int
@@ -61,7 +62,7 @@ class PassingMessage:
     """A message in transit, which hooks can read and change.
 
     Attributes:
-        client: Client that sent the message, or that receives it.
+        client: Client that sent the message or receives it.
         data: Bytes of the message. Assign other bytes to replace the message.
         dropped: True if the proxy will not forward the message.
         call_kind: Function and command that the message calls or answers; None if unknown.
@@ -117,14 +118,17 @@ class PassingMessage:
 
 
 class AddonRunner(PipelineSubscriber):
-    """Calls the hooks of all add-ons. Reports the first error of each hook; the other hooks still run.
+    """Calls the hooks of all add-ons. If a hook raises an error, reports its first error and continues with
+    the other hooks.
 
     Attributes:
-        notify: Function that gets each message for the user.
+        notify: Function that is called with each message for the user.
     """
 
     def __init__(self, addons: Sequence[object], clock: Callable[[], int] = time.perf_counter_ns) -> None:
-        """Prepare to call `addons` in this order. `clock` returns ns, to measure how long a hook takes."""
+        """Prepare to call `addons` in this order. `clock` returns the time in ns, to measure how long a hook
+        takes.
+        """
         self.notify: Callable[[Message], None] = lambda message: None
         self.errors = 0
         self._clock = clock
@@ -140,8 +144,9 @@ class AddonRunner(PipelineSubscriber):
         return frozenset(name for name, found in self._hooks.items() if found)
 
     def run_message_hooks(self, client: AddonClient, message: WireMessage) -> PassingMessage:
-        """Pass a message to the add-ons one after another. Each add-on gets the message as the previous
-        add-on changed it. Return the changed message."""
+        """Pass a message to the add-ons one after another. Each add-on gets the message with the changes of
+        the previous add-ons. Return the changed message.
+        """
         passing = PassingMessage(client, message)
         name = "request" if message.flow.direction is Direction.REQUEST else "reply"
         for addon, hook in self._hooks[name]:
@@ -167,7 +172,7 @@ class AddonRunner(PipelineSubscriber):
         self._call_all("gone", client)
 
     def expire_calls(self, since_1970: int) -> None:
-        """Complete the calls to which no reply arrived in time, and report them to the add-ons."""
+        """Complete the calls that got no reply in time, and report these calls to the add-ons."""
         if self._pipeline is not None:
             self._pipeline.expire(since_1970)
 
@@ -195,7 +200,7 @@ class AddonRunner(PipelineSubscriber):
         try:
             hook(*arguments)
         except BaseException as error:  # catch even SystemExit, because the process must continue
-            # first, because it takes long to find the line of an error
+            # check this first, because it takes long to find the line of an error
             if self._is_new(addon, name, "error"):
                 self.notify(
                     Message("addon.error", hook=f"{type(addon).__name__}.{name}", error=_where(error))

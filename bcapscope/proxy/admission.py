@@ -1,8 +1,8 @@
-"""Decides which clients the proxy admits when there are too many. This module uses no socket and no clock.
+"""Decides which clients the proxy admits if too many clients connect. This module uses no socket and no
+clock.
 
-Each transport has its own slots, and no client address may take all of them. A stop is a request that only
-stops the robot or releases something. Some slots are reserved for stops, so a new client whose first frame is
-a stop always gets a slot.
+Each transport has its own slots, and no address may take all slots. Some slots are reserved for stops, so a
+new client that begins with a stop always gets a slot.
 """
 
 from __future__ import annotations
@@ -22,27 +22,31 @@ MAX_CLIENTS = 256
 """Maximum number of clients per transport; DENSO's C server has 20 (orin_bcap C/src/bcap_server.c)."""
 
 MAX_PER_SOURCE = 192
-"""Maximum number of clients per address. An address may have many clients, because a whole plant may share
-one address behind NAT. The slots that remain for other addresses (64) are enough for three controllers.
+"""Maximum number of clients per address. This number is high, because a whole plant may share one address
+behind NAT. The remaining 64 slots are enough for the clients of three controllers.
 """
 
 RESERVED_SLOTS = 4
-"""Number of additional slots per transport for clients that send a stop. If all these slots are taken, a new
-client that sends a stop evicts the oldest client in them."""
+"""Number of additional slots per transport for clients that send a stop. If these slots are full, a new
+client that sends a stop replaces the oldest client in these slots.
+"""
 
 REPLACE_INTERVAL_NS = 5_000_000
-"""Time in ns between two evictions of fresh clients, which have sent one datagram. This interval limits the
-cost of a flood from new UDP ports."""
+"""Time in ns between two evictions of fresh clients, which have sent one datagram only. This interval limits
+the cost of a flood of datagrams from new UDP ports.
+"""
 
 REPLACE_BURST = 64
-"""Number of fresh clients that the proxy may evict at once after a time without evictions."""
+"""Maximum number of fresh clients that the proxy may evict without waiting between them, after a time without
+evictions.
+"""
 
 TOO_MANY_CLIENTS = Message("client.silent.too-many")
-"""Reason that the user sees if the proxy evicts a client to admit another one."""
+"""Reason that the user sees if the proxy evicts a client to admit another client."""
 
 
 class ClientSlot(Enum):
-    """Kind of slot that a new client gets."""
+    """Kind of slot for a new client."""
 
     NONE = 0
     REGULAR = 1
@@ -88,7 +92,7 @@ class ClientSlots:
 
         Args:
             slot: Kind of slot that `find_slot` returned.
-            is_fresh: True if the client has sent one datagram so far and may never send another.
+            is_fresh: True if the client has sent only one datagram, and may never send a second datagram.
         """
         number = session.number
         if slot is ClientSlot.RESERVED:
@@ -114,8 +118,9 @@ class ClientSlots:
                 del self._sources[source]
 
     def end_oldest_stop(self) -> bool:
-        """Disconnect the client that has held a reserved slot longest. Return False if there is no such
-        client."""
+        """Disconnect the client that has held a reserved slot longest. Return False if no client has a
+        reserved slot.
+        """
         oldest = next(iter(self._reserved.values()), None)
         if oldest is None:
             return False
@@ -124,8 +129,9 @@ class ClientSlots:
         return True
 
     def _evict_one(self, source: str | None, now: int) -> bool:
-        """Evict a client of `source`, or of any source if this is None. Return False if the proxy must not
-        evict any of these clients."""
+        """Evict a client of `source`, or of any source if `source` is None. Return False if the proxy may not
+        evict any of these clients.
+        """
         victim = self._oldest_replaceable(source, now) or self._longest_idle(source, now)
         if victim is None:
             return False
@@ -134,9 +140,9 @@ class ClientSlots:
         return True
 
     def _longest_idle(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the client that has been idle longest; None if no client may be evicted.
+        """Return the client that has been idle longest; None if the proxy may not evict any client.
 
-        If a search finds no client, it is not repeated for the same `now`.
+        After a search that found no client, the method does not search again for the same `now`.
         """
         if now != self._exhausted_at:
             self._exhausted_at = now
@@ -152,8 +158,9 @@ class ClientSlots:
         return None
 
     def _oldest_replaceable(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the oldest fresh client of `source`, or of any if this is None; None if no client may be
-        evicted now."""
+        """Return the oldest fresh client of `source`, or of any source if `source` is None. Return None if
+        the proxy may not evict a client now.
+        """
         earned = (now - self._replaced_at) // REPLACE_INTERVAL_NS
         if earned:
             self._replacements_left = min(self._replacements_left + earned, REPLACE_BURST)

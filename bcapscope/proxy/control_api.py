@@ -26,7 +26,7 @@ class ControlResponse(NamedTuple):
 
     Attributes:
         line: Response as JSON, with a line feed.
-        is_json: True if the request was JSON. A program that does not send JSON is not a control client.
+        is_json: True if the request was JSON; otherwise, the sender is not a control client.
     """
 
     line: bytes
@@ -40,17 +40,16 @@ class ControlApi:
         figures: Callable[[], Mapping[str, Any]] = dict,
         upstream: Callable[[int], str] = lambda number: "",
     ) -> None:
-        """Control a proxy that has these `rules`. `figures` returns the relay's figures, with the names of
-        `ProxyStats`. `upstream` takes a client's number and returns the state of its connection to the
-        controller.
+        """Control a proxy that has these `rules`. `figures` returns the relay's figures under the names in
+        `ProxyStats`. `upstream` takes a client's number and returns the state of this client's connection to
+        the controller.
         """
         self._rules = rules
         self._figures = figures
         self._upstream = upstream
 
     def handle_line(self, line: bytes, now: int) -> ControlResponse:
-        """Execute a request, given as a line of JSON. Return the response; an invalid request also gets a
-        response."""
+        """Execute a request, which is a line of JSON. Return the response, also for an invalid request."""
         is_json = True
         try:
             return ControlResponse(
@@ -125,7 +124,7 @@ class ControlApi:
         if request.hex:
             return bytes.fromhex(request.hex)
         data = rewrite_message(held.data, held.flow, request.rewrite)
-        # refuse an edit without effect: after a typing error, the motion must not pass unchanged
+        # refuse an edit without effect: after a typing error, the proxy must not forward the motion unchanged
         if data == held.data:
             raise InputError(Message("control.no-change"))
         return data

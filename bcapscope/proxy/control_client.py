@@ -1,7 +1,7 @@
 """The client of the control socket, which sends requests to a proxy and reads the responses.
 
 Any program may listen on the proxy's address, so the client limits the size and the time of a response. A
-response contains strings from the wire: escape them before you print them.
+response contains strings from the wire: escape these strings before you print them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.control_socket import ControlError, connect_control
 
 ANSWERS_WITHIN = 10.0
-"""Maximum time in seconds that a whole response may take."""
+"""Maximum time in seconds for a whole response."""
 
 LARGEST_LIST = 16 << 20
 """Maximum size, in bytes, of a response that lists held messages: enough for a thousand messages of 8,000
@@ -34,7 +34,7 @@ class ControlRefused(BcapError):
     """The proxy rejected a request. The text of the error is the reason that the proxy gave.
 
     Attributes:
-        line: Response as received, in JSON.
+        line: The received response, in JSON.
     """
 
     def __init__(self, reason: Message, line: bytes) -> None:
@@ -45,8 +45,9 @@ class ControlRefused(BcapError):
 
 
 class ControlClient:
-    """A control connection to a proxy. The first request opens the connection; after a failure, the next
-    request opens it again."""
+    """A control connection to a proxy. The first request opens the connection. After a failure, the next
+    request opens a new connection.
+    """
 
     def __init__(self, address: str) -> None:
         self._address = address
@@ -67,7 +68,7 @@ class ControlClient:
             raise ControlError(Message("control.other-version", address=self._address)) from error
 
     def request_raw(self, request: control.ControlRequest) -> bytes:
-        """Send a request and return the response as received, as one line of JSON.
+        """Send a request and return the received response, which is one line of JSON.
 
         Raises:
             ControlError, ControlRefused: For the same reasons as in `request`.
@@ -84,7 +85,7 @@ class ControlClient:
         return line
 
     def _failure_reason(self, error: OSError | ValueError) -> Message:
-        # the proxy ended during the request (a failure to connect raises `ControlError`)
+        # the proxy ended during the request; a failure to connect would raise `ControlError`
         if isinstance(error, ConnectionError):
             return Message("control.ended", address=self._address)
         if isinstance(error, OSError):

@@ -1,4 +1,4 @@
-"""Requests to a running proxy, and the proxy's responses. Each request or response is one line of JSON.
+"""Requests to a running proxy, and the proxy's responses. Each request and each response is one line of JSON.
 
     {"do": "rules"}                              the faults, their switches and counts
     {"do": "add", "rule": "loss=5% request"}     one line, or "fault" as in a file
@@ -50,8 +50,9 @@ JsonHex: TypeAlias = Annotated[str, Meta(pattern=r"^([0-9A-Fa-f]{2} ?)*\Z")]
 Seconds: TypeAlias = Annotated[float, Meta(ge=-1e9, le=1e9)]
 
 LONGEST_LINE = 1 << 20
-"""Maximum size of a line in bytes. A held message needs up to 1006 hexadecimal digits over UDP, and more over
-TCP."""
+"""Maximum size of a line in bytes. A line can contain a held message: up to 1006 hexadecimal digits over UDP,
+more over TCP.
+"""
 
 
 class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, tag_field="do"):
@@ -63,7 +64,7 @@ class ListFaults(_Request, frozen=True, tag="rules"):
 
 
 class AddFault(_Request, frozen=True, tag="add"):
-    """Request to add a fault, given as one line (`rule`) or as in a file (`fault`)."""
+    """Request to add a fault, written as one line (`rule`) or as in a file (`fault`)."""
 
     rule: str = ""
     fault: dict[str, Any] = {}
@@ -82,10 +83,8 @@ class DisableFault(_Request, frozen=True, tag="off"):
 
 
 class SetIntercept(_Request, frozen=True, tag="intercept", rename={"condition": "if"}):
-    """Request to change which messages the proxy holds from now on. If the filter is None, the proxy holds no
-    messages.
-
-    Without `patience`, the maximum hold time does not change.
+    """Request to set which messages the proxy holds from now on. If `condition` is None, the proxy holds no
+    messages. Without `patience`, the maximum hold time stays the same.
     """
 
     condition: str | None = None
@@ -101,7 +100,7 @@ class ForwardHeld(_Request, frozen=True, tag="forward"):
 
 
 class EditHeld(_Request, frozen=True, tag="edit"):
-    """Request to forward a held message with the bytes `hex`, or changed by the rewrite fault `rewrite`."""
+    """Request to forward a held message: as the bytes `hex`, or as changed by the rewrite fault `rewrite`."""
 
     number: int
     hex: str = ""
@@ -126,7 +125,8 @@ ControlRequest: TypeAlias = FaultChange | HoldChange | ListFaults | ListHeld | L
 
 
 class ErrorResponse(msgspec.Struct, frozen=True):
-    """Response to a rejected request. It holds the reason in English, and as data made by `message_to_data`.
+    """Response to a rejected request, with the reason in English and as the data that `message_to_data`
+    makes.
 
     The client first decodes every response as an `ErrorResponse`.
     """
@@ -137,7 +137,7 @@ class ErrorResponse(msgspec.Struct, frozen=True):
 
     @property
     def reason(self) -> Message:
-        """Reason of the rejection. A program that is not a proxy may send no reason, or an invalid one."""
+        """Reason of the rejection. A program that is not a proxy may send no reason or an invalid reason."""
         try:
             if self.message is not None:
                 return message_from_data(self.message)
@@ -177,8 +177,9 @@ class FaultsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class ClientStatus(msgspec.Struct, frozen=True):
-    """A client of the proxy. `up` and `down` count datagrams or reads of a stream. A member that holds the
-    time of an event is None if the event never happened."""
+    """A client of the proxy. `up` and `down` count datagrams, or reads from a stream. The time of an event is
+    None if the event never happened.
+    """
 
     number: JsonCount
     client: str
@@ -238,8 +239,7 @@ class HeldResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class RelayDelays(msgspec.Struct, frozen=True):
-    """Delays in ns of data that the relay forwards unchanged. `slow` is the number of delays that were too
-    long."""
+    """Delays in ns of data that the relay forwards unchanged. `slow` counts the delays that were too long."""
 
     p50_up: JsonCount = 0
     p99_up: JsonCount = 0
@@ -253,10 +253,10 @@ class RelayDelays(msgspec.Struct, frozen=True):
 
 
 class ProxyStats(DoneResponse, frozen=True, kw_only=True):
-    """Figures of the proxy. `RelayCounter` describes those that the relay counts.
+    """Figures of the proxy. `RelayCounter` describes the figures that the relay counts.
 
-    `injected` counts for each fault how often the proxy injected it. `struck` and `held_up_ns` are the old
-    names of `injected` and `delays_ns`.
+    `injected` says how often the proxy injected each fault. `struck` and `held_up_ns` are the old names of
+    `injected` and `delays_ns`.
     """
 
     injected: dict[str, JsonCount]
@@ -313,7 +313,7 @@ def decode_request(line: bytes) -> ControlRequest:
     """Decode a request from a line.
 
     Raises:
-        JSONDecodeError: The line is not JSON. A program that sends such a line is not a control client.
+        JSONDecodeError: The line is not JSON, so the sender is not a control client.
         DocumentError: The JSON is not a valid request; the error names the wrong field.
     """
     request: ControlRequest = convert_data(orjson.loads(line), ControlRequest)

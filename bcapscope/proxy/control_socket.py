@@ -23,11 +23,11 @@ MAX_CONNECTIONS = 16
 _BACKLOG = 128
 
 IDLE_AFTER = 10.0
-"""A new control connection may replace one that has been idle for this number of seconds."""
+"""A new control connection may replace a connection that has been idle for this time in seconds."""
 
 
 class ControlError(BcapError):
-    """The proxy cannot open its control socket at an address, or a client finds no proxy there."""
+    """The proxy cannot open its control socket at an address, or a client finds no proxy at an address."""
 
 
 class ControlServer:
@@ -38,7 +38,7 @@ class ControlServer:
     """
 
     def __init__(self, address: str, api: ControlApi, watcher: DescriptorWatcher) -> None:
-        """Listen at `HOST:PORT` on loopback. An address of any other form is the path of a Unix socket.
+        """Listen at `HOST:PORT` on loopback. An `address` of any other form is the path of a Unix socket.
 
         Raises:
             ControlError: The proxy cannot listen on the address.
@@ -71,7 +71,7 @@ class ControlServer:
             sock, _address = self._socket.accept()
         except (BlockingIOError, ConnectionError):
             return
-        except OSError:  # for example, if no file descriptor is free; the client then has to wait
+        except OSError:  # for example, no file descriptor is free; the client has to wait
             self._watcher.pause(self._socket.fileno())
             return
         if len(self._connections) >= MAX_CONNECTIONS and not self._close_idle_connection():
@@ -81,8 +81,9 @@ class ControlServer:
         self._connections[sock.fileno()] = _Connection(sock, self._api, self._watcher, self._connections)
 
     def _close_idle_connection(self) -> bool:
-        """Close a connection that never sent a command, or the one that has been idle longest. Return False
-        if no connection is idle."""
+        """Close a connection that never sent a command, or else the connection that has been idle longest.
+        Return False if no connection is idle.
+        """
         idle = min(self._connections.values(), key=lambda each: each.last_command_at)
         if time.monotonic() - idle.last_command_at < IDLE_AFTER:
             return False
@@ -122,8 +123,9 @@ class _Connection:
             self._socket.close()
 
     def _on_ready(self, _: int) -> None:
-        """Answer at most one line per event. Many control requests therefore do not delay traffic for long,
-        and do not fill the memory."""
+        """Answer at most one line per event, so that many control requests neither delay traffic for long nor
+        fill the memory.
+        """
         try:
             if not self._backlog and (b"\n" in self._received or self._read()):
                 self._answer_next_line()
@@ -134,7 +136,7 @@ class _Connection:
             self.close()
 
     def _read(self) -> bool:
-        """Read bytes from the control client. Return whether a line is complete now."""
+        """Read bytes from the control client. Return whether the bytes complete a line."""
         data = self._socket.recv(1 << 16)
         self._received += data
         if not data or (b"\n" not in data and len(self._received) > LONGEST_LINE):
@@ -149,12 +151,11 @@ class _Connection:
             self.last_command_at = time.monotonic()
             reply = self._api.handle_line(line, time.monotonic_ns())
             self._backlog += reply.line
-            # Close after non-JSON: a web page can make a browser send HTTP here, followed by malicious JSON.
+            # Close if the line is not JSON: a web page can make a browser send HTTP and then malicious JSON.
             self._closes_after_send = not reply.is_json
 
     def _send(self) -> None:
-        """Send as many pending bytes as possible. After this, close the connection or wait for the next
-        event."""
+        """Send as many pending bytes as possible, then close the connection or wait for the next event."""
         with suppress(BlockingIOError):
             while self._backlog:
                 del self._backlog[: self._socket.send(self._backlog)]
@@ -166,7 +167,7 @@ class _Connection:
 
 
 def is_tcp_address(address: str) -> bool:
-    """Return whether an address has the form ``HOST:PORT`` and is not a path."""
+    """Return whether an address has the form ``HOST:PORT``; otherwise, the address is a path."""
     host, colon, port = address.rpartition(":")
     return bool(colon) and port.isdecimal() and "/" not in host and os.sep not in host
 

@@ -1,5 +1,6 @@
-"""The state of each direction of a client's traffic, the splitting of data into messages, and the recognition
-of stops."""
+"""The state of each direction of a client's traffic. This module also splits data into messages and
+recognises stops.
+"""
 
 from __future__ import annotations
 
@@ -32,14 +33,14 @@ class DirectionState:
     Attributes:
         client: Number of the client.
         connected_at: Time of the client's first bytes, in ns.
-        budget: Limit for the bytes of unfinished frames that all streams together hold.
-        splitter: Splitter of a TCP stream into frames; None while no rule needs frames.
+        budget: Common limit for the bytes of unfinished frames in all streams.
+        splitter: Splitter of a TCP stream into frames; None while no proxy rule needs frames.
         has_begun: True once the proxy has forwarded bytes of this direction.
         has_ended: True after the stream has ended.
-        piece_count: Number of datagrams received, or of reads of a stream.
-        last_piece_at: Time of the last datagram or read, in ns; 0 before the first.
-        overtaken_by: Message number of the latest stop, or 0 before the first stop. Waiting motions with a
-            lower number must not start.
+        piece_count: Number of datagrams received, or of reads from a stream.
+        last_piece_at: Time of the last datagram or read, in ns; 0 if there was none.
+        overtaken_by: Message number of the latest stop; 0 before the first stop. Waiting motions with a lower
+            message number must not start.
     """
 
     client: int
@@ -55,11 +56,11 @@ class DirectionState:
 
     @property
     def is_stream(self) -> bool:
-        """Whether the data of this direction is a stream, in which nothing separates the messages."""
+        """Whether this direction is a stream, in which nothing separates the messages."""
         return self.flow.conversation.transport is Transport.TCP
 
     def cut_messages(self, data: bytes, into_frames: bool) -> Iterator[bytes]:
-        """Yield the messages in received data. Split a stream into frames only if `into_frames` is True."""
+        """Yield the messages in received data. With `into_frames`, split a stream into frames."""
         if not self.is_stream:
             yield data
             return
@@ -74,7 +75,7 @@ class DirectionState:
             yield whole
 
     def take_incomplete(self) -> list[bytes]:
-        """Stop splitting the stream. Return the bytes of an incomplete frame that the splitter kept."""
+        """Stop splitting the stream. Return the bytes of an incomplete frame in the splitter."""
         splitter, self.splitter = self.splitter, None
         return [piece.item.raw for piece in splitter.close()] if splitter else []
 
@@ -105,7 +106,7 @@ class ClientStates:
         return self._numbers[conversation]
 
     def pairs(self) -> Iterator[tuple[DirectionState, DirectionState]]:
-        """For each client, yield the states of its request direction and of its response direction."""
+        """Yield the state of the request direction and of the response direction of each client."""
         return ((each[Direction.REQUEST], each[Direction.RESPONSE]) for each in self._directions.values())
 
     def split_streams(self) -> list[DirectionState]:
@@ -114,12 +115,12 @@ class ClientStates:
 
 @dataclass(eq=False, slots=True)
 class DecisionBuilder:
-    """Collects what the rules decide about received data: actions in order, and notes for the user.
+    """Collects what the proxy's rules decide about received data: actions in order, and notes for the user.
 
     Attributes:
-        actions: Actions to do that were not returned to the relay yet.
-        waiting: Number of messages in the data that wait for a decision of the scripts.
-        ticket: Number that identifies the data while a message in it waits; 0 if no message has waited.
+        actions: Actions that were not returned to the relay yet.
+        waiting: Number of messages in the data that wait until the scripts decide.
+        ticket: Number that identifies the data while one of its messages waits; 0 if no message has waited.
     """
 
     actions: list[SendAction | CloseAction] = field(default_factory=list)
@@ -129,16 +130,16 @@ class DecisionBuilder:
 
     @property
     def note(self) -> Message | None:
-        """All notes as one message, each note once; None if there are no notes."""
+        """All notes as one message, without duplicates; None if there are no notes."""
         return joined_clauses(self.notes)
 
 
 class UndecidedMessage(NamedTuple):
-    """A message that the scripts have to decide about.
+    """A message that waits until the scripts decide about it.
 
     Attributes:
         state: State of the message's direction.
-        builder: Decision about all data that arrived together with the message.
+        builder: Decision about all data that arrived with the message.
     """
 
     state: DirectionState
@@ -146,14 +147,13 @@ class UndecidedMessage(NamedTuple):
 
 
 def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitRequests:
-    """Choose which held requests to send although the client no longer waits: only the stops.
+    """Among held requests whose client no longer waits, choose the requests to send: the stops.
 
     Return the bytes to send, and the frames and other bytes to drop.
 
-    A motion is dangerous if it starts after its client has stopped waiting. A stop, which only stops the
-    robot or releases something, is never dangerous. If a stream was interrupted within a frame, the rest of
-    this frame is sent first. Without the rest of the frame, the controller would read the bytes of the stop
-    in its place.
+    A motion is dangerous if it starts after its client has stopped waiting. A stop is never dangerous. If the
+    proxy has already sent the start of a frame, the result begins with the rest of this frame. Without this
+    rest, the controller would read the stop as part of the frame.
     """
     if not state.is_stream:
         return _split_frames([item for data in held for item in parse_datagram(data)])
@@ -193,8 +193,8 @@ def is_stop_request(message: WireMessage) -> bool:
 def mark_overtaken(
     stop: WireMessage, state: DirectionState, request_states: Iterable[DirectionState]
 ) -> None:
-    """Mark motions that wait for the scripts and must not start any more, because the proxy forwards a stop
-    before them.
+    """Mark motions that wait for the scripts and must not start, because the proxy forwards a stop before
+    them.
 
     A stop cancels the waiting motions of its own client. Robot_Halt and Robot_Hold cancel the waiting motions
     of all clients of the controller, because a program may send these calls over a separate connection. A
@@ -218,7 +218,9 @@ def mark_overtaken(
 def join_untouched_bytes(
     actions: list[SendAction | CloseAction], state: DirectionState
 ) -> Sequence[SendAction | CloseAction]:
-    """Join consecutive bytes of a stream that no rule changed, so that the relay sends them in one piece."""
+    """Join adjacent bytes of a stream that no proxy rule changed, so that the relay sends them in one
+    piece.
+    """
     if not state.is_stream or len(actions) < 2:
         return actions
     found: list[SendAction | CloseAction] = []

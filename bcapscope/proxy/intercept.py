@@ -19,14 +19,17 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow, Transpo
 from bcapscope.traffic.pairing_windows import RETRY_WITHIN_NS
 
 MAX_HELD = 1000
-"""Maximum number of held messages. The proxy forwards further messages, with a note for the user."""
+"""Maximum number of held messages. Above this limit, the proxy forwards messages immediately, with a note for
+the user.
+"""
 
 MAX_BYTES = 16 << 20
-"""Maximum number of bytes of all held messages."""
+"""Maximum total size of all held messages in bytes."""
 
 HOLD_TIME_NS = 60_000_000_000
-"""Default time in ns for which the proxy holds a message: long enough to edit the message, but not so long
-that a robot waits for ever."""
+"""Default time in ns for which the proxy holds a message: long enough to edit the message, but short enough
+that a robot does not wait for ever.
+"""
 
 _Subject: TypeAlias = tuple[AttemptedCall, Direction]
 """A UDP call or its reply. The user's decision applies to every attempt of the call."""
@@ -36,18 +39,18 @@ class HeldMessage(NamedTuple):
     """A held message.
 
     Attributes:
-        number: Number by which the user names the message; every held message has a different one.
-        data: Bytes of the message. If the client has retried, `data` is the latest attempt, because the
-            client only accepts a reply to this attempt.
+        number: Number that identifies the held message for the user.
+        data: Bytes of the message. After retries, this is the latest attempt, because the client only accepts
+            a reply to this attempt.
         call_kind: Function and command that the message calls or answers; None if unknown.
         since: Start of the hold, in ns.
         until: End of the hold, in ns. At this time, the proxy forwards the message unchanged, or drops it if
             the client no longer waits.
         last_attempt_at: Time of the latest attempt, in ns.
-        repeats: Number of later packets of the same call, which are not held separately.
+        repeats: Number of later packets of the same call, which have no number of their own.
         subject: Call or reply to which the user's decision applies; None for messages without retries.
-        abandoned_because: Why the client no longer waits, if its traffic shows this; None if it may still
-            wait.
+        abandoned_because: Why the client no longer waits, if its traffic shows this; None if the client may
+            still wait.
     """
 
     number: int
@@ -63,10 +66,10 @@ class HeldMessage(NamedTuple):
     abandoned_because: Message | None = None
 
     def abandonment_reason(self, now: int) -> Message | None:
-        """Return what shows that the client no longer waits for a reply; None if the client may still wait.
+        """Return the evidence that the client no longer waits for a reply; None if the client may still wait.
 
-        A motion is dangerous if it starts long after the client reported a failure to its user. A client
-        makes one call at a time, so it no longer waits after it has sent another request or ended its stream.
+        A motion is dangerous if it starts long after the client reported a failure to its user. A client that
+        has sent another request or ended its stream no longer waits, because clients make one call at a time.
         Over UDP, a client that has not retried within `RETRY_WITHIN_NS` no longer waits. Over TCP there are
         no retries, so a silent client may still wait.
         """
@@ -83,7 +86,7 @@ class InterceptResult:
 
     Attributes:
         note: Description of the decision, for the user.
-        data: Bytes to forward now instead of the message; None to forward nothing.
+        data: Bytes to forward now instead of the message; None to forward nothing yet.
     """
 
     note: Message
@@ -92,10 +95,10 @@ class InterceptResult:
 
 @dataclass(frozen=True, slots=True)
 class _PastDecision:
-    """A decision of the user about a message whose retries may still arrive.
+    """The user's decision about a message. Retries of this message may still arrive.
 
     Attributes:
-        data: Bytes that replace the message. None leaves the message unchanged; b"" drops it.
+        data: Bytes that replace the message; None to leave the message unchanged, b"" to drop it.
         until: Time in ns after which retries of the message no longer arrive.
     """
 
@@ -108,11 +111,11 @@ class Intercept:
     """Holds the messages that match a filter.
 
     The intercept holds each call once; the user's decision also applies to the retries of the call. The
-    intercept never holds requests that only stop the robot or release something.
+    intercept never holds a stop.
 
     Attributes:
         condition: Filter for the messages to hold; None to hold nothing.
-        hold_time: Maximum time in ns for which a message is held.
+        hold_time: Maximum time in ns for which the proxy holds a message.
         held_so_far: Number of messages held since the start of the proxy.
     """
 
@@ -135,8 +138,9 @@ class Intercept:
 
     @property
     def is_idle(self) -> bool:
-        """Whether the intercept can ignore all messages: it has no filter, no held message and no decision to
-        repeat."""
+        """Whether the intercept can ignore all messages: it has no filter, no held message and no decision
+        that may apply to retries.
+        """
         return self.condition is None and not self._held and not self._past_decisions
 
     @property
@@ -145,14 +149,14 @@ class Intercept:
 
     @property
     def is_full(self) -> bool:
-        """Whether the limit of held messages, or of their bytes, is reached."""
+        """Whether the number or the total size of the held messages has reached its limit."""
         held = sum(len(held.data) for held in self._held.values())
         return len(self._held) >= MAX_HELD or held >= MAX_BYTES
 
     def hold_or_pass(self, client: int, message: WireMessage) -> InterceptResult | None:
-        """Decide whether to hold a message. Return None if the intercept has nothing to do with the message.
+        """Decide whether to hold a message. Return None if the intercept does nothing with the message.
 
-        The caller must pass all messages to this method, in order.
+        The proxy must pass all messages to this method, in order.
         """
         while self._past_decisions and next(iter(self._past_decisions.values())).until < message.now:
             del self._past_decisions[next(iter(self._past_decisions))]
@@ -180,7 +184,7 @@ class Intercept:
         """Stop holding a message and return it. The decision also applies to the message's retries.
 
         Args:
-            data: Bytes that replace the message. None leaves the message unchanged; b"" drops it.
+            data: Bytes that replace the message; None to leave the message unchanged, b"" to drop it.
 
         Raises:
             KeyError: No message with this number is held.
@@ -196,8 +200,9 @@ class Intercept:
         return min((held.until for held in self._held.values()), default=None)
 
     def pop_expired(self, now: int) -> list[HeldMessage]:
-        """Return the messages whose hold has ended. If the client no longer waits, drop later retries of the
-        message."""
+        """Release and return the messages that were held for the maximum time. If the client no longer waits
+        for the reply, the message and its later retries are dropped.
+        """
         return [
             self.release(held.number, now, None if held.abandonment_reason(now) is None else b"")
             for held in self.held
@@ -205,8 +210,7 @@ class Intercept:
         ]
 
     def mark_abandoned(self, flow: Flow, why: Message) -> None:
-        """Note `why` a client no longer waits for the held messages of `flow`, one direction of its
-        traffic."""
+        """Store `why` a client no longer waits for the held messages of `flow`."""
         for held in self.held:
             if held.flow is flow and held.abandoned_because is None:
                 self._held[held.number] = held._replace(abandoned_because=why)
@@ -227,8 +231,8 @@ class Intercept:
         self._attempts.close_conversation(conversation)
 
     def _subject(self, message: WireMessage) -> tuple[_Subject | None, bool]:
-        """Return the call or reply in a message, or None for messages without retries. Also return whether
-        the message is a first attempt.
+        """Return the call or reply in a message; None for messages without retries. Also return whether the
+        message is a first attempt.
         """
         if self.is_idle or not message.is_datagram or len(message.frames) != 1:
             return None, bool(message.frames)
@@ -257,7 +261,7 @@ class Intercept:
         return InterceptResult(Message("held.dropped-as", number=number), None)
 
     def _remember_decision(self, subject: _Subject, decided: _PastDecision) -> None:
-        """Store a decision as the last one, because the first stored decision expires first."""
+        """Store a decision at the end, because decisions expire in the order in which they are stored."""
         self._past_decisions.pop(subject, None)
         self._past_decisions[subject] = decided
         if len(self._past_decisions) > MAX_HELD:

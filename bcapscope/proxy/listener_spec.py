@@ -1,5 +1,6 @@
-"""The addresses on which a proxy listens, the controllers to which it forwards, and the clients that it
-accepts."""
+"""The addresses on which a proxy listens, the controllers to which the proxy forwards traffic, and the
+clients that it accepts.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +34,7 @@ class ListenerSpec:
     Attributes:
         listen: IP address and port of this machine; port 0 selects a free port.
         to: Address or name of the controller, and its port.
-        transports: Transports on which the proxy listens.
+        transports: Transports for which the proxy listens.
         allow: Networks from which clients may connect; () for all networks.
     """
 
@@ -53,13 +54,13 @@ class ListenerSpec:
 def parse_listener_specs(
     listen: Sequence[str], to: Sequence[str], transport: str = "both", allow: Sequence[str] = ()
 ) -> tuple[ListenerSpec, ...]:
-    """Combine the options of the command line to one `ListenerSpec` per listener.
+    """Make one `ListenerSpec` per listener from the options of the command line.
 
     Args:
         listen: `HOST:PORT` of each listener, `[HOST]:PORT` for IPv6. The prefix `udp:` or `tcp:` selects a
             transport.
-        to: `HOST:PORT` of each listener's controller, in the order of the listeners.
-        transport: Transport of listeners whose address has no prefix: `udp`, `tcp` or `both`.
+        to: `HOST:PORT` of the controller of each listener, in the order of the listeners.
+        transport: Transport for listeners without a prefix: `udp`, `tcp` or `both`.
         allow: Addresses or networks in CIDR notation from which clients may connect.
 
     Raises:

@@ -17,11 +17,9 @@ _TRIES = 20
 def open_listeners(
     relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS
 ) -> tuple[Endpoint, list[TcpListener | UdpListener]]:
-    """Open the listeners for the transports of `spec`. Return the common address of the listeners, and the
-    listeners.
-
-    Port 0 selects a free port, the same for both transports. The listeners accept clients once the relay
-    opens them.
+    """Open the listeners for the transports of `spec`. Return the listeners' common address, and the
+    listeners. Port 0 selects a free port, which is the same for both transports. The listeners accept no
+    clients until the relay opens the listeners.
 
     Raises:
         ProxyListenError: The proxy cannot listen on the address.
@@ -44,4 +42,4 @@ def open_listeners(
                 listener.release()
             if spec.listen.port or spec.transports != BOTH or not last:
                 raise
-    raise AssertionError("one of the attempts returns or raises")
+    raise AssertionError("no attempt returned or raised an exception")

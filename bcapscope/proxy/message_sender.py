@@ -1,5 +1,6 @@
-"""The last step of the rules: the guard refuses requests, and the proxy answers them instead of the
-controller."""
+"""The last step of the proxy's rules: the guard refuses requests, and the proxy answers them instead of the
+controller.
+"""
 
 from __future__ import annotations
 
@@ -32,14 +33,14 @@ class MessageSender:
         self._replies = ReplyFactory()
 
     def on_message(self, flow: Flow, data: bytes) -> None:
-        """Learn from a message how the controller fills the headers of its replies."""
+        """Learn from a message what the controller writes into the headers of its replies."""
         self._replies.on_message(flow, data)
 
     def close_conversation(self, conversation: Conversation) -> None:
         self._replies.close_conversation(conversation)
 
     def send(self, state: DirectionState, data: bytes, note: Message | None, work: DecisionBuilder) -> None:
-        """Forward a message. Before this, the guard checks a request."""
+        """Forward a message. The guard checks a request before the proxy forwards it."""
         direction = state.flow.direction
         if self.guard is not None and direction is Direction.REQUEST:
             data = self._apply_guard(self.guard, state, data, work)
@@ -50,8 +51,9 @@ class MessageSender:
     def refuse_motion(
         self, state: DirectionState, message: WireMessage, note: Message, work: DecisionBuilder
     ) -> bytes:
-        """Refuse the frames of a request that may move the robot. Return the bytes of the frames that were
-        not refused."""
+        """Refuse the frames of a request that may move the robot. Return the bytes of the frames that the
+        method did not refuse.
+        """
         items = [each.observation.item for each in message.annotated_frames]
         refused = [item for item in items if isinstance(item, Frame) and _may_move(item)]
         if not refused:
@@ -69,7 +71,7 @@ class MessageSender:
         note: Message,
         work: DecisionBuilder,
     ) -> None:
-        """Reply to each request instead of the controller, with a result code and no value."""
+        """Reply to each request in place of the controller, with a result code and no value."""
         for request in requests:
             raw = self._replies.make_reply(state.flow.conversation, request, code)
             work.actions.append(SendAction(state.client, Direction.RESPONSE, raw, note))
@@ -77,7 +79,7 @@ class MessageSender:
     def _apply_guard(
         self, guard: RequestGuard, state: DirectionState, data: bytes, work: DecisionBuilder
     ) -> bytes:
-        """Return the frames of a request that the guard passes, and answer those that it refuses."""
+        """Return the requests in `data` that the guard allows, and answer the requests that it refuses."""
         passing, refused, dropped = guard.filter_frames(data)
         for frame, why in refused:
             self.refused_requests += 1

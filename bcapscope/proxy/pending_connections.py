@@ -1,5 +1,6 @@
-"""TCP clients that have connected but not yet sent a complete first frame. The first frame decides whether a
-client gets a slot."""
+"""TCP clients that have not yet sent a complete first frame. The first frame decides whether a client gets a
+slot.
+"""
 
 from __future__ import annotations
 
@@ -17,17 +18,18 @@ if TYPE_CHECKING:
     from bcapscope.proxy.relay import Relay
 
 Admit: TypeAlias = Callable[[socket.socket, SocketAddress, bytes, int], None]
-"""Function that admits a client. It takes the socket, the address, the bytes received so far, and the time of
-the last bytes in ns since 1970.
+"""Function that admits a client. The arguments are the socket, the address, the bytes received so far, and
+the time of the last bytes in ns since 1970.
 """
 
 _AT_ONCE = 4096
-"""Maximum number of bytes to read at once."""
+"""Maximum number of bytes of one read."""
 
 
 class PendingConnections:
     """Connected clients that have not sent a complete frame yet. The proxy connects to the controller only
-    after a client's first frame."""
+    when it has received a client's first frame.
+    """
 
     def __init__(self, relay: Relay) -> None:
         self._relay = relay
@@ -38,7 +40,7 @@ class PendingConnections:
         return len(self._clients)
 
     def add(self, client: socket.socket, address: SocketAddress, admit: Admit) -> None:
-        """Add a client that has just connected. Once the client's first frame is complete, call `admit`."""
+        """Add a client that has just connected. Call `admit` when the client's first frame is complete."""
         client.setblocking(False)
         descriptor = client.fileno()
         dropped = self._lobby.add(descriptor, address[0])

@@ -1,4 +1,5 @@
-"""The interface between the relay and its rules. Without rules, the relay does not inspect traffic.
+"""The interface between the relay and the proxy's rules: faults, scripts, guard and intercept. Without proxy
+rules, the relay does not inspect traffic.
 
 This module uses no clock and no socket. Times are in ns of a monotonic clock.
 """
@@ -14,16 +15,18 @@ from bcapscope.messages import Message
 from bcapscope.traffic.observation import Conversation, Direction
 
 
-# Structs, because each message needs several: creating one takes 0.1 µs, a frozen dataclass 0.9 µs.
-# A named tuple takes 0.4 µs, and two named tuples of different types can be equal.
+# Each message needs several objects: a struct is created in 0.1 µs, a frozen dataclass in 0.9 µs.
+# A named tuple is created in 0.4 µs, and named tuples of different types can be equal.
 class SendAction(msgspec.Struct, frozen=True):
     """Bytes to send now.
 
     Attributes:
-        client: Number of the client over whose connection the bytes are sent.
-        toward: `Direction.REQUEST` sends the bytes to the controller, `Direction.RESPONSE` to the client.
+        client: Number of the client whose connection carries the bytes.
+        toward: `Direction.REQUEST` to send the bytes to the controller, `Direction.RESPONSE` to send them to
+            the client.
         data: A datagram, or the next bytes of a stream.
-        note: What a rule did to the bytes, for the recording and the screen; None if no rule changed them.
+        note: What a proxy rule did to the bytes, for the recording and the screen; None if no rule changed
+            the bytes.
     """
 
     client: int
@@ -36,8 +39,8 @@ class CloseAction(msgspec.Struct, frozen=True):
     """Close both connections of a client: to the proxy and to the controller.
 
     Attributes:
-        reset: True to reset a stream, so that bytes not yet sent are lost; False to send them first.
-        note: Name of the rule that closes the connections, to be displayed.
+        reset: True to reset a stream, which loses unsent bytes; False to send all bytes first.
+        note: Name of the proxy rule that closes the connections, for display.
     """
 
     client: int
@@ -51,7 +54,7 @@ class LateDecision(msgspec.Struct, frozen=True):
     Attributes:
         ticket: `PolicyDecision.ticket` that identifies the data.
         note: As in `PolicyDecision`.
-        actions: As in `PolicyDecision`, but without actions already returned while the data waited.
+        actions: As in `PolicyDecision`, but without the actions that were returned while the data waited.
     """
 
     client: int
@@ -67,9 +70,9 @@ class PolicyDecision(msgspec.Struct, frozen=True):
     """Decision about data that the relay has just received.
 
     Attributes:
-        note: What a rule did, such as "loss=5%: dropped"; None if no rule changed the data.
-        actions: Actions to do at once, in order. `Policy.pop_due_actions` returns further actions later.
-        ticket: Number that identifies data that waits for a `LateDecision`; 0 if everything is decided.
+        note: What a proxy rule did, such as "loss=5%: dropped"; None if no rule changed the data.
+        actions: Actions to do immediately, in order. `Policy.pop_due_actions` returns further actions later.
+        ticket: Number that identifies data that waits for a `LateDecision`; 0 if no data waits.
     """
 
     note: Message | None
@@ -78,36 +81,39 @@ class PolicyDecision(msgspec.Struct, frozen=True):
 
 
 class Policy(Protocol):
-    """Decides which messages the relay forwards. No method of a policy raises an exception, and only `close`
-    may block."""
+    """Decides which messages the relay forwards. No method raises an exception, and only `close` may
+    block.
+    """
 
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
-        """Register a client. No other client ever has the same number."""
+        """Register a client under a number that no other client gets."""
 
     def receive(self, client: int, direction: Direction, data: bytes, now: int) -> PolicyDecision:
         """Decide about a datagram, or about the next bytes of a stream. The relay passes data in order of
         arrival."""
 
     def holds(self, client: int, direction: Direction) -> bool:
-        """Return whether rules hold data of this direction. The relay forwards the end of a stream only after
-        the held data. The client may have disconnected by now.
+        """Return whether the proxy holds data of this direction. The relay forwards the end of a stream only
+        after the held data. The client may already have disconnected.
         """
 
     def is_full(self, client: int) -> bool:
-        """Return whether so much data is held that the relay must not read more from a client before
-        `pop_due_actions`."""
+        """Return whether the proxy holds so much data of a client that the relay must not read more before
+        `pop_due_actions`.
+        """
 
     def on_stream_end(
         self, client: int, direction: Direction, now: int
     ) -> Sequence[SendAction | CloseAction]:
-        """Handle the end of one direction of a stream. Return the actions for an incomplete last frame."""
+        """Handle the end of one direction of a stream. Return what the relay must do with an incomplete last
+        frame.
+        """
 
     def hides_end(self, client: int) -> bool:
-        """Return whether the proxy must hide the FIN or RST of the client from the controller, and vice
-        versa."""
+        """Return whether the proxy must hide the FIN or RST of client and controller from each other."""
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
-        """Return the actions to do before the proxy disconnects a client, which is still registered."""
+        """Return the actions to do before the proxy disconnects a client. The client is still registered."""
 
     def remove_client(self, client: int, now: int) -> None:
         """Forget a client and drop its data."""
@@ -119,7 +125,7 @@ class Policy(Protocol):
         """Return the actions that are due by `now`."""
 
     def close(self, now: int) -> None:
-        """Stop applying rules, because no more data will arrive."""
+        """Stop applying the proxy's rules, because no more data will arrive."""
 
     def report(self) -> Sequence[Message]:
-        """Return a summary of what the rules did, one message per line."""
+        """Return a summary of what the proxy's rules did, one message per line."""

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Protocol, TypeAlias
 
 READ, WRITE, ERROR, HANG_UP = 1, 4, 8, 16
-"""Bits for the events of a file descriptor; they have the same values as in epoll."""
+"""Bits for the events of a file descriptor, with the same values as in epoll."""
 
 
 class DescriptorWatcher(Protocol):
@@ -22,7 +22,7 @@ class DescriptorWatcher(Protocol):
         """Call `handler` for every event of a descriptor."""
 
     def change(self, descriptor: int, mask: int) -> None:
-        """Change the events of a descriptor to wait for."""
+        """Set which events of a descriptor to wait for."""
 
     def pause(self, descriptor: int) -> None:
         """Ignore events of a descriptor for about a second."""
@@ -46,8 +46,9 @@ class SelectPoller:
         self._masks.pop(descriptor, None)
 
     def poll(self, seconds: float | None) -> list[tuple[int, int]]:
-        """Return descriptors with their events. An error of a socket is no event: it appears in the next read
-        or write."""
+        """Return descriptors with their events. A socket error is not an event, but appears in the next read
+        or write.
+        """
         readers = [each for each, mask in self._masks.items() if mask & READ]
         writers = [each for each, mask in self._masks.items() if mask & WRITE]
         readable, writable, broken = select.select(readers, writers, writers, seconds)
@@ -69,7 +70,9 @@ def make_poller() -> Poller:
 
 
 def wait_precisely(poller: Poller, seconds: float) -> list[tuple[int, int]]:
-    """Wait like `poller.poll`, but with a resolution of microseconds. epoll itself has only milliseconds."""
+    """Wait like `poller.poll`, but with a resolution of microseconds. epoll's own time limit has a resolution
+    of milliseconds.
+    """
     if isinstance(poller, SelectPoller):
         return poller.poll(seconds)
     select.select([poller.fileno()], (), (), seconds)
@@ -80,8 +83,8 @@ def open_ticker(seconds: float) -> int | None:
     """Open a file descriptor that becomes readable every `seconds`. Return None if the system has no such
     timer.
 
-    A program that waits for this descriptor, too, needs no time limit for its waits. A time limit would set a
-    timer in each wait, which lengthened a round trip of 21 µs by 1 µs.
+    A program that waits for this descriptor wakes up regularly, so it can wait for events without a time
+    limit. With a time limit, each wait would set a timer, which lengthened a round trip of 21 µs by 1 µs.
     """
     if sys.platform != "linux":
         return None

@@ -1,11 +1,10 @@
 """Decodes the records in the relay's ring into observations: the requests and replies of each client.
 
-Observations show the client's side: requests as the proxy received them, and replies as it sent them to the
-client. A request that a rule dropped therefore gives an observation, but a reply that a rule dropped does
-not.
+Observations show the client's side: requests as received by the proxy, and replies as sent to the client. A
+request that a proxy rule dropped therefore gives an observation; a reply that a proxy rule dropped does not.
 
-From the first message on that the proxy did not forward unchanged and at once, the decoder also yields what
-passed on the controller's side.
+After the first message that the proxy did not forward unchanged and at once, the decoder also yields the
+observations of the controller's side.
 """
 
 from __future__ import annotations
@@ -35,14 +34,12 @@ from bcapscope.traffic.observation import (
 )
 
 NotedObservation: TypeAlias = tuple[Observation, Message | None]
-"""An observation, and a note of what a rule did to the message; None if no rule changed it.
-
-The number of an observation on the controller's side is 0.
+"""An observation, and a note that says what a proxy rule did to the message. The note is None if no rule
+changed the message. An observation of the controller's side has the number 0.
 """
 
 _MAX_MARKS = 256
-"""An unfinished frame of a stream arrives in pieces. The decoder keeps the arrival times of at most this
-number of pieces."""
+"""Maximum number of pieces of an unfinished frame for which the decoder keeps the arrival times."""
 
 
 class _DirectionStream:
@@ -50,8 +47,8 @@ class _DirectionStream:
 
     Attributes:
         size: Number of bytes of the stream so far.
-        arrival_times: Offsets in the stream, each with the time of the bytes that start there, in ns.
-        packet: Number of the last packet of the stream in the recording; 0 if there is no such packet.
+        arrival_times: Offsets in the stream, each with the time in ns of the bytes that start there.
+        packet: Number of the last packet of the stream in the recording; 0 if the recording has none.
         is_near: Whether the stream is on the client's side.
         is_joined: Whether the decoder also decodes this direction on the other side of the proxy.
     """
@@ -138,7 +135,7 @@ class RecordDecoder:
 
     @property
     def client_numbers(self) -> dict[Conversation, int]:
-        """Number that the relay gave each connected client, by conversation."""
+        """The relay's number for each connected client, by conversation."""
         return {client.conversation: number for number, client in self._clients.items()}
 
     @property
@@ -152,17 +149,18 @@ class RecordDecoder:
         return self.observation_count
 
     def pop_closed_clients(self) -> list[tuple[Conversation, Message]]:
-        """Return the clients that the relay removed since the previous call, each with the reason."""
+        """Return the clients that the relay removed since this method was last used, each with the reason."""
         gone, self._closed_clients = self._closed_clients, []
         return gone
 
     def decode(
         self, records: Iterable[RingRecord], packets: Iterable[int] | None = None
     ) -> Iterator[NotedObservation]:
-        """Yield each observation, with a note of what a rule did to the message; None if no rule changed it.
+        """Yield each observation, with a note that says what a proxy rule did to the message. The note is
+        None if no rule changed the message.
 
         Args:
-            packets: For each record, the number of its packet in the recording, or 0 if it has none.
+            packets: For each record, the number of its packet in the recording, or 0 if it has no packet.
                 `packets` is None if there is no recording.
         """
         clients = self._clients
@@ -218,7 +216,7 @@ class RecordDecoder:
         self, stream: _DirectionStream, data: bytes, time: int, note: Message | None
     ) -> Iterator[NotedObservation]:
         if not stream.splitter.pending_bytes:
-            # after this, the first entry is the arrival time of a frame's first byte
+            # the first entry must be the arrival time of a frame's first byte
             stream.arrival_times.clear()
         stream.arrival_times.append((stream.size, time))
         stream.size += len(data)

@@ -1,7 +1,7 @@
 """The relay: one thread that moves bytes between clients and controllers without inspecting them.
 
-The relay writes all traffic into a ring buffer, which another process reads. If there are rules, the relay
-forwards only the data that the rules allow.
+The relay writes all traffic into a ring buffer, which another process reads. If the proxy has rules, the
+relay forwards only the data that these rules allow.
 """
 
 from __future__ import annotations
@@ -25,27 +25,31 @@ from bcapscope.traffic.observation import Direction, Endpoint, Transport
 from bcapscope.transport.descriptors import SpareDescriptors
 
 Handler: TypeAlias = Callable[[int], None]
-"""Function that handles the events of a file descriptor, given as bits such as `READ`."""
+"""Function that handles the events of a file descriptor. The argument has a bit such as `READ` for each
+event.
+"""
 
 POLL_INTERVAL = 0.05
 """Time in seconds between two ticks. At each tick, the relay writes pending records and checks whether to
 stop."""
 
 _SWEEP_EVERY = 20
-"""Number of ticks between two sweeps. A sweep looks for silent clients and full buffers, because these do not
-cause an event."""
+"""Number of ticks between two sweeps. A sweep looks for silent clients and full buffers, which do not cause
+events.
+"""
 
 _LONGEST_NOTE = 4096
-"""Maximum size of a rule's note, in bytes."""
+"""Maximum size in bytes of a note of a proxy rule."""
 
 _LONGEST_CUT_NOTE = 600
-"""If a note is too long, the relay keeps this number of its characters. Each character of a note takes at
-most six bytes."""
+"""Number of characters that the relay keeps of a note that is too long. A character takes at most six
+bytes.
+"""
 
 _SPARE_DESCRIPTORS = 4
 """Number of spare file descriptors for clients that send a stop when no other descriptor is free. A TCP
-client needs two descriptors. A UDP client needs one descriptor, and so does a client that has not sent a
-complete frame.
+client needs two descriptors. A UDP client needs one descriptor, as does a client that has not sent a complete
+frame.
 """
 
 
@@ -55,13 +59,13 @@ class Relay:
     Attributes:
         ring: Ring buffer that passes the traffic to the watcher process.
         counts: Counters in the ring, indexed by `RelayCounter`.
-        policy: Rules that decide about each message; None without rules.
+        policy: The proxy's rules, which decide about each message; None without rules.
         sessions: Open sessions by client number.
-        slots: For each transport, the slots that decide which clients are admitted.
+        slots: For each transport, the slots that limit which clients the proxy admits.
         pending_connections: TCP clients that have not sent a complete frame yet.
         spares: Spare file descriptors for clients that send a stop.
-        buffer: Receive buffer, which all streams share because one thread reads them.
-        now: Time of a monotonic clock in ns, which is updated about every `POLL_INTERVAL`.
+        buffer: Receive buffer for all streams, which one thread reads.
+        now: Time of a monotonic clock in ns, updated about every `POLL_INTERVAL`.
     """
 
     def __init__(self, ring: RingWriter, policy: Policy | None = None) -> None:
@@ -99,7 +103,7 @@ class Relay:
             listener.open()
 
     def stop(self) -> None:
-        """Make `run` return soon. Signal handlers, and functions that `run` calls, may call this method."""
+        """Make `run` return soon. Signal handlers and functions that `run` calls may use this method."""
         self._is_stopped = True
 
     def run(self, idle: Callable[[], None] = lambda: None) -> None:
@@ -122,7 +126,7 @@ class Relay:
                 self._tick()
 
     def release_all_held(self) -> None:
-        """At the end of the proxy, send the held messages that the rules release."""
+        """When the proxy ends, send the held messages that the proxy's rules release."""
         for session in list(self.sessions.values()):
             self.release_held(session)
 
@@ -153,9 +157,9 @@ class Relay:
     def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
         """Call `handler` for every event of a file descriptor.
 
-        The system may give a new descriptor the number of a descriptor that was just closed. The events of
-        the current poll still belong to the closed descriptor, so the relay calls `handler` only from the
-        next poll on.
+        The system may give a new descriptor the number of a descriptor that was just closed. Events of the
+        current poll still belong to the closed descriptor, so the relay does not call `handler` before the
+        next poll.
         """
         handlers = self._new_handlers if descriptor in self._just_unwatched else self._handlers
         handlers[descriptor] = handler
@@ -176,8 +180,9 @@ class Relay:
         self._paused.add(descriptor)
 
     def deny(self, client: Endpoint, why: Message, is_datagram: bool = False) -> None:
-        """Count a rejected client. To limit the messages, report only the 1st, 2nd, 4th, 8th and so on to the
-        user."""
+        """Count a rejected client. To limit the messages, report only the 1st, 2nd, 4th, 8th client and so on
+        to the user.
+        """
         self.counts[RelayCounter.DENIED] += 1
         self._denied += 1
         if should_report(self._denied):
@@ -185,8 +190,8 @@ class Relay:
             self.notify(Message(case, client=str(client), reason=why))
 
     def free_descriptor(self, *, is_admitted: bool = True) -> bool:
-        """Free a file descriptor for an admitted client, or for a new TCP client whose first frame may be a
-        stop. Return whether this succeeded.
+        """Free a file descriptor for an admitted client, or for a new TCP client that may send a stop first.
+        Return whether this succeeded.
         """
         return (
             (not is_admitted and self.spares.release_one(keep=1))
@@ -209,8 +214,9 @@ class Relay:
         return self.counts[RelayCounter.CLIENTS] + 1
 
     def remove_client(self, session: RelaySession, why: Message) -> None:
-        """Drop the data of a client. The next tick writes the `CLIENT_CLOSED` record, so that it follows the
-        client's last data."""
+        """Drop the data of a client. The next tick writes the `CLIENT_CLOSED` record, so that this record
+        follows the client's last data.
+        """
         self._paused_sessions.pop(session.number, None)
         if self.sessions.pop(session.number, None) is not None:
             self.slots[session.conversation.transport].release(session.number)
@@ -225,7 +231,7 @@ class Relay:
         self.ring.write_required(RingRecordKind.NOTICE, 0, encode_message(message), time.time_ns())
 
     def apply_rules(self, session: RelaySession, up: bool, data: bytes, received_at: int) -> None:
-        """Ask the rules about received data, and carry out their decision."""
+        """Ask the proxy's rules about received data, and carry out their decision."""
         assert self.policy is not None
         decision = self.policy.receive(session.number, direction_of(up), data, time.monotonic_ns())
         arrival = _Arrival(session, up, data, received_at)
@@ -233,13 +239,14 @@ class Relay:
             self._undecided[decision.ticket] = arrival
             self._perform(decision.actions)
         else:
-            # write waiting data first, so that the records of this direction stay in order
+            # first write the data that still waits, so that the records of this direction stay in order
             self.record_undecided(session, up)
             self._record_and_perform(arrival, decision.note, decision.actions)
 
     def record_undecided(self, session: RelaySession, up: bool) -> None:
-        """Write data without a decision to the ring now, so that later records of this direction follow
-        it."""
+        """Write the data that still waits for a decision to the ring now, so that later records of this
+        direction follow this data.
+        """
         for ticket, each in list(self._undecided.items()) if self._undecided else ():
             if each.session is session and each.up is up:
                 del self._undecided[ticket]
@@ -255,36 +262,42 @@ class Relay:
                 sent_at = session.send(up, data)
                 self.ring.write_record(up, session.number, received_at, sent_at, data)
                 return
-        self.counts[RelayCounter.RULED] += note is not None  # without a note, no rule changed the data
+        self.counts[RelayCounter.RULED] += note is not None  # without a note, no proxy rule changed the data
         self.ring.write_record(up, session.number, received_at, 0, data, note=encode_note(note))
         self._perform(actions)
 
     def on_stream_end(self, session: RelaySession, up: bool) -> bool:
-        """Report the end of a stream to the rules. Return whether to forward the end to the receiver now."""
+        """Report the end of a stream to the proxy's rules. Return whether to forward this end to the receiver
+        now.
+        """
         if self.policy is None:
             return True
         self._perform(self.policy.on_stream_end(session.number, direction_of(up), time.monotonic_ns()))
         return not self.holds(session, up)
 
     def holds(self, session: RelaySession, up: bool) -> bool:
-        """Return whether rules hold data of a direction, so that the end of the stream has to wait."""
+        """Return whether the proxy holds data of a direction, so that the end of the stream has to wait."""
         return self.policy is not None and self.policy.holds(session.number, direction_of(up))
 
     def hides_end(self, session: RelaySession) -> bool:
-        """Return whether rules hide the end of one of a client's two connections from the other one."""
+        """Return whether a proxy rule hides the end of the client's connection from the controller, and vice
+        versa.
+        """
         return self.policy is not None and self.policy.hides_end(session.number)
 
     def pauses_reading(self, session: RelaySession) -> bool:
-        """Return True if rules hold so much data that the session must not read more. After a pause, the
-        relay calls `resume_reading` once the rules hold less data."""
+        """Return True if the proxy holds so much data that the session must not read more. When the proxy
+        holds less data, the relay calls `resume_reading`.
+        """
         if self.policy is None or not self.policy.is_full(session.number):
             return False
         self._paused_sessions[session.number] = session
         return True
 
     def release_held(self, session: RelaySession) -> bool:
-        """Send the held messages that the rules release when a client ends. Return whether the rules released
-        any message."""
+        """Send the held messages that the proxy's rules release when a client ends. Return whether the relay
+        sent any message.
+        """
         if self.policy is None or session.number not in self.sessions:
             return False
         actions = self.policy.release_held(session.number, time.monotonic_ns())
@@ -349,14 +362,14 @@ class Relay:
             self.ring.streams.discard(number)
 
     def _tick(self) -> None:
-        """Write pending records and call `idle`. In every `_SWEEP_EVERY`th tick, sweep all sessions."""
+        """Write pending records and call `idle`. Every `_SWEEP_EVERY` ticks, sweep all sessions."""
         self.ring.flush()
         self._record_removed_clients()
         self._idle()
         self._tick_count += 1
         if self._tick_count % _SWEEP_EVERY == 0:
             self._sweep()
-        # Not before the sweep: after a standstill, clients whose data is unread must not count as silent.
+        # Do this after the sweep: after a standstill, clients with unread data must not count as silent.
         self.now = time.monotonic_ns()
 
     def _sweep(self) -> None:
@@ -370,7 +383,7 @@ class Relay:
             session.sweep(self.now)
 
     def _adopt_new_handlers(self) -> None:
-        """Start to call the handlers of new file descriptors that have the same numbers as closed ones."""
+        """Start to call the handlers of new file descriptors that reuse the numbers of closed descriptors."""
         self._just_unwatched.clear()
         self._handlers.update(self._new_handlers)
         self._new_handlers.clear()
@@ -384,8 +397,9 @@ class _Arrival(NamedTuple):
 
 
 def encode_note(note: Message | None) -> bytes:
-    """Encode a note for the ring; None gives b"". Replace a note that is too long by a shortened English
-    text."""
+    """Encode a note for the ring; return b"" for None. Replace a note that is too long with a shortened
+    English text.
+    """
     if note is None:
         return b""
     data = encode_message(note)
@@ -393,5 +407,5 @@ def encode_note(note: Message | None) -> bytes:
 
 
 def direction_of(up: bool) -> Direction:
-    """Return `Direction.REQUEST` for up, `Direction.RESPONSE` for down."""
+    """Return `Direction.REQUEST` if `up`, otherwise `Direction.RESPONSE`."""
     return Direction.REQUEST if up else Direction.RESPONSE

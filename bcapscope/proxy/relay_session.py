@@ -32,7 +32,7 @@ class RelaySession(ABC):
     """The relay's session with one client, which forwards data between the client and the controller.
 
     Attributes:
-        number: Number of the client. No other client ever has the same number.
+        number: Number of the client, which no other client gets.
         conversation: Conversation between the client and the controller, as if there were no proxy.
         source: Network of the client, as `source_network` returns it.
         last_heard: Value of `Relay.now` when the client last sent something.
@@ -52,14 +52,17 @@ class RelaySession(ABC):
 
     @abstractmethod
     def send(self, up: bool, data: bytes) -> int:
-        """Send data to the controller (`up`) or to the client. Return the time in ns since 1970; 0 if part of
-        the data still waits."""
+        """Send data to the controller (`up`) or to the client. Return the time of sending in ns since 1970; 0
+        if part of the data still waits.
+        """
 
     def on_nothing_held(self, up: bool) -> None:  # noqa: B027 - UDP has no end to forward
-        """Forward the end of a stream if it had to wait until the rules released the data."""
+        """Forward the end of a stream if this end had to wait for held data."""
 
     def resume_reading(self) -> None:  # noqa: B027 - UDP sessions never stop reading
-        """Read from the client again. The session had stopped reading, because rules held too much data."""
+        """Read from the client again. The session had stopped reading because the proxy held too much
+        data.
+        """
 
     @abstractmethod
     def sweep(self, now: int) -> None:
@@ -67,7 +70,9 @@ class RelaySession(ABC):
 
     @abstractmethod
     def evictable_idle_ns(self, now: int) -> int | None:
-        """Return how many ns the client has been idle; None if it must not be evicted for another client."""
+        """Return how many ns the client has been idle; None if the proxy must not evict this client for
+        another client.
+        """
 
     @abstractmethod
     def close(self, reset: bool, why: Message) -> None:

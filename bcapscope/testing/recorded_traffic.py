@@ -1,4 +1,4 @@
-"""The calls and the findings of a recording, which may still be written."""
+"""The calls and the findings of a recording, even while bcapscope is writing the recording."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from bcapscope.traffic.pipeline import PipelineSubscriber
 
 
 class RecordedTraffic(PipelineSubscriber):
-    """What a recording contains so far.
+    """The calls and findings of a recording so far.
 
     Attributes:
-        calls: Calls in the order in which they ended, each with the object of its handle. Calls without a
-            reply are included.
+        calls: Calls in the order in which they ended, each with the object of its handle. The list includes
+            calls without a reply.
         findings: Findings of `bcapscope diagnose`, root cause first.
-        totals: Figures that the findings refer to.
+        totals: Totals of the traffic in which the findings were found.
     """
 
     needs_targets = True
 
     def __init__(self, path: Path, ports: Collection[int]) -> None:
-        """Read a recording. `ports` are the ports that the controllers in it use.
+        """Read a recording. `ports` are the ports of the controllers in the recording.
 
         Raises:
             CaptureError: The file cannot be opened.

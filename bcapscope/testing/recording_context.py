@@ -40,7 +40,7 @@ class RecordingContext(ThreadedContext):
 
     @property
     def calls(self) -> list[Call]:
-        """Calls in the traffic so far, also those without a reply."""
+        """Calls in the traffic so far, including calls without a reply."""
         return [call for call, _ in self.traffic().calls]
 
     @property
@@ -49,7 +49,7 @@ class RecordingContext(ThreadedContext):
         return self.traffic().findings
 
     def traffic(self) -> RecordedTraffic:
-        """Read the traffic so far. After the block, return the traffic of the whole block.
+        """Return the traffic of the `with` block so far, or of the whole block once it has ended.
 
         Raises:
             InputError: The block has not begun.
@@ -63,7 +63,9 @@ class RecordingContext(ThreadedContext):
 
     @abstractmethod
     def _start(self, opened: ExitStack) -> int:
-        """Start to serve and record, and return the port. The exit stack `opened` is closed after `_stop`."""
+        """Start to serve and record, and return the port. The exit stack `opened` is closed after `_stop` has
+        run.
+        """
 
     @abstractmethod
     def _stop(self) -> None:

@@ -1,4 +1,4 @@
-"""Recognise set points that are alike, so that rules need not examine millions of set points one by one."""
+"""Recognise similar set points, so that rules need not examine millions of set points one by one."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ class AlikeSetPoints:
     """The current run of alike set points in one conversation.
 
     A set point belongs to a run if the client sent it once, the controller answered with S_OK, and request
-    and reply are undamaged. Request and reply of successive set points in a run differ only in serial,
-    reserved and the numbers in the arguments. All set points of a run therefore have the same robot handle,
-    command and value types. A run begins after an accepted set point. Any other call of the conversation ends
-    the run.
+    and reply are undamaged. Successive requests in a run differ only in serial, reserved and the numbers in
+    the arguments, and so do successive replies. All set points of a run therefore have the same robot handle,
+    command and value types. A run begins after an accepted set point. A call that does not belong to the run
+    ends it.
     """
 
     def __init__(self) -> None:

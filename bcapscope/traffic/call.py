@@ -56,8 +56,9 @@ class FrameRole(StrEnum):
     """An exact copy of an earlier request or reply of the same call. The network or the capture made the
     copy, because all known clients give a retry a new serial."""
     CAPTURED_AGAIN = "captured again"
-    """An exact copy of an earlier frame of the same call, captured so soon after that frame that both are
-    probably one packet. An example is a second interface or a mirror port."""
+    """An exact copy of an earlier frame of the same call, captured so soon afterwards that the capture
+    probably holds one packet twice. The copy may come from a second interface or a mirror port.
+    """
 
 
 class CallState(StrEnum):
@@ -103,26 +104,28 @@ class Call:
         last_attempt: Latest attempt of the call, the only one to which the client accepts a reply.
         other_frames: All frames of the call except `request` and `reply`, in capture order.
         abandoned_at: Time when the client began another call before it received a reply to this call, ns
-            since 1970; 0 if the client began no such call. If the reply came after the client's timeout, the
-            time of that timeout.
+            since 1970; 0 if the client began no such call. If the reply came after the client's timeout,
+            `abandoned_at` is the time of the timeout.
         gave_up_inferred: Whether `abandoned_at` is only inferred from the times between the attempts.
         sure_until: Serial of the latest attempt that surely belongs to this call; None if all captured
-            attempts do.
-        may_go_on: Whether later attempts that are not in this call may belong to it. The client may then have
-            received a reply to them.
+            attempts surely belong to it.
+        may_go_on: Whether later attempts that are not in this call may belong to it. The client may have
+            received a reply to these later attempts.
         may_continue_in: The client's next call, if it may consist of later attempts of this call; None for
             a complete call.
-        was_overtaken: Whether the controller answered a later request. Known only if `may_go_on` is set.
-        stray_replies: Replies and notices for attempts of this call that were not captured. They came before
-            the capture showed that the attempts belong to this call, and are also reported as stray replies.
+        was_overtaken: Whether the controller answered a later request; known only if `may_go_on` is set.
+        stray_replies: Replies and notices for attempts of this call that were not captured. These frames are
+            also reported as stray replies, because they came before the capture showed that the attempts
+            belong to this call.
         is_at_controller: Whether the user says that the capture was taken at the controller.
         last_activity: Time of the latest frame of the call, ns since 1970.
-        no_reply_expected: Whether a reply can no longer follow, even though the client began no other call.
+        no_reply_expected: Whether a reply can no longer follow, although the client has not begun another
+            call.
         state: State of the call; a complete call is unanswered, settled or evicted.
-        crossing_ns: Maximum time in ns between a reply and a retry of this client that may have crossed on
-            the network. bcapscope determines this time when the call settles.
+        crossing_ns: Maximum time in ns between a reply and a retry that may have crossed on the network, for
+            this client. bcapscope determines this time when the call settles.
         skipped_handles: Number of handles that the controller skipped before the handle in the accepted
-            reply. The number is 0 if the controller skipped at least as many handles as the call has
+            reply. The number is also 0 if the controller skipped at least as many handles as the call has
             attempts.
         unseen_serials: Serials of the retries that were not captured, inferred from the serials around them.
         reserved_usage: How client and controller used the reserved field, as far as known when the call
@@ -224,8 +227,7 @@ class Call:
 
     @property
     def evicted(self) -> bool:
-        """Whether the tracker returned the call while a reply was still possible, because memory was
-        needed."""
+        """Whether the tracker evicted the call to limit memory, although a reply could still follow."""
         return self.state is CallState.EVICTED
 
     @property
@@ -235,7 +237,9 @@ class Call:
 
     @property
     def first_attempt_seen(self) -> bool:
-        """Whether the first attempt of the call was captured. If not, `request` is a retry."""
+        """Whether the first attempt of the call was captured. If the first attempt was not captured,
+        `request` is a retry.
+        """
         frame = self.request.item
         return frame.reserved in (0, frame.serial) or self.conversation.transport is Transport.TCP
 
@@ -265,8 +269,7 @@ class Call:
 
     @property
     def all_unseen_serials(self) -> tuple[int, ...]:
-        """Serials of the attempts that were not captured, with that of the first attempt if a retry names
-        it."""
+        """Serials of all attempts that were not captured: the retries and the first attempt."""
         if self.first_attempt_seen:
             return self.unseen_serials
         return (self.request.item.reserved, *self.unseen_serials)
@@ -288,7 +291,7 @@ class Call:
 
     @property
     def joined_frames(self) -> Iterator[JoinedObservation]:
-        """Yield the frames of the call that are joined from two places of the capture, in capture order."""
+        """Yield the frames of the call that were captured at two places, in capture order."""
         for event in self.frames:
             seen: object = event.observation
             if isinstance(seen, JoinedObservation):
@@ -417,8 +420,8 @@ class StrayReply:
         call_number: Number of the settled call that had the same serial; None if no such call is remembered.
         request_missed: Whether the serials show that the request was sent, but not captured. `request_missed`
             becomes False if the client uses the reply's serial later.
-        may_answer_evicted: Whether the reply may belong to a call that was evicted from memory. Such a reply
-            is reported neither as late nor as stray.
+        may_answer_evicted: Whether the reply may belong to a call that was evicted from memory. A reply that
+            may belong to an evicted call is reported neither as late nor as stray.
     """
 
     observation: FrameObservation

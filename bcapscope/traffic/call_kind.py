@@ -11,8 +11,9 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_KINDS = 4096
-"""Maximum number of request prefixes whose call kind is remembered. Beyond this limit, `CallKinds` drops all
-prefixes and learns them again. A session has a few dozen prefixes: one per pair of handle and command.
+"""Maximum number of request prefixes that `CallKinds` remembers, each with its call kind. Beyond this limit,
+`CallKinds` drops all prefixes and learns them again. A session has a few dozen prefixes: one per pair of
+handle and command.
 """
 
 MAX_SERIALS = 1024
@@ -22,8 +23,8 @@ set point every millisecond.
 """
 
 MAX_CONVERSATIONS = 256
-"""Maximum number of conversations whose requests are remembered. Beyond the limit, the conversation that was
-silent longest is dropped. DENSO's C server accepts 20 clients on each transport (orin_bcap
+"""Maximum number of conversations whose requests are remembered. Beyond the limit, the conversation with the
+longest silence is dropped. DENSO's C server accepts 20 clients on each transport (orin_bcap
 C/src/bCAPServer/bcap_server.c).
 """
 
@@ -94,7 +95,7 @@ class CallKinds:
         if request.code not in COMMAND_FUNCTIONS or request.reserved == 1 or len(raw) <= _BSTR_START:
             return call_kind_of(request)
         # Nearly all requests begin with a VT_I4 handle of 14 bytes, then the length of the command in bytes.
-        # The prefix contains all bytes that determine the command, and no parameter.
+        # The prefix contains all bytes that determine the command, but no parameter.
         # `_learn` keeps no prefix if the length needs more than one byte or the handle has another type.
         # The prefix includes the byte after the command, because a frame without this byte is incomplete.
         prefix = raw[_FUNCTION_ID : _BSTR_DATA + raw[_BSTR_START] + 1]
@@ -117,10 +118,9 @@ class CallKinds:
 
 
 class RecentRequests:
-    """Remembers recent requests, so that a reply can be shown with the function that it answers.
+    """Remembers recent requests, so that a reply can be shown with the function of its request.
 
-    A reply belongs to the latest request with the same serial. DENSO's C server assigns replies in the same
-    way.
+    A reply belongs to the latest request with the same serial.
     """
 
     def __init__(self) -> None:

@@ -26,7 +26,7 @@ class Outcome(StrEnum):
     REFUSED = "refused"
     """The result code reports a failure."""
     UNANSWERED = "unanswered"
-    """No reply came for a very long time, or before the client began another call or the connection ended."""
+    """No reply came for a very long time, or until the client began another call or the connection ended."""
     CAPTURE_ENDED = "capture_ended"
     """The capture ended before a reply; a reply may have followed."""
     NOT_FOLLOWED = "not_followed"
@@ -48,33 +48,34 @@ class CallVerdict(StrEnum):
     NOT_FOLLOWED = "not followed"
     NOT_CAPTURED = "not captured"
     EXECUTED_TWICE = "executed twice"
-    """The controller executed the call more than once: replies to its attempts differ in result or arguments.
-    A server that recognises a retry sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c;
-    the two replies in DENSO Wave 2009 are equal as well). Handles that were skipped before the accepted
-    handle also show a second execution, if at most one handle per unanswered attempt was skipped. The
-    controller then created objects whose handles the client never received.
+    """The controller executed the call more than once: replies to its attempts differ in result or value. A
+    server that recognises a retry sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c).
+    DENSO Wave 2009 also shows two equal replies to a retried call. The verdict is the same if the controller
+    skipped handles before the accepted handle, at most one per unanswered attempt. The controller then
+    created objects whose handles the client never received.
     """
     REPLY_LATE = "reply late"
-    """A reply was captured after the client had sent the next attempt or begun another call, so the client
-    discarded the reply. The client's timeout is too short, or the controller or the network was too slow."""
+    """A reply was captured after the client had sent the next attempt or begun another call. The client
+    discarded the reply. The client's timeout is too short, or the controller or the network was too slow.
+    """
     REPLY_LOST = "reply lost"
-    """A reply was captured, and the client later sent another attempt, too late for reply and attempt to have
-    crossed on the network (see `capture_point`). The reply was lost between the capture point and the client,
-    or the client was too busy to read it. *Reply lost* is also the verdict if S_EXECUTING was captured for an
-    attempt, but no result of that attempt. *Reply lost* is also the verdict if a proxy recorded a reply at
-    the controller's side, but not at the client's side.
+    """A reply was captured, but the client sent another attempt. The attempt came too late to have crossed
+    the reply on the network (see `capture_point`). The reply was lost between the capture point and the
+    client, or the client was too busy to read it. *Reply lost* is also the verdict if S_EXECUTING was
+    captured for an attempt, but no result of that attempt. *Reply lost* is also the verdict if a proxy
+    recorded a reply at the controller's side, but not at the client's side.
     """
     REQUEST_LOST = "request lost"
-    """S_EXECUTING was captured for the answered attempt, and nothing for the earlier attempts. The earlier
-    attempts were lost, because the controller would have executed or answered them. *Request lost* is also
-    the verdict if an attempt was captured at the client's side of a proxy but not at the controller's side.
-    The same holds if a capture at the controller has neither the attempt nor a reply to it. If both requests
-    and replies of a call were lost, the first loss determines the verdict.
+    """S_EXECUTING was captured only for the answered attempt. The earlier attempts were lost, because
+    otherwise the controller would have executed or answered them. *Request lost* is also the verdict if an
+    attempt was captured at the client's side of a proxy but not at the controller's side. *Request lost* is
+    also the verdict if a capture at the controller has neither an attempt nor a reply to it. If a call lost
+    both requests and replies, its first loss determines the verdict.
     """
     CANNOT_TELL = "cannot tell"
     """The client retried, and the capture does not show whether requests or replies were lost, or whether a
-    reply was late: each of these verdicts would be wrong in some course of events that gives the same capture
-    (`tests/traffic/possible_worlds.py`)."""
+    reply was late. Several courses of events give the same capture (`tests/traffic/possible_worlds.py`).
+    """
 
 
 _NO_RESULTS = (E_BUSY, S_EXECUTING)
@@ -103,8 +104,9 @@ def verdict_of(call: Call) -> CallVerdict:
 
 
 def _by_frames(call: Call) -> CallVerdict:
-    """Return the verdict on a call with retries or further frames, from the frames that surely belong to
-    it."""
+    """Return the verdict on a call with retries or further frames. Only frames that surely belong to the call
+    count.
+    """
     if call.skipped_handles or _replies_differ(call):
         return CallVerdict.EXECUTED_TWICE
     if _sure(call, call.late_replies):
@@ -143,7 +145,7 @@ def _by_attempts(call: Call, lost: Sequence[FrameObservation]) -> CallVerdict:
 
 
 def _is_unseen_lost(call: Call, received: Set[int]) -> bool:
-    """Return whether an attempt that was not captured did not reach the controller.
+    """Return whether the network evidently lost an attempt before a capture point at the controller.
 
     A capture at the controller holds a reply to each attempt that reaches it, even if the capture lacks the
     attempt itself. `received` holds the serials of the attempts with replies or notices.
@@ -168,7 +170,8 @@ def _sure(call: Call, frames: Sequence[_FrameT]) -> Sequence[_FrameT]:
 
 
 def _replies_differ(call: Call) -> bool:
-    """Return whether the undamaged, completely captured replies differ in result or arguments.
+    """Return whether replies to the call differ in result or value. Damaged and incompletely captured replies
+    are ignored.
 
     E_BUSY and S_EXECUTING are not compared, because they do not show whether the controller executed the
     call.

@@ -2,8 +2,8 @@
 
 A reply and a retry cross if the client sends the retry before it receives the reply. The reply is then late.
 If reply and retry did not cross, the client never received the reply, so the reply was lost. A capture on the
-client's computer shows whether the reply was late or lost. In a capture taken elsewhere, a reply that was
-captured before the retry may still have crossed it. The time between reply and retry is then shorter than the
+client's computer shows whether the reply was late or lost. In a capture taken elsewhere, a reply may have
+crossed the retry even if it was captured first. The time between reply and retry is then shorter than the
 round trip from the capture point to the client and back.
 """
 
@@ -24,11 +24,12 @@ computer. The client may already be preparing the retry when the reply arrives.
 """
 
 LONGEST_ROUND_TRIP_NS = 100_000_000
-"""Assumed round trip to the client in ns, unless the traffic shows a shorter one. Factory networks delay a
-frame by milliseconds."""
+"""Assumed round trip to the client in ns, unless the traffic shows a shorter round trip. Factory networks
+delay a frame by milliseconds.
+"""
 
-_REACTIONS = 3  # number of reactions to collect; a single one can be a coincidence
-_MARGIN = 2  # factor on the round trip, because one can take longer than another
+_REACTIONS = 3  # number of reactions to collect, because a single short reaction can be a coincidence
+_MARGIN = 2  # the shortest round trips are multiplied by this factor, because others take longer
 
 
 class CapturePoint(StrEnum):
@@ -45,17 +46,18 @@ class CapturePoint(StrEnum):
 class CrossingWindow:
     """The time within which a reply and a retry of one client may cross.
 
-    The client's reactions show this time. A reaction lasts from a captured reply to the client's next
-    request. A reaction consists of the round trip from the capture point to the client and back, and of the
-    client's time to prepare the request.
+    The window is inferred from the client's reactions. A reaction lasts from a captured reply to the client's
+    next request. A reaction consists of the round trip from the capture point to the client and back, and of
+    the client's time to prepare the request.
 
     Attributes:
-        considered_below_ns: Only reactions shorter than this can narrow the window.
+        considered_below_ns: Only reactions shorter than this time in ns can narrow the window.
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:
-        """Create a window. `taken_at` is the capture point; None if it is unknown. The window of a capture at
-        the client needs no reactions."""
+        """Create a window. `taken_at` is the capture point; None if it is unknown. For a capture at the
+        client, the window is fixed.
+        """
         self.considered_below_ns = 0 if taken_at is CapturePoint.CLIENT else LONGEST_ROUND_TRIP_NS
         self._taken_at = taken_at
         self._shortest: list[int] = []
@@ -70,7 +72,7 @@ class CrossingWindow:
     def add_answered_call(self, call: Call, following: FrameObservation) -> None:
         """Learn from the time between the reply to a call and the client's next request.
 
-        A retried call shows nothing: the client may have given up when the reply came.
+        Retried calls are ignored, because the client may have given up before the reply came.
         """
         is_retried = not call.first_attempt_seen or call.last_attempt is not call.request
         if (
@@ -84,8 +86,8 @@ class CrossingWindow:
             self.add_reaction(reaction)
 
     def ignore_reactions(self) -> None:
-        """Drop all reactions and ignore further ones, because this client begins calls without waiting for
-        replies.
+        """Drop all reactions and ignore further reactions, because this client begins calls without waiting
+        for replies.
         """
         self.considered_below_ns = 0
         self._shortest.clear()

@@ -13,21 +13,21 @@ from bcapscope.traffic.unseen_attempts import skipped_serials
 
 SHORTEST_TIMEOUT_NS = 2_000_000
 """Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). A client does not wait for replies if it
-begins a new call in less than this time after its previous request. Such a client may still accept the reply
-to the previous request.
+begins a new call in less than this time after its previous request. A client that does not wait may still
+accept the reply to its previous request.
 """
 
 TIMEOUTS_TO_GIVE_UP = 4
-"""If a client that retried a call sends no attempt for this number of timeouts, it has given the call up."""
+"""A client that retried a call has given it up if no attempt follows for this number of timeouts."""
 
 SHORTEST_SILENCE_NS = 50_000_000
-"""If a client that retried a call sends no attempt for less than this time in ns, it has not given the call
-up. A busy client or network delays an attempt by less.
+"""Minimum time in ns without an attempt after which a client may have given a call up. A busy client or
+network delays an attempt by less than this time.
 """
 
 OVERDUE_TIMEOUTS = 2
 """A reply counts as late if it comes more than this number of timeouts after the last attempt. Attempts do
-not arrive exactly one timeout apart, so an earlier reply may have been in time.
+not arrive exactly one timeout apart, so a reply before this limit may have been in time.
 """
 
 _MAX_DISTANCES = 32
@@ -37,8 +37,7 @@ _MAX_KINDS = 64
 def attempt_distances(call: Call) -> list[int]:
     """Return the times in ns between successive attempts of a call.
 
-    If attempts between two captured attempts were not captured, the time between the captured attempts is
-    divided evenly.
+    If the capture lacks attempts between two captured attempts, all distances between them count as equal.
     """
     attempts = call.attempts
     if len(attempts) == 1:
@@ -74,7 +73,8 @@ def gives_up_at(call: Call) -> int:
 
 def waits_in_vain(call: Call, now: int) -> bool:
     """Return whether an unanswered call is so old that the controller evidently answered none of the attempts
-    before the last one."""
+    before the last attempt.
+    """
     distances = attempt_distances(call) if call.other_frames and not call.notices else ()
     if not distances:
         return False
@@ -84,14 +84,15 @@ def waits_in_vain(call: Call, now: int) -> bool:
 
 
 class ShownTimeouts:
-    """The timeouts of one client for each kind of call, inferred from its attempts."""
+    """The timeouts that one client uses for each kind of call, inferred from its attempts."""
 
     def __init__(self) -> None:
         self._distances: dict[CallKind, deque[int]] = {}
 
     def add_call(self, call: Call) -> int:
-        """Learn from a complete call. Return when the client gave the call up before its reply was captured,
-        ns since 1970; 0 if the reply may have been in time."""
+        """Learn from a complete call. Return the time in ns since 1970 at which the client gave the call up,
+        if that was before the reply; 0 if the reply may have been in time.
+        """
         distances = attempt_distances(call)
         if not distances:
             return 0

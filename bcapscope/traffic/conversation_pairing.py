@@ -38,7 +38,7 @@ _EXPIRY, _EVICTION = CallEvent.EXPIRY, CallEvent.EVICTION
 
 
 class ConversationPairing:
-    """Pairs the frames of one conversation, and yields its completed calls in starting order."""
+    """Pairs the frames of one conversation, and yields its completed calls, oldest first."""
 
     def __init__(
         self,
@@ -53,8 +53,8 @@ class ConversationPairing:
         Args:
             latest_evicted: Call number of the latest evicted call that may belong to this conversation; 0 if
                 there is none.
-            budget: Object that counts the bytes of the open calls of all conversations.
-            kinds: Object that finds the call kinds of requests, for all conversations.
+            budget: Object that counts the bytes of all open calls, in all conversations.
+            kinds: Object that finds the call kind of each request, shared by all conversations.
             taken_at: Where the capture was taken; None if only the traffic shows it.
         """
         self.open_calls: deque[Call] = deque()
@@ -64,7 +64,7 @@ class ConversationPairing:
         self._kind_of = (kinds or CallKinds()).kind_of
         self._is_tcp = conversation.transport is Transport.TCP
         self._reserved_usage = ReservedFieldUsage()
-        # reserved field of the latest first attempt; on UDP only 0 (zero) or 1 (not zero)
+        # reserved field of the latest first attempt; for UDP, 1 if the field is not 0
         self._first_reserved = -1
         self._serials = SerialTable()
         self._by_serial = self._serials.open_calls
@@ -82,7 +82,7 @@ class ConversationPairing:
         self._crossing = CrossingWindow(taken_at)
         self._requests_only = RequestsOnlyEvidence()
         self._unseen_requests = UnseenRequests()
-        self._response_seen = False  # True after a notice, or a stray, damaged or missing reply
+        self._response_seen = False  # True after a notice, or after a stray, damaged or missing reply
         self._reused_serials = self._serials.reused
         self._release_serial = self._serials.release
 
@@ -92,7 +92,9 @@ class ConversationPairing:
         return sum(call.memory_bytes for call in self.open_calls)
 
     def add_request(self, observation: FrameObservation, frame: Frame, number: int) -> bool:
-        """Add a request. Return whether the request starts a new call, whose number is then `number`."""
+        """Add a request. If the request starts a new call, give this call the number `number` and return
+        True.
+        """
         serial, reserved = frame.serial, frame.reserved
         if self._unseen_requests.waiting:
             strays = self._unseen_requests.pop_before(serial)
@@ -104,8 +106,8 @@ class ConversationPairing:
         if reserved and reserved != serial and not self._is_tcp:
             return self._add_later_attempt(observation, frame, number)
         if not reserved and 0 in self._by_serial:
-            # The reserved field of a retry of serial 0 looks like that of a first attempt. Old clients may
-            # use serial 0 (start-jsk/denso b-Cap.c).
+            # If a first attempt has serial 0, its retries have 0 in the reserved field, as a first attempt
+            # has. Old clients may use serial 0 (start-jsk/denso b-Cap.c).
             call = self._by_serial[0]
             is_repeated = call.reply is None and call.request.item.raw[9:] == frame.raw[9:]
             if is_repeated and call is self._newest_call:
@@ -148,8 +150,8 @@ class ConversationPairing:
     def add_gap(self, direction: Direction) -> None:
         """Record that the capture lacks bytes that the client or the controller sent.
 
-        The bytes may hold the reply to any call after the latest one that was answered, because controllers
-        answer in order.
+        Controllers answer in order, so the missing bytes may hold the reply to any call after the latest
+        answered call.
         """
         if direction is Direction.RESPONSE:
             self._response_seen = True
@@ -164,7 +166,9 @@ class ConversationPairing:
             self._apply(call, CallEvent.NOTICE if is_notice else CallEvent.UNDELIVERED_REPLY, observation)
 
     def add_own_request(self, observation: FrameObservation, frame: Frame) -> None:
-        """Add a request that a proxy sent on its own. Only a copy of a client's request belongs to a call."""
+        """If a request that the proxy sent on its own is a copy of a client's request, add the copy to the
+        client's call.
+        """
         prior = self._by_serial.get(frame.serial)
         if prior is not None:
             self._add_to_prior(prior, observation, frame)
@@ -192,7 +196,7 @@ class ConversationPairing:
         begun_at = 0 if self._newest_call is None else self._newest_call.request.time
         for _ in range(min(count, len(self.open_calls))):
             call = self.open_calls.popleft()
-            # the client gave this call up so long ago that a reply would be late
+            # the client gave the call up so long ago that a further reply would be late
             is_past = 0 < call.abandoned_at <= begun_at - LATE_WITHIN_NS
             event = _EXPIRY if is_past else _EVICTION
             self._latest_evicted = max(self._latest_evicted, call.number)
@@ -236,7 +240,7 @@ class ConversationPairing:
     def _add_after_strays(
         self, strays: Sequence[StrayReply], observation: FrameObservation, frame: Frame, number: int
     ) -> bool:
-        """Add a request, and the stray replies before it that answer attempts of its call."""
+        """Add a request. Add to its call the stray replies that answer earlier attempts of the call."""
         is_new = self.add_request(observation, frame, number)
         call = self._by_serial.get(frame.serial)
         if call is not None:  # not evicted
@@ -269,8 +273,7 @@ class ConversationPairing:
         self._budget.held += size
 
     def _add_later_attempt(self, observation: FrameObservation, frame: Frame, number: int) -> bool:
-        """Add a retry on UDP. Return whether it starts a new call, because its first attempt was not
-        captured."""
+        """Add a retry on UDP. If the first attempt was not captured, start a new call and return True."""
         serial, reserved = frame.serial, frame.reserved
         origin, newest = self._by_serial.get(reserved), None
         if origin is None:
@@ -280,7 +283,7 @@ class ConversationPairing:
             self._add_retry(origin, observation, frame)
             return False
         self._start_call(observation, frame, number)
-        # further retries can name the first attempt, which was not captured
+        # the first attempt was not captured, but further retries may name its serial
         call = self._by_serial[reserved] = self._by_serial[serial]
         self._serials.add_skipped(reserved, serial, call)
         if newest is not None:
@@ -288,8 +291,7 @@ class ConversationPairing:
         return True
 
     def _add_to_prior(self, prior: Call, observation: FrameObservation, frame: Frame) -> bool:
-        """Add a copy of a frame of `prior`, or the first attempt if a retry overtook it. Return whether the
-        frame was added."""
+        """Add a copy, or a first attempt that a retry overtook, to `prior`. Return whether it was added."""
         if self._is_tcp:
             return False
         starts_anew = frame.code == SERVICE_START and prior is not self._newest_call

@@ -12,10 +12,10 @@ class FrameIndex:
     """Finds the attempts and replies of one open call by their bytes and serials.
 
     Attributes:
-        sent_at: Time of each attempt, by the bytes of the attempt; the latest time for identical attempts.
+        sent_at: For the bytes of each attempt, the time when they were last captured.
         reserved_by_serial: For each serial, the reserved field of the latest attempt with this serial.
-        received_at: Time of each reply that reached the client's side, accepted or not, by its bytes. Notices
-            are not included.
+        received_at: For the bytes of each reply that reached the client's side, accepted or not, the time
+            when they were captured. Notices are not included.
     """
 
     def __init__(self, call: Call) -> None:

@@ -15,7 +15,7 @@ from bcapscope.traffic.observation import Direction
 
 _SERVICE_START = ID["Service_Start"]
 OPENERS = frozenset((_SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)))
-"""Ids of the functions whose calls belong to the sequence."""
+"""Ids of the functions that take their handles from the sequence."""
 
 
 class HandleSequence:
@@ -29,8 +29,8 @@ class HandleSequence:
         self._given: set[tuple[ObjectClass | None, int]] | None = None
 
     def add_call(self, call: Call) -> None:
-        """Add a settled call, and count the handles that the controller gave to its unanswered attempts. Only
-        calls of functions in `OPENERS` get handles.
+        """Add a settled call, and count the handles that the controller gave for its unanswered attempts.
+        Callers pass only calls of functions in `OPENERS`, which return handles.
         """
         if call.kind.function_id == _SERVICE_START:
             self._last_handle, self._given = 0, set()

@@ -17,7 +17,7 @@ from bcapscope.traffic.observation import Conversation
 
 MAX_OBJECTS = 4096
 """Maximum number of objects that are remembered per client. Beyond the limit, the oldest object is dropped.
-DENSO's C server allows 1000 (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+DENSO's C server allows 1000 objects (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
 MAX_SESSIONS = 1024
 """Maximum number of ended sessions that are remembered. Beyond the limit, the oldest session is dropped."""
@@ -32,10 +32,10 @@ class TrackedObject:
     """An object of the controller for which a client has, or had, a handle.
 
     Attributes:
-        name: Name in the call that opened the object, such as `Arm`; "" if the call has no name.
+        name: Name that the call gave when it opened the object, such as `Arm`; "" if it gave no name.
         parent: Label of the object through which this object was opened; "" for a controller or if unknown.
-        known_to_client: Whether the client received the handle; False if the reply was late, or if another
-            execution of the call created the object.
+        known_to_client: Whether the client received the handle. `known_to_client` is False if the reply was
+            late, or if a repeated execution of the call created the object.
     """
 
     kind: ObjectClass
@@ -68,7 +68,7 @@ class ServiceSession:
 
     Attributes:
         started_by_call: Number of the Service_Start call; None if this call was not captured.
-        unreleased: Objects that the client did not release: first those whose handle the client never
+        unreleased: Objects that the client did not release: first the objects whose handle the client never
             received, then the others in creation order.
     """
 
@@ -85,8 +85,8 @@ class ServiceSession:
 
 class HandleTracker:
     """Tracks the object of each handle, from the completed calls of all clients. Each conversation has a
-    table of handles for each object class. The tracker therefore works with controllers that number each
-    class separately, and with those that number all classes together.
+    table of handles for each object class. Therefore a controller may number the handles of each class
+    separately, or of all classes together.
     """
 
     def __init__(self, max_ended: int = MAX_SESSIONS) -> None:
@@ -101,8 +101,8 @@ class HandleTracker:
         self._ended_sessions: deque[ServiceSession] = deque(maxlen=max_ended)
 
     def on_call(self, call: Call) -> TrackedObject | None:
-        """Process the next call; return the object of the call's handle, or None if the object is unknown.
-        The caller must pass the calls of a conversation in starting order.
+        """Process the next call; return the object of its handle, or None if the object is unknown. The
+        caller must pass the calls of a conversation in starting order.
         """
         function = FUNCTIONS.get(call.kind.function_id)
         if function is None:
@@ -166,7 +166,7 @@ class _ClientObjects:
 
     Attributes:
         objects: Open objects by class and handle, in creation order.
-        orphans: Open objects whose handle the client never received.
+        orphans: Open objects of which the client never received the handle.
     """
 
     def __init__(self, conversation: Conversation) -> None:
@@ -190,7 +190,7 @@ class _ClientObjects:
         thing = self.objects.get((kind, handle))
         if thing is None and self.orphans:
             thing = next((one for one in self.orphans if (one.kind, one.handle) == (kind, handle)), None)
-            if thing is not None:  # the client uses the handle, so it received the reply after all
+            if thing is not None:  # the client uses the handle, so it received the reply with this handle
                 self.orphans.remove(thing)
                 thing.known_to_client = True
                 self.objects[kind, handle] = thing
@@ -247,8 +247,9 @@ def _handles_made(call: Call) -> list[int]:
 
 
 def _succeeded(call: Call) -> bool:
-    """Return whether any reply to the call reports success, even a lost or late reply. A reply that was not
-    captured counts as success."""
+    """Return whether any reply to the call reports success, including lost and late replies. A reply that was
+    not captured counts as success.
+    """
     replies = (call.reply, *call.late_replies, *call.lost_replies)
     if call.reply_not_captured:
         return True

@@ -22,8 +22,9 @@ class Transport(StrEnum):
 
 
 class Direction(StrEnum):
-    """Direction of a frame. The direction follows from the controller's address, because no field of a frame
-    shows it."""
+    """Direction of a frame. bcapscope infers the direction from the controller's address, because no field of
+    a frame shows the direction.
+    """
 
     REQUEST = "request"
     RESPONSE = "response"
@@ -44,13 +45,13 @@ class ServerEvidenceKind(StrEnum):
     RESULT = "result"
     """The server sent a result code that no request can carry."""
     CALL = "call"
-    """The client sent a function with the arguments of this function."""
+    """The client sent a request whose arguments fit its function."""
     GUESS = "guess"
     """The other end sent first. No frame shows which end is the server."""
 
 
 class ServerEvidence(NamedTuple):
-    """What shows which end of a conversation is the server.
+    """Evidence that shows which end of a conversation is the server.
 
     Attributes:
         kind: Kind of the evidence.
@@ -82,12 +83,13 @@ class ConnectionEnd:
     """How and when a TCP connection was first closed or reset.
 
     Attributes:
-        by: Direction of the packet that ended the connection: `REQUEST` if the client ended it, `RESPONSE` if
-            the controller did.
+        by: Direction of the packet that ended the connection: `REQUEST` if the client ended the connection,
+            `RESPONSE` if the controller ended it.
         reset: True if RST ended the connection; False if FIN closed one direction, and the other end may
             still send.
         time: Time of the first RST or FIN, ns since 1970-01-01 UTC.
-        both_ended: Whether the second end has also closed the connection, or one end has reset it later.
+        both_ended: Whether the second end has also closed the connection, or one end reset the connection
+            after a FIN.
     """
 
     by: Direction
@@ -97,8 +99,8 @@ class ConnectionEnd:
 
     @property
     def ends_replies(self) -> bool:
-        """Whether the controller can no longer reply. The controller may still reply if only the client has
-        sent FIN.
+        """Whether the controller can no longer reply. If only the client has sent FIN, the controller can
+        still reply.
         """
         return self.reset or self.both_ended or self.by is Direction.RESPONSE
 
@@ -114,14 +116,14 @@ class Conversation:
     Attributes:
         client: Address and port of the client.
         server: Address and port of the controller.
-        server_evidence: What shows that `server` is the server.
+        server_evidence: Evidence that `server` is the server.
         connection_end: End of the TCP connection, as far as captured; None while the connection is open, and
             for UDP.
         interface: Name of the interface on which the conversation was captured; "" if the capture names none.
         controller_leg: For the leg between client and proxy, the conversation of the leg between proxy and
             controller; None for any other conversation, or if the capture lacks the second leg.
-        capture_side: The place of the capture that the conversation comes from; None unless two captures hold
-            the same conversation.
+        capture_side: Place at which the conversation was captured; None unless two captures hold the same
+            conversation.
     """
 
     def __init__(

@@ -1,8 +1,8 @@
 """Table of how events change the state of a call while its frames are captured.
 
 For each state and event, `TRANSITIONS` has the next state, and the role of the event's frame in the call.
-`ConversationPairing` decides by serials, bytes and times which event a frame is. If the table does not
-contain a pair of state and event, this pair cannot occur.
+`ConversationPairing` determines the event of a frame from serials, bytes and times. A pair of state and event
+that is missing from the table cannot occur.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class CallEvent(StrEnum):
     EARLIER_REPLY = "earlier reply"
     """The controller answers an attempt that is not the latest one."""
     OVERDUE_REPLY = "overdue reply"
-    """The reply to the latest attempt came after the client had given up. Once the call is complete, the
-    times between the attempts show this.
+    """The reply to the latest attempt came after the client had given up. The times between the attempts show
+    this event once the call is complete.
     """
     UNDELIVERED_REPLY = "undelivered reply"
     """The controller sends a reply that is lost before it reaches the client's side."""
@@ -57,7 +57,8 @@ class Transition(NamedTuple):
 
     Attributes:
         role: Role of the event's frame in the call; None if the event has no frame.
-        reply_becomes: New role of the reply that was accepted before; None if the reply keeps its role.
+        reply_becomes: New role of the reply that the call had before the event; None if that reply keeps its
+            role.
     """
 
     state: CallState
@@ -97,7 +98,7 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_EXECUTING, CallEvent.NEXT_CALL): Transition(_ABANDONED, None),
     (_EXECUTING, CallEvent.EXPIRY): Transition(CallState.UNANSWERED, None),
     (_EXECUTING, CallEvent.EVICTION): Transition(CallState.EVICTED, None),
-    # A retry of the newest call shows that the client did not receive the reply.
+    # If the client retries its newest call, it did not receive the reply.
     (_ANSWERED, CallEvent.RETRY): Transition(_WAITING, FrameRole.RETRY, reply_becomes=FrameRole.LOST),
     (_ANSWERED, CallEvent.LATER_RETRY): Transition(_ANSWERED, FrameRole.RETRY),
     (_ANSWERED, CallEvent.OVERTAKEN_RETRY): Transition(_ANSWERED, FrameRole.RETRY),
@@ -123,7 +124,7 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_ABANDONED, CallEvent.UNDELIVERED_REPLY): Transition(_ABANDONED, FrameRole.LOST),
     (_ABANDONED, CallEvent.EXPIRY): Transition(CallState.SETTLED, None),
     (_ABANDONED, CallEvent.EVICTION): Transition(CallState.EVICTED, None),
-    # The tracker has returned the call as unanswered, but still records when the client begins another call.
+    # The tracker has returned the call as unanswered, but still notes when the client begins another call.
     (CallState.UNANSWERED, CallEvent.NEXT_CALL): Transition(CallState.SETTLED, None),
 }
 
@@ -132,5 +133,5 @@ AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is Cal
 
 
 def copy_event(time: int, earlier: int) -> CallEvent:
-    """Return which event an exact copy of a frame is, from the times of copy and frame in ns."""
+    """Return the event of an exact copy of a frame, from the times of copy and frame in ns."""
     return CallEvent.CAPTURED_AGAIN if time - earlier <= CAPTURED_AGAIN_WITHIN_NS else CallEvent.COPY

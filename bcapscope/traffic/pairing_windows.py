@@ -10,8 +10,8 @@ from bcapscope.traffic.client_timeout import gives_up_at
 from bcapscope.traffic.observation import Conversation, Transport
 
 COPIES_WITHIN_NS = 100_000_000
-"""Maximum time in ns after which copies and reordered frames still arrive. Factory networks delay a frame by
-milliseconds. No client restarts on the same port within this time without a Service_Start.
+"""Maximum delay in ns of copies and reordered frames. Factory networks delay a frame by milliseconds. Within
+this time, no client restarts on the same port without a Service_Start.
 """
 
 RETRY_WITHIN_NS = 5_000_000_000
@@ -19,8 +19,9 @@ RETRY_WITHIN_NS = 5_000_000_000
 (3 s in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009)."""
 
 LATE_WITHIN_NS = 1_000_000_000
-"""Maximum time in ns to wait for a reply after the client began another call, if the controller has answered
-a later call. A reply after this time is a stray reply, which names the call that it answers."""
+"""Maximum time in ns to wait for a reply after the client began another call, and the controller has answered
+a later call. A reply after this time is a stray reply, which names the call that it answers.
+"""
 
 BUSY_WITHIN_NS = 30_000_000_000
 """Maximum time in ns to wait for a reply after the client began another call, if the controller has not
@@ -28,7 +29,7 @@ answered a later call. The controller may still be executing the call, because c
 
 EXECUTION_NS = 180_000_000_000
 """Maximum time in ns from one frame of a call to the next, if no later call was answered. The value is the
-InvokeTimeout of DENSO's C server, after which the server never answers (orin_bcap
+InvokeTimeout of DENSO's C server, after which this server no longer answers (orin_bcap
 C/src/bCAPServer/bcap_server.c).
 """
 
@@ -56,8 +57,8 @@ def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], no
     """Mark the open calls that could no longer be answered when the traffic of their conversation ended.
 
     If a later call has a reply, an open call can no longer be answered, because controllers answer in order.
-    The network reorders replies only within a short time. The times between the attempts also show that a
-    call can no longer be answered, if the capture ends after the client gave up.
+    The network reorders replies only within a short time. A call can also no longer be answered if the client
+    gave it up before the capture ended, as the times between its attempts show.
 
     Args:
         open_calls: Open calls of the conversation, oldest first.

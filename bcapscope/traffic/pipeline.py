@@ -1,4 +1,4 @@
-"""The pipeline, which turns observations into events.
+"""The pipeline that turns observations into events.
 
 Only the pipeline turns observations into calls, handles and changes of slave mode. Commands, screen, proxy,
 rules and statistics subscribe to the pipeline's events.
@@ -28,7 +28,7 @@ _Result = TypeVar("_Result")
 def overriding_methods(
     objects: Iterable[_Owner], method: Callable[Concatenate[_Owner, _Parameters], _Result]
 ) -> list[Callable[_Parameters, _Result]]:
-    """Return the bound method `method` of each object whose class overrides this method of the base class."""
+    """Return the bound method named `method` of each object whose class overrides that method."""
     name = method.__name__
     return [getattr(each, name) for each in objects if getattr(type(each), name) is not method]
 
@@ -37,7 +37,7 @@ class PipelineSubscriber:
     """Receives the events of a `Pipeline`. A subclass overrides the methods for the events that it needs.
 
     Events come in the order of the traffic: first a frame, then the calls that the frame completed. The
-    pipeline computes only what its subscribers need.
+    pipeline computes only the events that its subscribers need.
 
     Attributes:
         needs_targets: Whether `on_call` needs the object of each call's handle. If `needs_targets` is False,
@@ -50,7 +50,9 @@ class PipelineSubscriber:
         """Process the next frame, or the next bytes that are no frame."""
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Process a completed call. `target` is the object of its handle; None if the object is unknown."""
+        """Process a completed call. `target` is the object of the call's handle; None if the object is
+        unknown.
+        """
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
         """Process successive set points of one client that are alike (see `AlikeSetPoints`). A subscriber
@@ -71,7 +73,7 @@ class PipelineSubscriber:
 
 
 class CallCollector(PipelineSubscriber):
-    """Collects completed calls in the list `calls`. A reader may remove calls from the list."""
+    """Collects completed calls in the list `calls`. Code that reads the list may remove calls from it."""
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
         """Collect the calls for which `is_selected` returns True. The default collects all calls."""
@@ -101,10 +103,10 @@ class Pipeline:
         """Create a pipeline.
 
         Args:
-            handles: Handle tracker to update, for a caller that reads the tracker. If None, the pipeline
-                follows handles only if a subscriber needs targets.
-            slave_mode: Slave-mode tracker to update, for a caller that reads the tracker. If None, the
-                pipeline follows slave mode only if a subscriber overrides `on_slave_mode`.
+            handles: Handle tracker that the pipeline updates and the caller reads. If `handles` is None, the
+                pipeline follows handles only if a subscriber needs targets.
+            slave_mode: Slave-mode tracker that the pipeline updates and the caller reads. If `slave_mode` is
+                None, the pipeline follows slave mode only if a subscriber overrides `on_slave_mode`.
             joiner: Joiner for captures of one conversation from several places; None for traffic from one
                 place.
             taken_at: Where the capture was taken; None if only the traffic shows it.
@@ -164,7 +166,9 @@ class Pipeline:
         self._emit(self._tracker.close())
 
     def _adder(self, joiner: Joiner | None) -> Callable[[Observation], None]:
-        """Return the function that adds an observation. Closures take a tenth less time than methods."""
+        """Return the function that adds an observation. The returned function is a closure, because a closure
+        takes a tenth less time than a method.
+        """
         observe, emit, frame_handlers = self._tracker.observe, self._emit, self._frame_handlers
 
         def add(observation: Observation) -> None:
@@ -182,7 +186,8 @@ class Pipeline:
             if observation.flow not in joiner.passing:
                 self.add_joined(joiner.add(observation))
                 return
-            for on_frame in frame_handlers:  # the same as in `add`; nearly all captures use this path
+            # the same code as in `add`, because a call of `add` would slow down nearly all captures
+            for on_frame in frame_handlers:
                 on_frame(observation)
             settled = observe(observation)
             if settled:
@@ -229,7 +234,7 @@ class Pipeline:
         for on_set_points in self._run_handlers:
             on_set_points(calls)
         if self._single_handlers:
-            # One lookup is enough, because all set points of a run have the same handle.
+            # One lookup of the handle is enough, because all set points of a run have the same handle.
             target = None if self._handles is None else self._handles.on_call(calls[0])
             for on_call in self._single_handlers:
                 for call in calls:

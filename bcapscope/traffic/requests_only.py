@@ -10,17 +10,17 @@ FEWEST_CALLS = 8
 """Minimum number of successive calls that prove that a client receives replies."""
 
 LONGEST_STEP_NS = 500_000_000
-"""Maximum time in ns from one call to the next if the client receives replies. A client without a reply waits
-for its timeout: 1 s in DENSO Wave 2009, 3 s in orin_bcap Python bcapclient.py. A single call with a reply may
-take this long, but several successive calls with replies do not.
+"""Maximum time in ns from one call to the next if the client receives replies. A client that gets no reply
+waits for its timeout: 1 s in DENSO Wave 2009, 3 s in orin_bcap Python bcapclient.py. A single answered call
+may take as long as a timeout, but several successive answered calls do not.
 """
 
 
 class RequestsOnlyEvidence:
-    """Recognises by a client's requests that the controller answered, although no reply was captured.
+    """Finds evidence in a client's requests that the controller answered, although no reply was captured.
 
-    A client that uses a handle has received the reply with this handle. A client has also received replies if
-    it makes several calls in quick succession without a retry.
+    A client that uses a handle has received the reply with this handle. A client that makes several calls in
+    quick succession without a retry has also received replies.
 
     Attributes:
         is_proven: Whether the requests show that the controller answered.

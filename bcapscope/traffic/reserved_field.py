@@ -10,7 +10,7 @@ __all__ = ["ReplyReserved", "ReservedConvention", "ReservedFieldUsage"]
 
 
 class ReservedFieldUsage(NamedTuple):
-    """How client and controller use the reserved field, as far as the frames have shown it.
+    """How client and controller use the reserved field, as far as the frames so far show.
 
     Attributes:
         reply_reserved: How the controller fills the reserved field of its replies.
@@ -20,8 +20,8 @@ class ReservedFieldUsage(NamedTuple):
     reply_reserved: ReplyReserved = ReplyReserved.UNKNOWN
 
     def after_first_on_tcp(self, serial: int, reserved: int) -> ReservedFieldUsage:
-        """Return the updated usage after a request on TCP. With serial 1, the value 1 may be a version mark
-        or the serial itself.
+        """Return the updated usage after a request on TCP. If serial and reserved are both 1, the value 1 may
+        be a version mark or the serial itself.
         """
         if reserved == serial == 1:
             return self
@@ -49,8 +49,7 @@ class ReservedFieldUsage(NamedTuple):
         """Return the updated usage after a retry.
 
         Args:
-            origin: Serial of the call's first attempt, from the captured attempt or from a retry that names
-                it.
+            origin: Serial of the call's first attempt, even if only a retry shows this serial.
             previous: Serial of the call's previous attempt.
             starts_with_zero: Whether the client's latest first attempt has 0 in the reserved field.
         """

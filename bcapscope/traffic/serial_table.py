@@ -6,8 +6,7 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 MAX_REUSED = 16
-"""Maximum number of unanswered TCP requests remembered per reused serial, and maximum number of reused
-serials."""
+"""Maximum number of reused serials, and of unanswered TCP requests per reused serial."""
 
 MAX_SETTLED_SERIALS = 1024
 """Minimum number of serials of settled calls that are remembered; the maximum is twice this number."""
@@ -19,7 +18,7 @@ class SerialTable:
     Attributes:
         open_calls: The open calls, each listed under the serials of all its attempts.
         reused: For each reused serial on TCP, the calls that still wait for a reply although a later request
-            has the same serial; oldest first. A settled call is listed by its number.
+            has the same serial; oldest first. A settled call is represented by its number.
     """
 
     def __init__(self) -> None:
@@ -34,8 +33,9 @@ class SerialTable:
         return self._settled.get(serial) or self._older_settled.get(serial)
 
     def add_skipped(self, before: int, after: int, call: Call) -> None:
-        """Add the serials between two attempts of a call, which are those of attempts that were not
-        captured."""
+        """Add the serials between two attempts of a call; these serials belong to attempts that were not
+        captured.
+        """
         serials = skipped_serials(before, after)
         call.unseen_serials += serials
         for serial in serials:
@@ -60,7 +60,7 @@ class SerialTable:
             queue[:] = [call.number if waiting is call else waiting for waiting in queue]
 
     def queue_reused(self, serial: int) -> None:
-        """Queue the open call with this serial, before a new request reuses the serial.
+        """Queue the open call with a serial, before a new request reuses the serial.
 
         TCP keeps the order of the frames, so the reply to the queued call comes before the reply to the new
         request. The Python client reuses its serial after a timeout (orin_bcap Python bcapclient.py).
@@ -75,8 +75,9 @@ class SerialTable:
             del self.reused[next(iter(self.reused))]
 
     def oldest_reused(self, serial: int, is_answered: bool) -> Call | int:
-        """Return the oldest call in the queue of a serial. If the call is answered, remove it from the
-        queue."""
+        """Return the oldest call in the queue of a serial. If `is_answered`, remove the call from the
+        queue.
+        """
         queue = self.reused[serial]
         oldest = queue[0]
         if is_answered:

@@ -35,27 +35,27 @@ class SlaveModeEffect(Enum):
     """What a call shows about slave mode, or how the call changes slave mode."""
 
     SET_POINT = "set point"
-    """The call is a set point that was accepted, that found the buffer full, or whose reply was not
-    captured.
+    """The call is a set point. The controller accepted the set point or found the buffer full, or the reply
+    was not captured.
     """
     SET_POINT_FAILED = "set point failed"
-    """The call is a set point that the controller refused for a reason other than a full buffer or slave mode
-    being off.
+    """The call is a set point that the controller refused for a reason other than a full buffer or inactive
+    slave mode.
     """
     FOUND_OFF = "found off"
     """The call is a set point that the controller refused because slave mode is off."""
     MODE_CHANGED = "mode changed"
     """The call is a slvChangeMode that the controller did not refuse."""
     SESSION_BOUNDARY = "session boundary"
-    """The client began or ended its session with this call, and the controller did not refuse the call."""
+    """The client began or ended its session with the call, and the controller did not refuse the call."""
     ROBOT_RELEASED = "robot released"
-    """The client released a robot with this call, and the controller did not refuse the call."""
+    """The client released a robot with the call, and the controller did not refuse the call."""
     ERROR = "error"
-    """The call, which is not a set point, failed with an error that switches slave mode off."""
+    """The call is not a set point, and failed with an error that switches slave mode off."""
 
 
 def slave_mode_effect(call: Call) -> SlaveModeEffect | None:
-    """Return what a call shows about slave mode or changes in slave mode; None if the call does neither."""
+    """Return what a call shows about slave mode, or how it changes slave mode; None if it does neither."""
     function_id, command = call.kind
     code = call.hresult
     refused = code is not None and is_failure(code)
@@ -101,7 +101,8 @@ class SlaveModeChange:
 
     Attributes:
         effect: How the call changed slave mode.
-        mode: Number of the slave mode after the call, 0 for off; None if the call's argument is unreadable.
+        mode: Number of the slave mode after the call, 0 for off; None if the call's arguments do not show the
+            mode.
     """
 
     call: Call
@@ -114,7 +115,7 @@ class OpenSlaveMode(NamedTuple):
 
     Attributes:
         mode: Number of the slave mode, 0 for off; None if unknown.
-        robots: Handles of the robots that the client has put into slave mode and not taken out of it.
+        robots: Handles of the robots that the client has switched to slave mode, and not switched back.
     """
 
     mode: int | None = None
@@ -123,7 +124,7 @@ class OpenSlaveMode(NamedTuple):
 
 
 class SlaveModeTracker:
-    """Follows the slave mode of all clients by their completed calls."""
+    """Follows the slave mode of all clients from their completed calls."""
 
     def __init__(self) -> None:
         self._clients: dict[Conversation, OpenSlaveMode] = {}
@@ -153,8 +154,9 @@ class SlaveModeTracker:
         return self._clients.get(conversation, _NOTHING_KNOWN)
 
     def clients_in_slave_mode(self) -> Iterator[Conversation]:
-        """Yield the conversations of the clients in slave mode, except those whose latest set point was
-        refused."""
+        """Yield the conversations of the clients in slave mode. A client is left out if the controller
+        refused its latest set point.
+        """
         for conversation, known in self._clients.items():
             if known.robots and not known.set_points_refused:
                 yield conversation

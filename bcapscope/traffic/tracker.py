@@ -16,19 +16,20 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_OPEN = 8192
 """Maximum number of open calls in all conversations. These calls take about 10 MB of memory. Beyond the
-limit, the older half of the open calls is evicted from the conversation with the most open calls. Four
-clients that send a set point every 2 ms without a reply reach the limit. The evicted calls are then older
-than a second and are considered unanswered, because a reply would be late.
+limit, the conversation with the most open calls loses the older half of its open calls. Four clients that
+send a set point every 2 ms without a reply reach the limit. The evicted calls of these clients are older than
+a second, and are considered unanswered, because a reply would be late.
 """
 
 MAX_BYTES = 32 * 1024 * 1024
-"""Maximum size in bytes of all frames of open calls, with overhead. Beyond the limit, the older half of the
-open calls is evicted from the conversation with the largest calls. One call with the largest possible request
-and reply stays within this limit."""
+"""Maximum size in bytes of all frames of open calls, with overhead. Beyond the limit, the conversation with
+the largest calls loses the older half of its open calls. One call with the largest possible request and reply
+stays within this limit.
+"""
 
 SWEEP_NS = 50_000_000
 """Time in ns between two searches for settled calls, measured by the times of the observations. Users do not
-notice this delay.
+notice that calls are completed up to 50 ms late.
 """
 
 _REQUEST = Direction.REQUEST
@@ -37,13 +38,13 @@ _REQUEST = Direction.REQUEST
 class Tracker:
     """Pairs requests, retries, notices and replies of live or recorded traffic in bounded memory.
 
-    The tracker numbers calls in starting order, and returns the calls of a conversation in that order. The
-    tracker returns a call as soon as no further frame can belong to this call or an earlier call of the
-    conversation. Calls of one conversation do not wait for calls of another conversation.
+    The tracker numbers calls in the order in which they began, and returns the calls of a conversation in
+    this order. The tracker returns a call as soon as no further frame can belong to this call or an earlier
+    call of the conversation. Calls of one conversation do not wait for calls of another conversation.
 
     The calls depend only on the observations so far. A truncated capture gives the same calls as the whole
     capture, except for calls that are open at its end. Beyond the memory limits, the tracker evicts calls: it
-    returns them although a reply may still follow.
+    returns calls to which a reply may still follow.
 
     The tracker uses no clock except the times of the observations. The caller adds observations in capture
     order. Their times normally increase.
@@ -99,8 +100,8 @@ class Tracker:
     def observe_joined(self, observation: JoinedObservation) -> Sequence[PairingResult]:
         """Add the next observation of a conversation that was captured at two places (see `observe`).
 
-        A reply that was not captured at the client's side is a lost reply of its call. Requests that a proxy
-        itself made, and the replies to them, belong to no call of the client.
+        A reply that was captured only at the controller's side is a lost reply of its call. Requests that a
+        proxy made on its own, and the replies to them, belong to no call of the client.
         """
         item = observation.item
         is_own = observation.was_made_between and observation.is_request

@@ -1,8 +1,8 @@
 """Attempts that were not captured, inferred from the serials around them.
 
 On UDP, every known client increments the serial by one per attempt. A skipped serial therefore belongs to an
-attempt that was not captured. The network lost this attempt before the capture point, or the capture missed
-it.
+attempt that was not captured. The network lost the skipped attempt before the capture point, or the capture
+missed it.
 """
 
 from __future__ import annotations
@@ -18,21 +18,22 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, StrayReply
 
 MAX_UNSEEN = 64
-"""Maximum number of successive attempts that were not captured. A larger gap in the serials shows something
-else, such as a restart of the client."""
+"""Maximum number of successive attempts that were not captured. A larger gap in the serials has another
+cause, such as a restart of the client.
+"""
 
 
 MAX_RECENT = 1024
 """A serial counts as recent if it differs from the latest serial by at most this number. `serial_table`
-remembers the serials of at least as many settled calls.
+remembers at least this number of serials of settled calls.
 """
 
 
 def skipped_serials(before: int, after: int) -> tuple[int, ...]:
-    """Return the serials between those of two successive captured frames of a client, oldest first.
+    """Return the serials between the serials of two successive captured frames of a client, oldest first.
 
-    The result is empty if the gap is too large to be caused by attempts that were not captured. Serial 0 is
-    left out, because most clients skip it.
+    The result is empty if the gap is too large to be caused by attempts that were not captured. The result
+    never contains serial 0, because most clients skip it.
     """
     gap = (after - before) & 0xFFFF
     if gap > MAX_UNSEEN + 1:
@@ -41,12 +42,12 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
 
 
 class UnseenRequests:
-    """The stray replies of one client that answer requests which were not captured.
+    """Stray replies to one client: the capture lacks the requests that they answer.
 
-    There are three cases. First, the client skipped the serial of the reply. Second, the client used this
-    serial before the capture began. Third, the serial follows the client's latest captured serial. In the
-    third case, the request may be a retry of the client's newest call. The next request shows whether the
-    client has used the serial, and perhaps for which call.
+    The serial of a stray reply is either older or newer than the client's latest captured serial. If the
+    serial is older, the client sent the request before the capture began, or the capture missed the request.
+    If the serial is newer, the request may be a retry of the client's newest call. The client's next request
+    shows whether the client has used a newer serial, and perhaps for which call.
 
     Attributes:
         waiting: Whether stray replies wait for the client's next request.
@@ -56,7 +57,7 @@ class UnseenRequests:
         self._recent: list[StrayReply] = []
         self._noticed: set[int] = set()
         self._latest = 0  # serial of the latest attempt of the newest call, before the next request
-        self._newest: Call | None = None  # the newest call, which the stray replies followed
+        self._newest: Call | None = None  # the client's newest call before the stray replies
         self.waiting = False
 
     def add_stray_reply(self, stray: StrayReply, newest: Call | None) -> None:
@@ -81,10 +82,10 @@ class UnseenRequests:
         del self._recent[: -2 * MAX_UNSEEN]
 
     def pop_before(self, serial: int) -> list[StrayReply]:
-        """Return the stray replies before the next request, which has the serial `serial`.
+        """Return the stray replies that came before the client's next request, which has the serial `serial`.
 
-        Set `request_missed` of those to False whose serial the client uses only now or later. A copy of the
-        client's latest frame has no effect.
+        Set `request_missed` of a stray reply to False if the client had not used the reply's serial before
+        this request. If the request is a copy of the client's latest request, nothing changes.
         """
         newest, strays = self._newest, self._recent
         latest = serial - MAX_UNSEEN if newest is None else newest.last_attempt.item.serial
@@ -106,10 +107,11 @@ class UnseenRequests:
         return found
 
     def assign(self, strays: Sequence[StrayReply], call: Call, named: int) -> None:
-        """Add the stray replies to attempts of the call that the client's next request belongs to.
+        """Add stray replies to the call of the client's next request, if they answer its attempts.
 
-        The other stray replies may answer attempts of the call before. `named` is the reserved field of the
-        next request. If it names an unseen attempt, an earlier one may be the last of another call.
+        Stray replies that do not answer attempts of this call may answer attempts of the previous call.
+        `named` is the reserved field of the next request. If `named` is the serial of an attempt that was not
+        captured, an earlier attempt may be the last attempt of another call.
         """
         unseen, newest = call.all_unseen_serials, self._newest
         is_joined = call is newest and named in call.unseen_serials
@@ -127,8 +129,8 @@ class UnseenRequests:
     def _may_answer(self, call: Call, stray: StrayReply) -> bool:
         """Return whether a stray reply may answer a later attempt of a call.
 
-        An attempt with S_EXECUTING is the first one of its call that the controller received. So there is at
-        most one in each call.
+        The controller sends S_EXECUTING only for the first attempt of a call that it receives. A call
+        therefore has at most one attempt with S_EXECUTING.
         """
         frame = stray.observation.item
         if frame.code == S_EXECUTING:
@@ -144,15 +146,15 @@ def find_retried_call(
 ) -> tuple[Call | None, Call | None]:
     """Find the call of a retry that names an attempt which was not captured.
 
-    Return the client's newest call twice if the frame is probably its retry. Return None and the newest call
-    if another call is as probable. Return None twice if the frame is no retry of the newest call.
+    Return the call to which the retry probably belongs, and the call to which it possibly belongs. Each is
+    the client's newest call or None.
 
     Args:
         newest: The client's newest call; None if there is none.
         open_calls: The client's open calls, oldest first.
         frame: The captured retry.
-        convention: Convention of the client, as far as known. Only clients that chain name an attempt other
-            than the first one.
+        convention: Convention of the client, as far as known. Only with `CHAIN` can a retry name an attempt
+            other than the first.
     """
     if newest is None or newest.request.item.raw[9:] != frame.raw[9:]:
         return None, None
@@ -171,8 +173,8 @@ def find_retried_call(
 def settle_continuation(call: Call, convention: ReservedConvention, latest_answered: int) -> None:
     """Set `may_go_on` of an unanswered call whose retries may have been captured as the client's next call.
 
-    The next call may itself go on in the call after it. The controller sends S_EXECUTING only for the first
-    attempt that it receives, so a call ends where another one was executed.
+    The call after the next call may also contain retries of `call`. The controller sends S_EXECUTING only for
+    the first attempt of a call that it receives. A second S_EXECUTING therefore belongs to another call.
 
     Args:
         call: The call, which is about to be complete.
@@ -181,7 +183,7 @@ def settle_continuation(call: Call, convention: ReservedConvention, latest_answe
     """
     later, call.may_continue_in = call.may_continue_in, None
     if convention in (ReservedConvention.SEED, ReservedConvention.OWN):
-        return  # known since: the reserved field of the next call names its own first attempt
+        return  # the reserved field shows that the next call does not continue this call
     was_received = call.was_received
     while later is not None and not (was_received and later.was_executed):
         if later.reply is not None or later.may_go_on or not later.abandoned_at:

@@ -23,8 +23,8 @@ def is_out_of_descriptors(error: OSError) -> bool:
 def wait_readable(descriptor: int, seconds: float) -> bool:
     """Wait at most `seconds` until a file descriptor is readable. Return whether it is readable.
 
-    This function opens no file descriptor. On systems with `poll`, the descriptor may exceed the limit of
-    `select`.
+    This function opens no file descriptor. On systems with `poll`, the descriptor may be larger than the
+    limit of `select`.
     """
     if not hasattr(select, "poll"):
         return bool(select.select([descriptor], (), (), seconds)[0])
@@ -39,7 +39,7 @@ def accept_connection(
     """Accept a connection and return its socket and address; None if no connection is pending.
 
     If no file descriptor is free, this function calls `free_descriptor`. `free_descriptor` closes a
-    descriptor, and returns False if it has none to close.
+    descriptor, or returns False if there is no descriptor to close.
 
     Raises:
         OSError: No connection can be accepted now.
@@ -73,7 +73,7 @@ def raise_descriptor_limit(count: int) -> None:
 
 
 class SpareDescriptors:
-    """Spare file descriptors that can be released for a more important connection."""
+    """Spare file descriptors that bcapscope can release for a more important connection."""
 
     def __init__(self, count: int) -> None:
         """Set the number of descriptors to reserve; `refill` opens them."""
@@ -81,21 +81,21 @@ class SpareDescriptors:
         self._held: list[int] = []
 
     def refill(self) -> bool:
-        """Open the spare descriptors that are missing; return whether all are reserved now."""
+        """Open the missing spare descriptors; return whether all spare descriptors are open now."""
         with suppress(OSError):
             while len(self._held) < self._count:
                 self._held.append(os.open(os.devnull, os.O_RDONLY))
         return len(self._held) == self._count
 
     def release_one(self, *, keep: int = 0) -> bool:
-        """Close a spare descriptor if more than `keep` are reserved; return whether one was closed."""
+        """Close a spare descriptor if more than `keep` are open; return whether a descriptor was closed."""
         if len(self._held) <= keep:
             return False
         os.close(self._held.pop())
         return True
 
     def close(self) -> None:
-        """Close all spare descriptors; later calls of `refill` open none."""
+        """Close all spare descriptors. After `close`, `refill` opens no descriptors."""
         self._count = 0
         while self.release_one():
             pass

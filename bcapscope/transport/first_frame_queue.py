@@ -1,7 +1,7 @@
 """TCP connections that have not sent a complete frame yet. This module does no I/O and uses no clock.
 
-An attacker can open many connections at no cost, and each could keep out an honest client. Therefore a
-connection becomes a client only when its first frame is complete. When too many connections are open,
+An attacker can open many connections at no cost, and each of them could keep out an honest client. Therefore
+a connection becomes a client only when its first frame is complete. When too many connections are open,
 connections without a complete frame are dropped first.
 """
 
@@ -17,8 +17,8 @@ from bcapscope.protocol.first_frame import is_first_frame_incomplete
 
 MAX_PENDING = 256
 """Maximum number of connections without a complete frame. A further connection displaces another connection
-without a complete frame. On a busy machine, an honest client may send its first byte some milliseconds after
-it connects. An attacker can open a hundred connections in that time.
+without a complete frame. On a busy machine, an honest client may send its first byte only some milliseconds
+after it connects. In a few milliseconds, an attacker can open a hundred connections.
 """
 
 FIRST_FRAME_TIMEOUT = 10_000_000_000
@@ -28,8 +28,8 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 def source_network(host: str) -> str:
-    """Return the network whose clients are counted together: the IPv4 address, or the /64 network of the IPv6
-    address.
+    """Return the network of an address, whose clients count as one source: the IPv4 address, or the /64
+    network of an IPv6 address.
     """
     return host if ":" not in host else str(ip_network((host.partition("%")[0], 64), strict=False))
 
@@ -50,7 +50,7 @@ class _PendingConnection:
 
 
 class FirstFrameQueue(Generic[Key]):
-    """Connections that have not sent a complete frame yet."""
+    """A queue of connections that have not sent a complete frame yet."""
 
     def __init__(self, limit: int = MAX_PENDING) -> None:
         self._limit = limit
@@ -66,8 +66,8 @@ class FirstFrameQueue(Generic[Key]):
         """Add a connection.
 
         Return the connection that the caller must drop to make room; None if there is room. The connection to
-        drop is the oldest one of the source that has the most connections. Connections that sent some bytes
-        are not preferred, because an honest client that has just connected has sent no bytes.
+        drop is the oldest connection of the source that has the most connections. Connections that sent some
+        bytes are not spared, because an honest client that has just connected has sent no bytes.
         """
         dropped = self._next_to_drop() if len(self._waiting) >= self._limit else None
         if dropped is not None:

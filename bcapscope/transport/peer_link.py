@@ -24,7 +24,7 @@ class LinkReceiver(Protocol):
 
 
 class Link(Protocol):
-    """A link to one peer. Each implementation decides how to deliver received data.
+    """A link to one peer. Each subclass decides how to deliver received data.
 
     Attributes:
         datagrams: True if the link carries datagrams, which may get lost or repeated; False for a stream.
@@ -42,10 +42,10 @@ class Link(Protocol):
     def peer(self) -> Address: ...
 
     def send(self, data: bytes) -> None:
-        """Send data at once, without waiting.
+        """Send data without waiting.
 
         Raises:
-            OSError: The data cannot be sent, and the link has no `LinkReceiver` for the error.
+            OSError: The data cannot be sent, and the link has no `LinkReceiver` to report the error to.
         """
 
     def close(self) -> None:

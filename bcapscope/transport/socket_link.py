@@ -26,7 +26,7 @@ class SocketLink(asyncio.BaseProtocol, Generic[T]):
     """A link over a connected socket. The link passes events to its receiver until `close` is called.
 
     Attributes:
-        end_reason: Message id of the reason for `on_link_lost` if the link ends without an error.
+        end_reason: Message id of the reason that `on_link_lost` gets if the link ends without an error.
     """
 
     end_reason = "connection.socket-closed"
@@ -44,7 +44,7 @@ class SocketLink(asyncio.BaseProtocol, Generic[T]):
         return self._address("peername")
 
     def close(self) -> None:
-        """Close the socket; a TCP connection still sends the data that was written before."""
+        """Close the socket. A TCP connection first sends the data that was written before."""
         self._receiver = None
         if self._transport is not None:
             self._transport.close()
@@ -103,17 +103,19 @@ def close_with_reset(sock: socket.socket) -> None:
 
 
 def preferred_address(addresses: Iterable[AddressInfo]) -> AddressInfo:
-    """Return the first IPv4 address of a host, because controllers use IPv4; the first address if there is no
-    IPv4 address.
+    """Return the first IPv4 address of a host, because controllers use IPv4. If there is no IPv4 address,
+    return the first address.
 
-    Over UDP, a wrong address has the same effect as a controller that does not answer. Names such as
-    localhost often list an IPv6 address first.
+    Over UDP, a wrong address has the same effect as a controller that does not answer. The list for a name
+    such as localhost often begins with an IPv6 address.
     """
     return min(addresses, key=lambda each: each[0] != socket.AF_INET)
 
 
 class UdpLink(SocketLink[asyncio.DatagramTransport], asyncio.DatagramProtocol):
-    """A connected UDP socket: the system drops datagrams of other senders and reports closed ports."""
+    """A connected UDP socket. The system drops datagrams from other senders, and reports if the peer's port
+    is closed.
+    """
 
     datagrams = True
 

@@ -2,6 +2,6 @@
 
 import os
 
-# Textual draws a change up to two frames later, so the frame rate is high. Textual reads TEXTUAL_FPS at
-# import.
+# The frame rate is high, because Textual draws a change up to two screen frames later. Textual reads
+# TEXTUAL_FPS at import.
 os.environ.setdefault("TEXTUAL_FPS", "240")

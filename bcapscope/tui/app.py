@@ -36,13 +36,12 @@ if TYPE_CHECKING:
     from bcapscope.tui.screens.base_screen import BaseScreen
 
 CLOSE_TIMEOUT = 10.0
-"""Maximum time in seconds for all closers together. When this time is over, the screen closes even if closers
-still run.
+"""Maximum time in seconds for all closers together. After this time, the screen closes even if closers still
+run.
 """
 
 HALT_KEY_WINDOW = 0.5
-"""For this time in seconds after the terminal driver halted the robot, `action_halt` does not halt it
-again.
+"""Time in seconds for which `action_halt` does nothing after the terminal driver has halted the robot.
 """
 
 TERMINAL_CHECK_INTERVAL = 1.0
@@ -57,7 +56,7 @@ objects is rarer and takes 30 ms. A full garbage collection takes 50 ms, so full
 
 
 class ScreenEntry(NamedTuple):
-    """A screen that the user can open; `name` is the catalogue id of the screen's label."""
+    """A screen that the user can open; `name` is the message id of the screen's label."""
 
     mode: str
     key: str
@@ -91,9 +90,9 @@ class BcapApp(KeyOrderApp):
         Args:
             settings_path: Settings file; None selects the platform's default.
         """
-        # Without this line, Textual first shows a blank default screen, and reads all styles for that screen.
+        # Without this assignment, Textual first shows a blank default screen, and reads all styles for it.
         self.DEFAULT_MODE = screen_entries[0].mode  # type: ignore[misc]  # a class attribute in Textual
-        # must exist before the terminal driver, which calls the callbacks
+        # the list must exist before the terminal driver, which calls these callbacks
         self._halts: list[Callable[[], bool]] = []
         self._last_halt = -math.inf, False
         self._control_char_filter = ControlCharFilter()
@@ -118,7 +117,7 @@ class BcapApp(KeyOrderApp):
         if self.is_running:
             self.theme = name
             return
-        # Assigning `theme` would read all styles again, although nothing has been drawn yet.
+        # Assigning `theme` would make Textual read all styles again, although nothing has been drawn yet.
         self.set_reactive(App.theme, name)
         is_dark = self.current_theme.dark
         self.set_class(is_dark, "-dark-mode", update=False)
@@ -138,7 +137,7 @@ class BcapApp(KeyOrderApp):
         self.text_styles = inks
 
     def on_load(self) -> None:
-        """Switch off the eager start of tasks, which Textual switches on from Python 3.12 on.
+        """Switch off the eager start of tasks, which Textual switches on in Python 3.12 and later.
 
         With eager tasks, the first screen is mounted before it is on the stack of screens, and its first
         `Input` raises a ScreenStackError.
@@ -157,12 +156,12 @@ class BcapApp(KeyOrderApp):
             self.show_message(text, "warning")
 
     def on_unmount(self) -> None:
-        """Restore the garbage collector's thresholds, and unfreeze the objects of the screens."""
+        """Restore the garbage collector's thresholds, and let it collect the screens' objects again."""
         gc.unfreeze()
         gc.set_threshold(*self._gc_thresholds)
 
     def _install_signal_handlers(self) -> None:
-        """Close the application in order on SIGHUP and SIGTERM, and when the terminal disappears."""
+        """Close the application cleanly on SIGHUP and SIGTERM, and when the terminal disappears."""
         if sys.platform == "win32":
             return
         loop = asyncio.get_running_loop()
@@ -172,9 +171,8 @@ class BcapApp(KeyOrderApp):
             self.set_interval(TERMINAL_CHECK_INTERVAL, self._quit_without_terminal)
 
     def _quit_without_terminal(self) -> None:
-        """Close the application in order if the terminal is gone.
-
-        SIGHUP may not reach this process. Textual would then read the end of its input in a busy loop.
+        """Close the application cleanly if the terminal is gone. SIGHUP may not reach this process. Without
+        SIGHUP, Textual would read the end of its input in a busy loop.
         """
         if not os.isatty(sys.stdin.fileno()):
             self._request_quit()
@@ -187,7 +185,7 @@ class BcapApp(KeyOrderApp):
         self._closers.push_async_callback(closer)
 
     def get_line_filters(self) -> Sequence[LineFilter]:
-        """Return the filters that change every line before it reaches the terminal."""
+        """Return the filters that change each line before Textual writes it to the terminal."""
         before = tuple(super().get_line_filters())
         if before != self._control_char_filter.earlier_filters:
             self._control_char_filter = ControlCharFilter(before)
@@ -204,14 +202,14 @@ class BcapApp(KeyOrderApp):
         return make_halt_driver(driver, self._halt_by_key)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer HALT only if a callback is registered for it."""
+        """Offer HALT only if a HALT callback is registered."""
         return bool(self._halts) if action == "halt" else True
 
     def add_halt_callback(self, halt: Callable[[], bool]) -> None:
-        """Register a callback for HALT, which any thread may call, and which must not raise.
+        """Register a callback for HALT. Any thread may call the callback, which must not raise an exception.
 
         Args:
-            halt: Function that stops motion without waiting, and returns whether anything was moving.
+            halt: Callback that stops motion without waiting, and returns whether anything was moving.
         """
         self._halts.append(halt)
 
@@ -224,7 +222,7 @@ class BcapApp(KeyOrderApp):
         self._last_halt = time.monotonic(), self.halt()
 
     def action_halt(self) -> None:
-        """Stop everything that moves, unless the terminal driver has just stopped it, and show a message."""
+        """Stop all motion, unless the terminal driver has just stopped it, and show a message."""
         halted_at, was_moving = self._last_halt
         if time.monotonic() - halted_at > HALT_KEY_WINDOW:
             was_moving = self.halt()
@@ -255,7 +253,7 @@ class BcapApp(KeyOrderApp):
             raise SystemExit(self.return_code)
 
     async def run_async(self, **options: Any) -> None:
-        """Run the application; run the closers even if a bug ends it."""
+        """Run the application; run the closers even if a bug ends the application."""
         try:
             await super().run_async(**options)
         finally:
@@ -269,7 +267,9 @@ class BcapApp(KeyOrderApp):
             self.show_message(text, "warning")
 
     def copy_to_clipboard(self, text: str) -> None:
-        """Copy to the clipboard. Lone surrogates are escaped first, because no clipboard accepts them."""
+        """Copy to the clipboard. This method escapes lone surrogates first, because no clipboard accepts
+        them.
+        """
         super().copy_to_clipboard(text.encode(errors="backslashreplace").decode())
 
     def show_message(self, text: str, severity: SeverityLevel = "information") -> None:
@@ -277,7 +277,7 @@ class BcapApp(KeyOrderApp):
         self.notify(text, severity=severity, markup=False)
 
     def action_help_quit(self) -> None:
-        """Show which key quits, because Ctrl-C is an ordinary key in the application."""
+        """Show which key quits the application, because Ctrl-C does not quit it."""
         self.show_message(label("shell.quit.hint"))
 
     def action_next_theme(self) -> None:

@@ -1,9 +1,9 @@
 """Ink marks in rendered lines. An ink mark is a control character that selects a style of the theme for the
 text after it.
 
-Renderers put the sequences of a `Palette` before pieces of text. The palette `INK` of this module uses one
-character below U+0020 for each sequence. Escaped text from the wire cannot contain such a character, so text
-from the wire cannot select a style.
+Renderers start each piece of text with a sequence of a `Palette`. In the palette `INK`, each sequence is one
+character below U+0020. Escaped text contains no character below U+0020, so text from the wire cannot select a
+style.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ INK = Palette(
 """The palette for all widgets."""
 
 LIT, CURSOR = "\x0f", "\x10"
-"""Marks of highlighted bytes. `LIT` precedes the bytes of the field under the tree's cursor, `CURSOR` the
-byte at the cursor.
+"""Marks of highlighted bytes. `LIT` marks the bytes of the field under the tree's cursor; `CURSOR` marks the
+byte under the cursor.
 """
 
 _STYLE_MARKS = re.compile("[\x01-\x07\x0e-\x10]")

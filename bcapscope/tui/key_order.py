@@ -1,8 +1,9 @@
 """Handles keys strictly in order: each key goes to the widget that has the focus after the previous key.
 
-Textual chooses the widget for a key when it reads the key. The widget handles the key later, after Textual
-has offered the key to the widget's parents. Fast typing, pasting and remote terminals can deliver `/` and
-letters in one packet. All these keys would then go to the list, and none to the field that `/` opens.
+Textual chooses the widget for a key as soon as it reads the key. The widget handles the key later, after
+Textual has offered the key to the widget's parents. Fast typing, pasting and remote terminals can deliver `/`
+and letters in one packet. Without `KeyOrderApp`, the letters would go to the list, and not to the field that
+`/` opens.
 """
 
 from __future__ import annotations
@@ -20,20 +21,20 @@ from textual.message_pump import MessagePump
 from textual.widgets import Input
 
 STUCK_AFTER = 1.0
-"""Maximum time in seconds that keys wait until the previous key is handled. The widget of the previous key
-may no longer exist.
+"""Maximum time in seconds that keys wait for the previous key to be handled. A limit is necessary, because
+the widget of the previous key may no longer exist.
 """
 
 _MOUNT_POLL_INTERVAL = 0.02
-"""Time in seconds between two checks whether a new screen is mounted."""
+"""Time in seconds between checks whether a new screen is mounted."""
 
 
 @dataclass
 class KeyHandled(Message):
-    """A marker that follows a key on the key's path through the widgets. The marker arrives when the widgets
-    have handled the key.
+    """A marker message that follows a key through the widgets. The marker arrives after the widgets have
+    handled the key.
 
-    A second marker waits for events that the key caused, such as the press of a button.
+    A second marker follows the events that the key caused, such as the press of a button.
     """
 
     target: MessagePump
@@ -63,7 +64,9 @@ class KeyOrderApp(App[None]):
             self._start_stuck_timer()
 
     async def _deliver_event(self, event: Event) -> None:
-        """Deliver a key, and the queued keys after it while they are letters for the same input field."""
+        """Deliver a key. While an input field has the focus, also deliver the queued printable keys after
+        this key.
+        """
         while True:
             target = self.focused or self.screen
             await super().on_event(event)
@@ -82,7 +85,7 @@ class KeyOrderApp(App[None]):
 
     @on(KeyHandled)
     def _marker_returned(self, message: KeyHandled) -> None:
-        # runs after the callbacks that the key scheduled, such as a change of focus
+        # the next key comes after the callbacks that this key scheduled, such as a change of focus
         self.call_later(self._deliver_next, message)
 
     async def _deliver_next(self, marker: KeyHandled) -> None:

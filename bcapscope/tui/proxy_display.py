@@ -21,7 +21,7 @@ from bcapscope.tui.widgets.lines import ItemList, TextList
 from bcapscope.tui.widgets.record_lists import left_aligned, right_aligned
 
 _SILENT_AFTER = 1.0
-"""If a request is unanswered for this time in seconds, the list shows the controller as silent."""
+"""If a request has no reply for this time in seconds, the list shows that the controller is silent."""
 
 _MAX_MESSAGES = 5000
 
@@ -46,7 +46,7 @@ class ClientList(ItemList[ClientStatus]):
 
 
 def _upstream_text(client: ClientStatus) -> str:
-    """Return as text whether the controller answers the client."""
+    """Return a text that says whether the controller answers the client."""
     heard, answered = client.heard_s, client.answered_s
     if client.upstream in ("refused", "connecting"):
         return f"{INK.bad}{label(f'proxy.upstream.{client.upstream}')}{INK.reset}"
@@ -110,7 +110,7 @@ def _duration_text(seconds: float) -> str:
 
 
 def summary_lines(figures: ProxyStats) -> list[str]:
-    """Return the summary in at most five lines, with marks of `INK`."""
+    """Return a summary of the proxy in at most five lines, styled with marks of `INK`."""
     delays = figures.delays_ns
     passed, wrong = list(_traffic_counts(figures)), list(_problem_counts(figures))
     counts = [passed, wrong] if len(passed) > 1 else [passed + wrong]  # leaves room on narrow terminals
@@ -129,7 +129,7 @@ def _delay_line(key: str, times: Sequence[int]) -> str:
 
 def _traffic_counts(figures: ProxyStats) -> Iterator[str]:
     is_tcp = figures.bytes_up or figures.bytes_down
-    if figures.came_up or figures.came_down or not is_tcp:  # no line for a transport without traffic
+    if figures.came_up or figures.came_down or not is_tcp:  # a transport without traffic gets no line
         up, down = f"{figures.came_up:,}/{figures.left_up:,}", f"{figures.came_down:,}/{figures.left_down:,}"
         yield label("proxy.datagrams", up=up, down=down)
     if is_tcp:
@@ -159,8 +159,8 @@ def _slow_warning(delays: RelayDelays) -> str:
 
 
 def intercept_line(figures: ProxyStats) -> str:
-    """Return the line that says which messages the proxy holds. The line is escaped and has marks of
-    `INK`.
+    """Return the line that says which messages the proxy holds. The text in the line is escaped, and styled
+    with marks of `INK`.
     """
     if figures.intercept is None:
         return f"{INK.dim} {label('proxy.intercept.none')}{INK.reset}"
@@ -177,8 +177,8 @@ def edited_message(data: bytes, flow: Flow, text: str) -> bytes:
     Args:
         data: Bytes of the held message.
         flow: Sender and receiver of the held message.
-        text: New bytes in hex, or changes in the notation of the fault ``rewrite``: ``set arg[2]=0 serial
-            7``.
+        text: New bytes in hex, or changes in the notation of the fault ``rewrite``, such as ``set arg[2]=0
+            serial 7``.
 
     Raises:
         ValueError: The edit is invalid or changes nothing; the error text says why.
@@ -197,7 +197,7 @@ def edited_message(data: bytes, flow: Flow, text: str) -> bytes:
 
 
 def proposed_edit(data: bytes, offset: int) -> str:
-    """Return a proposal for an edit: text that sets the argument at a byte offset to its present value.
+    """Return the text of a proposed edit, which sets the argument at a byte offset to its present value.
 
     If no argument is at the offset, the edit sets the last argument. The result is "" if no argument can be
     written as text.
@@ -215,6 +215,6 @@ def proposed_edit(data: bytes, offset: int) -> str:
 
 
 def _typeable_text(text: str) -> str:
-    """Return a string argument as the user would type it, with invisible characters escaped."""
+    """Return the text that the user would type for a string argument, with invisible characters escaped."""
     is_plain = text.isprintable()
     return text if is_plain and _BARE.fullmatch(text) else json.dumps(text, ensure_ascii=not is_plain)

@@ -1,7 +1,6 @@
 """The language of the screen, and labels in that language.
 
-The message catalogue holds the labels; each id begins with the name of a screen or widget, such as
-`shell.quit`.
+Each label is a message. The id of a label begins with the name of a screen or widget, as in `shell.quit`.
 """
 
 from __future__ import annotations

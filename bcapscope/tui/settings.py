@@ -40,7 +40,7 @@ class Settings(msgspec.Struct, omit_defaults=True):
     """Settings that the user chose, and recently used files and hosts.
 
     Attributes:
-        language: Language of the screen, ``en`` or ``ja``; empty to use the environment variable LANG.
+        language: Language of the screen, ``en`` or ``ja``; if empty, the environment variable LANG decides.
         captures: Recently opened captures, latest first.
     """
 
@@ -73,7 +73,7 @@ def write_settings(settings: Settings, path: Path) -> None:
 
 
 def with_recent(item: str, recent: list[str]) -> list[str]:
-    """Return a list that starts with `item`. At most `MAX_RECENT` - 1 earlier items follow.
+    """Return a list that starts with `item`. At most `MAX_RECENT` - 1 items of `recent` follow.
 
     A file name with a lone surrogate is not added, because YAML cannot store it.
     """

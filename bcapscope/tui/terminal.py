@@ -23,9 +23,8 @@ HALT_KEYS = ("f12", "ctrl+backslash")
 
 
 def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[Driver]:
-    """Return a terminal driver that calls `halt` in its reading thread as soon as it reads a HALT key.
-
-    The driver also discards its output after the terminal has gone. When the stopped program continues, the
+    """Return a terminal driver whose reading thread calls `halt` as soon as it reads a HALT key. The driver
+    also discards its output once the terminal is gone. When the program continues after a stop (SIGCONT), the
     driver takes over the terminal again.
     """
 
@@ -44,10 +43,10 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
             super().process_message(message)
 
         def _sigcont_application(self, *arguments: Any) -> None:
-            """Take over the terminal again, unless SIGCONT came from a terminal that hangs up.
+            """Take over the terminal again, unless SIGCONT came because the terminal hung up.
 
-            Textual's own method would start a second thread for reading and for writing, and later end only
-            one of each.
+            Textual's own method would start a second reading thread and a second writing thread, and later
+            end only one thread of each kind.
             """
             if not os.isatty(self.fileno):
                 return
@@ -62,8 +61,7 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
 class _HangupSafeFile:
     """An output file that discards data after the terminal has gone.
 
-    An error would end Textual's writing thread, and the program would wait for that thread for ever when it
-    shuts down.
+    If a write failed, Textual's writing thread would end, and the program would never finish its shutdown.
     """
 
     def __init__(self, file: IO[str]) -> None:
@@ -80,13 +78,13 @@ class _HangupSafeFile:
 
 
 def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) -> type[Driver]:
-    """Return a browser driver that survives the loss of its server; return any other driver unchanged.
-
-    When the server has gone, Textual's own browser driver raises an error or continues to run unseen.
+    """For a browser driver, return a driver that ends the program if its server is gone. Return any other
+    driver unchanged. If the server is gone, Textual's own browser driver raises an error or continues to run
+    unseen.
 
     Args:
-        on_end: Function that ends the program in order. The event loop calls it when the viewer or the server
-            has gone.
+        on_end: Function that ends the program cleanly. The event loop calls `on_end` when the viewer or the
+            server is gone.
     """
     if not issubclass(driver, WebDriver):
         return driver
@@ -98,7 +96,9 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
             self._end_program = partial(asyncio.get_running_loop().call_soon_threadsafe, on_end)
 
         def on_meta(self, packet_type: str, payload: dict[str, object]) -> None:
-            """Handle a message from the server; the message `quit` ends the program as Ctrl-Q does."""
+            """Handle a message from the server; the message `quit` ends the program in the same way as
+            Ctrl-Q.
+            """
             if packet_type == "quit":
                 self._end_program()
             else:
@@ -114,7 +114,7 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
 
 
 def _write_all(fileno: int, data: bytes) -> int:
-    """Write all of `data`, even if a signal interrupts a write; discard `data` if the server has gone."""
+    """Write all of `data`, even if a signal interrupts a write; discard `data` if the server is gone."""
     size = len(data)
     with suppress(OSError):
         while data:
@@ -124,14 +124,14 @@ def _write_all(fileno: int, data: bytes) -> int:
 
 _REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
 _IDEOGRAPHIC_SPACE = "\u3000"
-"""Python counts the ideographic space as not printable, but Japanese texts use it everywhere."""
+"""Python does not count the ideographic space as printable, but Japanese texts often use this character."""
 
 
 class ControlCharFilter(LineFilter):
-    """Replaces each character that is not visibly printable, after running all other line filters.
+    """Runs all other line filters, then replaces each character that is not printable.
 
-    Textual splits and joins each line once per filter. `ControlCharFilter` therefore runs the other filters
-    itself, so that Textual sees only one filter.
+    Textual splits and joins each line once per filter. To avoid this cost, `ControlCharFilter` runs the other
+    filters itself, so that Textual sees only one filter.
     """
 
     def __init__(self, earlier_filters: Sequence[LineFilter] = ()) -> None:
@@ -153,7 +153,7 @@ class ControlCharFilter(LineFilter):
 
 
 def _replace_control_chars(text: str) -> str:
-    """Replace each control character by text that is as many columns wide as Textual counted for the
+    """Replace each control character by text of the same width, in columns, that Textual counts for the
     character.
     """
     return "".join(

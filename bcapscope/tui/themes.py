@@ -45,8 +45,8 @@ block-cursor-blurred-foreground  #d7dce2             #1c2127             #e8e8e8
 """
 """Colours by theme.
 
-The rows whose names begin with "ink-" are the styles of rendered lines. The style sheet has these styles, and
-the rows from "border" on, as variables.
+The rows whose names begin with "ink-" are the styles of rendered lines. The style sheet has the "ink-" rows,
+the "border" row and the "block-" rows as variables.
 """
 
 _VARIABLE_PREFIXES = ("ink-", "border", "block-")
@@ -78,8 +78,8 @@ def theme_styles(theme: Theme) -> Styles:
 
 
 def readable_style(style: Style, background: Style) -> Style:
-    """Return a readable style. If its colour has too little contrast, the colour is blended towards the
-    background's text colour.
+    """Return a readable style. If the style's colour has too little contrast, the result has a colour blended
+    towards the background's text colour.
     """
     both = background + style
     if (

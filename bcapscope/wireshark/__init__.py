@@ -1,1 +1,1 @@
-"""Wireshark: a dissector and coloring rules that are generated from the tables of the protocol."""
+"""A dissector and coloring rules for Wireshark, generated from the protocol's tables."""

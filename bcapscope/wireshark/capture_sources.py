@@ -18,14 +18,16 @@ from bcapscope.simulator.scenario_files import bundled_titles
 UNSET = "unset"
 """Value of a list in Wireshark for an option that is left out."""
 
-_FAULT_SEPARATOR = re.compile(r';(?=(?:[^"]*"[^"]*")*[^"]*$)')
-"""A semicolon outside quotation marks, which separates the faults in one text."""
+_FAULT = re.compile(r"""(?:"(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*'|[^;])+""")
+"""A fault in a text with several, which semicolons separate. A fault may contain semicolons in quotation
+marks.
+"""
 
-_NETWORK_SEPARATOR = re.compile(r"[\s,]+")
+_NETWORK = re.compile(r"[^\s,]+")
 
 
 class CaptureOptionError(BcapError):
-    """The options of a capture interface are invalid; the error names the wrong one."""
+    """The options of a capture interface are invalid; the error text names the invalid option."""
 
 
 class DialogType(StrEnum):
@@ -48,11 +50,12 @@ class DialogOption:
         tooltip: Text that explains the input.
         default: Initial value; "" for none.
         placeholder: Example that Wireshark shows in an empty input.
-        choices: Values of a list, with the text for each.
+        choices: For each value of a list, the text that Wireshark shows.
         range: Smallest and largest number; "" for no limits.
         is_required: Whether Wireshark asks for a value before it captures.
-        option: Option of the command; "" if it is `call`.
-        separator: Separator of several values, for each of which the command gets the option once.
+        option: Name of the command's option; "" if the name is the same as `call`.
+        each_value: Pattern of each value if the input can contain several values. The command gets the option
+            once per value.
     """
 
     call: str
@@ -65,13 +68,13 @@ class DialogOption:
     range: str = ""
     is_required: bool = False
     option: str = ""
-    separator: re.Pattern[str] | None = None
+    each_value: re.Pattern[str] | None = None
 
     def words(self, value: str) -> list[str]:
         """Return the words for the command line; none if the value is empty."""
         if self.type is DialogType.SWITCH:
             return [self.call] if value == "true" else []
-        values = [value] if self.separator is None else self.separator.split(value)
+        values = [value] if self.each_value is None else self.each_value.findall(value)
         stripped = [each for value in values if (each := value.strip()) not in ("", UNSET)]
         return [word for each in stripped for word in (self.option or self.call, each)]
 
@@ -95,7 +98,8 @@ class CaptureSource:
         """Return the command and its options for the options that Wireshark passes. The others have defaults.
 
         Raises:
-            CaptureOptionError: An option is unknown, missing, without a value, or excludes another one.
+            CaptureOptionError: An option is unknown, missing or without a value, or cannot be combined with
+                another option.
         """
         values = self._values(given)
         words, used = [self.command], dict[str, str]()
@@ -168,14 +172,14 @@ def proxy_source() -> CaptureSource:
                 "Allowed clients",
                 "Accept only these addresses or networks, separated by commas. Empty: all.",
                 placeholder="all",
-                separator=_NETWORK_SEPARATOR,
+                each_value=_NETWORK,
             ),
             DialogOption(
                 "--fault",
                 "Faults",
                 "Inject these faults, separated by semicolons. See `bcapscope proxy --help-faults`.",
                 placeholder="loss=5%; delay=3ms if command == slvMove",
-                separator=_FAULT_SEPARATOR,
+                each_value=_FAULT,
             ),
             _SEED,
             DialogOption(

@@ -11,7 +11,8 @@ class _ColoringRule(NamedTuple):
     """A coloring rule. Wireshark colors a packet by the first rule whose display filter matches the packet.
 
     Attributes:
-        background: Red, green and blue from 0 to 255. In Wireshark's file, the numbers are from 0 to 65535.
+        background: Red, green and blue from 0 to 255. In Wireshark's file, these numbers are scaled to 0 to
+            65535.
     """
 
     name: str

@@ -1,4 +1,6 @@
-"""Write the Wireshark dissector: the Lua parts in `lua`, after the tables of the protocol."""
+"""Write the Wireshark dissector, which consists of the protocol's tables as Lua, then the Lua parts in
+`lua`.
+"""
 
 from __future__ import annotations
 

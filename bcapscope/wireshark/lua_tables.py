@@ -1,4 +1,4 @@
-"""The tables of the protocol as Lua: the single source of every name, number and text in the dissector."""
+"""The tables of the protocol as Lua. All names, numbers and texts of the dissector come from these tables."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ _HIDDEN_CATEGORIES = ("Cc", "Cf", "Zl", "Zp")
 
 
 def dissector_tables(parts: Iterable[str]) -> str:
-    """Return all tables as Lua; `parts` are the fixed parts of the dissector. The Lua code of the parts names
-    the texts that the tables must contain.
+    """Return all tables as Lua; `parts` are the fixed parts of the dissector. The Lua code of these parts
+    refers to texts by id, and the tables contain only these texts.
     """
     tables = {**_limits(), **_types(), **_functions(), **_results(), "TEXTS": _texts(parts)}
     tables["COUNTS"] = {

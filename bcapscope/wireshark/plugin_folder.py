@@ -1,4 +1,4 @@
-"""The folders from which Wireshark loads a user's plugins, and the files of bcapscope in them."""
+"""The folders from which Wireshark loads a user's plugins, and bcapscope's files in these folders."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bcapscope.wireshark.extcap_launcher import LAUNCHER_NAME, default_extcap_fo
 
 DISSECTOR_NAME = "bcapscope.lua"
 COLORING_RULES_NAME = "bcapscope.colorfilters"
-"""Wireshark loads only .lua files from the folder; the user imports the coloring rules."""
+"""Wireshark loads only .lua files from the folder, so the user must import the coloring rules."""
 
 _OWN_MARK = b"bcapscope"
 _MARK_WITHIN = 400  # bytes
@@ -31,12 +31,14 @@ def default_plugin_folder() -> Path:
 
 
 def extcap_folders(folder: Path | None) -> tuple[Path, ...]:
-    """Return the folders for the launcher: `extcap` in `folder`, or all that Wireshark searches."""
+    """Return the folders for the launcher: `extcap` in `folder`. If `folder` is None, return all folders in
+    which Wireshark looks for launchers.
+    """
     return default_extcap_folders() if folder is None else (folder / "extcap",)
 
 
 def install(folder: Path, launcher_folders: Iterable[Path]) -> tuple[Path, Path, list[Path]]:
-    """Write dissector, coloring rules and launchers; return the paths of each.
+    """Write dissector, coloring rules and launchers; return the paths of these files.
 
     Raises:
         FileWriteError: A file cannot be written, or another program has a file with the same name.
@@ -53,7 +55,7 @@ def install(folder: Path, launcher_folders: Iterable[Path]) -> tuple[Path, Path,
 
 
 def _write(path: Path, text: str, mode: int) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")  # not loaded by Wireshark while incomplete
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")  # Wireshark loads no file with this name
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary.write_text(text, encoding="utf-8", newline="")
@@ -88,7 +90,7 @@ def uninstall(folder: Path, launcher_folders: Iterable[Path]) -> list[Path]:
 
 
 def _check_own(path: Path) -> None:
-    """Check that bcapscope wrote the file at `path`, if this file exists."""
+    """If a file exists at `path`, check that bcapscope wrote it."""
     if not os.path.lexists(path):
         return
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 
 import click
 import pytest
@@ -82,7 +83,7 @@ def test_the_options_are_those_of_the_command(source: CaptureSource) -> None:
     for option in source.options:
         of_command = click_option(source, option)
         assert of_command.is_flag is (option.type is DialogType.SWITCH)
-        assert of_command.multiple or option.separator is None
+        assert of_command.multiple or option.each_value is None
         if isinstance(of_command.type, click.Choice):
             assert set(of_command.type.choices) == set(option.choices) - {"unset"}
         if option.default not in ("", "unset", "false") and of_command.default is not None:
@@ -119,6 +120,20 @@ def test_values_become_words_of_the_command() -> None:
     ]
     simulator = SOURCES["bcapscope-sim"].command_words(["--profile", "unset", "--port=0"])
     assert simulator == ["sim", "--listen", "127.0.0.1", "--port", "0"]
+
+
+@pytest.mark.parametrize(
+    ("text", "faults"),
+    [
+        ("drop if command == 'a;b'; loss=5%", ["drop if command == 'a;b'", "loss=5%"]),
+        (r'drop if command == "a\";b"; loss=5%', [r'drop if command == "a\";b"', "loss=5%"]),
+        ("drop if command == 'a\"'; loss=5%", ["drop if command == 'a\"'", "loss=5%"]),
+        ('drop if command == "a; loss=5%', ['drop if command == "a', "loss=5%"]),
+    ],
+)
+def test_semicolons_in_quotation_marks_belong_to_the_fault(text: str, faults: list[str]) -> None:
+    words = SOURCES["bcapscope-proxy"].command_words(["--to", "10.0.0.1:5007", "--fault", text])
+    assert [value for name, value in pairwise(words) if name == "--fault"] == faults
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ def test_what_is_whole_stays_as_it_is() -> None:
     ],
 )
 def test_shapes_that_are_no_poses(points: Array, kind: PoseType) -> None:
-    with pytest.raises(ValueError, match=r"no (poses|trajectory)"):
+    with pytest.raises(ValueError, match=r"(do not fit|a trajectory cannot have)"):
         way(points, kind)
 
 

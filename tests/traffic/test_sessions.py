@@ -78,7 +78,7 @@ def _line(records: dict[int, Record], next_call: int | None, passed: bool) -> st
             role = "late<"
         known.add(record.raw)
         if role in (">", ">>") or (role == "..." and record.attempt == last):
-            waiting_since = record.time
+            waiting_since = record.time  # a client discards a notice that answers an earlier attempt
         accepted = accepted or role == "<"
         words.append(f"{role}{number}")
         roles.append((role, record))

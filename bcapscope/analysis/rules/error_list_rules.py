@@ -128,7 +128,7 @@ class ErrorListChecker(RuleChecker):
     earlier refusal.
 
     The calls of different clients are not passed to the checker in chronological order. The checker therefore
-    remembers the errors that were read last, and compares them also with refusals that are passed to it
+    remembers the errors that were read last, and also compares these errors with refusals that it receives
     later.
     """
 
@@ -185,8 +185,8 @@ class ErrorListChecker(RuleChecker):
     def _compare(self, errors: _ControllerErrors, refused: _RefusedCalls, read: _ErrorRead) -> None:
         """Report an error that a client read, if this error explains the first refusal.
 
-        The error list begins with the newest error. If the client reads the error of the refusal itself
-        first, and then another error, the other error is therefore older than the refusal.
+        The error list begins with the newest error. An error that comes after the error of the refusal in
+        this list is therefore older than the refusal.
         """
         first, code = refused.first, read.code
         read_at = read.call.request.time

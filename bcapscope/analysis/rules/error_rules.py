@@ -1,5 +1,5 @@
-"""Rules about errors that a client does not clear, or clears before it has read them. Also the rule for all
-errors that have no rule of their own.
+"""Rules about errors that a client does not clear, or clears before it has read them. This module also has
+the rule for all errors without a rule of their own.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from bcapscope.analysis.rules.rule_checker import (
     frame_numbers,
     last_frame_time,
 )
+from bcapscope.analysis.rules.rule_sources import ERROR_LIST, guide
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, HexNumber, Moment
@@ -39,8 +40,6 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
-_SEED = "DENSO Wave 2009, How to use the Slave mode"
-_ERRORS = "public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control"
 _EVER = 24 * 3600 * SECOND
 _FIRST_ERRORS = (
     "underflow",
@@ -55,12 +54,12 @@ _FIRST_ERRORS = (
 )
 
 ERROR_NOT_CLEARED = DiagnosisRule(
-    "error-not-cleared", Severity.ERROR, f"{_SEED}, Clearing errors; {_ERRORS}", _FIRST_ERRORS, _EVER
+    "error-not-cleared", Severity.ERROR, f"{guide('Clearing errors')}; {ERROR_LIST}", _FIRST_ERRORS, _EVER
 )
 WENT_ON_AFTER_ERROR = DiagnosisRule(
     "went-on-after-error",
     Severity.WARNING,
-    f"{_SEED}, Error, and the sequence of clearing error",
+    guide("Error, and the sequence of clearing error"),
     _FIRST_ERRORS,
     _EVER,
 )
@@ -72,11 +71,14 @@ CLEARED_UNREAD = DiagnosisRule(
     _EVER,
 )
 CONTROLLER_TIMEOUT = DiagnosisRule(
-    "controller-timeout", Severity.ERROR, f"orin_bcap C/include/dn_common.h; {_ERRORS}"
+    "controller-timeout", Severity.ERROR, f"orin_bcap C/include/dn_common.h; {ERROR_LIST}"
 )
 ROBOT_BUSY = DiagnosisRule("robot-busy", Severity.NOTE, "start-jsk/denso denso_controller/src/main.cpp")
 CONTROLLER_ERROR = DiagnosisRule(
-    "controller-error", Severity.ERROR, f"{_ERRORS}; orin_bcap C/include/dn_common.h", ("malformed-request",)
+    "controller-error",
+    Severity.ERROR,
+    f"{ERROR_LIST}; orin_bcap C/include/dn_common.h",
+    ("malformed-request",),
 )
 
 ACTIVE_CODES = with_rc7_forms((0x81501025, 0x81201701, 0x81201749, 0x82501009))
@@ -186,7 +188,7 @@ def _went_on(calls: _CallsAfterError, first: Call) -> Occurrence:
 
 def _shuts_down(call: Call, client: ClientState) -> bool:
     """Return whether a call only stops something, switches the motor off, gives back the arm or releases an
-    object. A client may make such calls after an error."""
+    object. After an error, a client may still make these calls."""
     if call.kind.folded_command == "givearm":
         return True
     target = "" if client.target_object is None else client.target_object.name

@@ -14,6 +14,7 @@ from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence, RuleChecker
+from bcapscope.analysis.rules.rule_sources import ERROR_LIST, guide
 from bcapscope.analysis.slave.motion_model import Jump, MotionFacts
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
@@ -24,31 +25,28 @@ from bcapscope.protocol.slave_mode.slvmove_values import parse_set_point
 from bcapscope.protocol.tables.hresult import describe_hresult, with_rc7_forms
 from bcapscope.traffic.call import Call
 
-_ERRORS = "public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control"
-_SEED = "DENSO Wave 2009, How to use the Slave mode"
-
 OVER_LIMIT = DiagnosisRule(
     "over-limit",
     Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 19 and 48; DENSORobot/denso_robot_ros2 issue 17; {_ERRORS}",
+    f"DENSORobot/denso_robot_ros issues 19 and 48; DENSORobot/denso_robot_ros2 issue 17; {ERROR_LIST}",
     (
         *("set-point-jump", "far-first-point", "not-finite", "set-point-gap", "off-grid", "slow-retry"),
         "slow-set-points",
     ),
 )
 BEYOND_RANGE = DiagnosisRule(
-    "beyond-range", Severity.ERROR, _ERRORS, ("set-point-jump", "far-first-point", "not-finite")
+    "beyond-range", Severity.ERROR, ERROR_LIST, ("set-point-jump", "far-first-point", "not-finite")
 )
 INVALID_SET_POINT = DiagnosisRule(
     "invalid-set-point",
     Severity.ERROR,
-    f"{_ERRORS}; DENSORobot/denso_robot_ros2 denso_robot_core",
+    f"{ERROR_LIST}; DENSORobot/denso_robot_ros2 denso_robot_core",
     ("not-finite", "unusual-argument", "set-point-jump"),
 )
 NOT_FINITE = DiagnosisRule(
     "not-finite", Severity.ERROR, "IEEE 754; DENSORobot/denso_robot_ros2 denso_robot_control"
 )
-FAR_FIRST_POINT = DiagnosisRule("far-first-point", Severity.WARNING, f"{_SEED}, Starting your client app.")
+FAR_FIRST_POINT = DiagnosisRule("far-first-point", Severity.WARNING, guide("Starting your client app."))
 SET_POINT_JUMP = DiagnosisRule(
     "set-point-jump", Severity.NOTE, "DENSORobot/denso_robot_ros issues 19 and 48; denso_cobotta_ros issue 14"
 )

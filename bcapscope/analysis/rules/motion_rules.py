@@ -32,9 +32,9 @@ SPEED_CHANGED_IN_MOTION = DiagnosisRule(
 )
 
 _REMEMBERED = 32
-"""Maximum number of motions that are remembered, and of speed changes. The latest are kept, for all
-controllers together. The checker may receive a motion before or after the speed change, because calls of
-different clients may be complete in another order than they were made.
+"""Maximum number of motions, and of speed changes, that the checker remembers for all controllers together.
+The checker may receive a speed change before or after the motion that it affects, because calls of different
+clients may complete in any order.
 """
 
 _SPEED_VARIABLES = frozenset(("@extaccel", "@extdecel", "@extspeed"))

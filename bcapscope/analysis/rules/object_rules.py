@@ -17,6 +17,7 @@ from bcapscope.analysis.rules.rule_checker import (
     frame_numbers,
     last_frame_time,
 )
+from bcapscope.analysis.rules.rule_sources import C_SERVER
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Moment, WireText
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
@@ -26,12 +27,10 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.handle_tracker import handle_of, requested_name
 from bcapscope.traffic.observation import Conversation
 
-_SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
-
-HANDLE_LEAK = DiagnosisRule("handle-leak", Severity.WARNING, _SERVER)
-BAD_HANDLE = DiagnosisRule("bad-handle", Severity.ERROR, _SERVER, ("unclean-quit",), 600 * SECOND)
+HANDLE_LEAK = DiagnosisRule("handle-leak", Severity.WARNING, C_SERVER)
+BAD_HANDLE = DiagnosisRule("bad-handle", Severity.ERROR, C_SERVER, ("unclean-quit",), 600 * SECOND)
 TOO_MANY_OBJECTS = DiagnosisRule(
-    "too-many-objects", Severity.ERROR, _SERVER, ("handle-leak",), 24 * 3600 * SECOND
+    "too-many-objects", Severity.ERROR, C_SERVER, ("handle-leak",), 24 * 3600 * SECOND
 )
 
 _LEAK_AT = 20
@@ -96,8 +95,8 @@ class ObjectChecker(RuleChecker):
             self.report_occurrence(_leak(tally.leak_call, kind, name, tally.most, is_update))
 
     def _least_relevant(self) -> tuple[Conversation, ObjectClass, str]:
-        """Return the key of the oldest object with at most one open handle. If all objects have more, return
-        the key of the oldest object.
+        """Return the key of the oldest object with at most one open handle. If every object has more than one
+        open handle, return the key of the oldest object.
         """
         single = (key for key, tally in self._tallies.items() if tally.open <= 1)
         return next(single, next(iter(self._tallies)))

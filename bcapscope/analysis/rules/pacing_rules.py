@@ -18,6 +18,7 @@ from bcapscope.analysis.rules.rule_checker import (
     OccurrenceSink,
     RuleChecker,
 )
+from bcapscope.analysis.rules.rule_sources import GUIDE
 from bcapscope.analysis.slave.buffer_model import DEFAULT_SLOTS, PredictedUnderflow, slack_ms
 from bcapscope.analysis.slave.motion_pace import MotionPace
 from bcapscope.analysis.slave.slave_session import SlaveSession
@@ -29,7 +30,6 @@ from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLO
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 
-_SEED = "DENSO Wave 2009, How to use the Slave mode"
 _SAMPLES = "documentation of ShoheiKobata/orin_bcap_python_samples (table of slave modes)"
 
 SET_POINT_GAP = DiagnosisRule(
@@ -62,10 +62,10 @@ OVERFLOW = DiagnosisRule(
 OFF_GRID = DiagnosisRule(
     "off-grid",
     Severity.WARNING,
-    "DENSORobot/denso_robot_ros2 issue 17; d-yui-hub/denso_robot_ros2_neo; " + _SEED,
+    "DENSORobot/denso_robot_ros2 issue 17; d-yui-hub/denso_robot_ros2_neo; " + GUIDE,
 )
-SLOW_SET_POINTS = DiagnosisRule("slow-set-points", Severity.NOTE, f"{_SAMPLES}; {_SEED}")
-REPLIES_DO_NOT_PACE = DiagnosisRule("replies-do-not-pace", Severity.NOTE, f"{_SAMPLES}; {_SEED}")
+SLOW_SET_POINTS = DiagnosisRule("slow-set-points", Severity.NOTE, f"{_SAMPLES}; {GUIDE}")
+REPLIES_DO_NOT_PACE = DiagnosisRule("replies-do-not-pace", Severity.NOTE, f"{_SAMPLES}; {GUIDE}")
 
 _EMPTY_CODES = with_rc7_forms((E_SLAVE_UNDERFLOW, 0x84400503, 0x83201684))
 _FEWEST_CYCLES = 50
@@ -89,7 +89,7 @@ class PacingChecker(RuleChecker):
 
     def on_call(self, call: Call, client: ClientState) -> None:
         """Find the pause that explains why the controller reported an empty buffer. `session_occurrences`
-        could not find this pause, because it has no details of the set points around the pause.
+        cannot find this pause, because a session has no details of the set points around the pause.
         """
         pair = _longest_pause(call, client) if call.hresult in _EMPTY_CODES else None
         if pair is None:
@@ -150,8 +150,8 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
         return
     grid_ms = session.timing.grid_ms
     keeps_grid = abs(pace.cycle_ms / grid_ms - 1) <= _TOLERANCE
-    # Skipped cycles matter only if the client sends at the controller's period.
-    # From a client that sends faster, the controller still gets enough set points.
+    # Skipped cycles matter only if the client sends at the controller's period. If the client sends faster
+    # and skips a cycle, the controller still gets enough set points.
     skips = grid_ms == PERIOD_MS and keeps_grid and pace.skipped > pace.cycles * _MAX_SKIPPED_SHARE
     is_slow = pace.cycle_ms / PERIOD_MS - 1 > _TOLERANCE or skips
     if pace.long_cycle_ms / grid_ms - 1 < -_TOLERANCE:

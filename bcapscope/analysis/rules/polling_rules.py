@@ -1,5 +1,5 @@
-"""Rule about clients that read each value with a call of its own, and therefore spend much of their time
-waiting for replies.
+"""Rule about clients that make a separate call for each value, and therefore wait much of the time for
+replies.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ from bcapscope.analysis.finding_places import call_name_place, call_place, clien
 from bcapscope.analysis.rules.error_rules import ACTIVE_CODES
 from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import MS, SECOND, CallHealth, DiagnosisRule, RuleChecker
+from bcapscope.analysis.rules.rule_sources import ERROR_LIST, guide
 from bcapscope.messages import Message
 from bcapscope.messages.places import ClientPlace, Duration, HexNumber, Moment, WireText
 from bcapscope.protocol.codec.variant import Variant, integer_value
@@ -29,35 +30,33 @@ from bcapscope.protocol.tables.hresult import (
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 
-_SEED = "DENSO Wave 2009, How to use the Slave mode"
-_ERRORS = "public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control"
 _EVER = 24 * 3600 * SECOND
 
 ROBSLAVE_NOT_RUNNING = DiagnosisRule(
     "robslave-not-running",
     Severity.ERROR,
-    f"{_SEED}, Starting your client app. and Error, and the sequence of clearing error",
+    guide("Starting your client app.", "Error, and the sequence of clearing error"),
     ("controller-error", "underflow", "over-limit"),
     _EVER,
 )
-NO_AT_E = DiagnosisRule("no-at-e", Severity.WARNING, f"{_SEED}, slvChangeMode")
+NO_AT_E = DiagnosisRule("no-at-e", Severity.WARNING, guide("slvChangeMode"))
 ROBOT_STILL_MOVING = DiagnosisRule(
-    "robot-still-moving", Severity.ERROR, f"{_SEED}, slvChangeMode; {_ERRORS}", ("no-at-e",), 10 * SECOND
+    "robot-still-moving", Severity.ERROR, f"{guide('slvChangeMode')}; {ERROR_LIST}", ("no-at-e",), 10 * SECOND
 )
 ARM_NOT_TAKEN = DiagnosisRule(
     "arm-not-taken",
     Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issue 29; {_ERRORS}",
+    f"DENSORobot/denso_robot_ros issue 29; {ERROR_LIST}",
     ("emergency-stop", "controller-error"),
     60 * SECOND,
 )
 ARM_TAKEN_BY_OTHER = DiagnosisRule(
-    "arm-taken-by-other", Severity.ERROR, f"DENSORobot/denso_robot_ros issues 21, 29 and 48; {_ERRORS}"
+    "arm-taken-by-other", Severity.ERROR, f"DENSORobot/denso_robot_ros issues 21, 29 and 48; {ERROR_LIST}"
 )
 MOTOR_OFF = DiagnosisRule(
     "motor-off",
     Severity.ERROR,
-    _ERRORS,
+    ERROR_LIST,
     ("underflow", "over-limit", "beyond-range", "emergency-stop", "controller-error", "motor-switching-off"),
     _EVER,
 )
@@ -68,26 +67,24 @@ MOTOR_SWITCHING_OFF = DiagnosisRule(
     ("underflow", "over-limit", "beyond-range", "controller-error"),
     60 * SECOND,
 )
-EMERGENCY_STOP = DiagnosisRule("emergency-stop", Severity.ERROR, _ERRORS)
+EMERGENCY_STOP = DiagnosisRule("emergency-stop", Severity.ERROR, ERROR_LIST)
 NOT_IN_AUTOMATIC_MODE = DiagnosisRule(
-    "not-in-automatic-mode", Severity.ERROR, f"{_SEED}, Preparation; {_ERRORS}"
+    "not-in-automatic-mode", Severity.ERROR, f"{guide('Preparation')}; {ERROR_LIST}"
 )
 NO_EXECUTABLE_TOKEN = DiagnosisRule(
     "no-executable-token",
     Severity.ERROR,
-    f"{_SEED}, Setting up your RC7; DENSORobot/denso_robot_ros issues 29 and 36",
+    f"{guide('Setting up your RC7')}; DENSORobot/denso_robot_ros issues 29 and 36",
 )
-NO_LICENCE = DiagnosisRule("no-licence", Severity.ERROR, f"{_SEED}, Setting up your RC7; {_ERRORS}")
+NO_LICENCE = DiagnosisRule("no-licence", Severity.ERROR, f"{guide('Setting up your RC7')}; {ERROR_LIST}")
 MANUAL_RESET_MISSING = DiagnosisRule(
     "manual-reset-missing",
     Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 36 and 44; {_ERRORS}",
+    f"DENSORobot/denso_robot_ros issues 36 and 44; {ERROR_LIST}",
     ("no-executable-token",),
     60 * SECOND,
 )
-TYPE_NOT_CHECKED = DiagnosisRule(
-    "type-not-checked", Severity.NOTE, f"{_SEED}, Starting your client app. (tips)"
-)
+TYPE_NOT_CHECKED = DiagnosisRule("type-not-checked", Severity.NOTE, guide("Starting your client app. (tips)"))
 
 _MOVING_CODES = with_rc7_forms((0x600B, 0x8150100D, 0x81201744))
 _STOP_CODES = with_rc7_forms(
@@ -249,7 +246,7 @@ def _explain_task(client: ClientState) -> RefusalReason | None:
 
 
 def _latest_robslave_start(client: ClientState) -> Call | None:
-    """Return the latest Task_Start of RobSlave, from any client, that the controller accepted."""
+    """Return the latest Task_Start of RobSlave that the controller accepted; any client may have sent it."""
     starts = [each.robslave_start for each in (client, *client.other_clients())]
     return max(
         (each for each in starts if each is not None), key=lambda each: each.request.time, default=None
@@ -325,16 +322,16 @@ def _explain_arm_missing(call: Call, client: ClientState) -> RefusalReason | Non
 
 
 def _error_since(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the number of the client's latest failed call that reported an error, if that call was made
-    after `call`.
+    """Return the number of the call that reported the client's latest error; () unless this error came after
+    `call`.
     """
     error = client.latest_error
     return (error.number,) if error is not None and error.number > call.number else ()
 
 
 def _unsuccessful(reason: str, attempt: Call) -> RefusalReason:
-    """Return a reason for a refusal which says that the earlier call `attempt` was refused or not answered.
-    `reason` is the id of the message that names the reason.
+    """Return a reason for a refusal: the earlier call `attempt` was refused or not answered. `reason` is the
+    id of the message with this text.
     """
     code = attempt.hresult
     if code is None:

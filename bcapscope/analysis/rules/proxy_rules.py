@@ -20,12 +20,13 @@ INJECTED_FAULT = DiagnosisRule(
 )
 
 _HELD_NS = 1_000_000
-"""Minimum time in ns that a proxy must hold a frame for a finding to mention the delay. Without rules, the
-proxy forwards a frame in a fraction of this time."""
+"""If the proxy delayed a frame for at least this time in ns, a finding mentions the delay. Usually, the proxy
+forwards a frame in a fraction of this time.
+"""
 
 
 class ProxyChecker(RuleChecker):
-    """Checks whether a rule, a script or a user of the proxy disturbed a call."""
+    """Checks whether the proxy, one of its scripts or its user disturbed a call."""
 
     rules = (INJECTED_FAULT,)
 

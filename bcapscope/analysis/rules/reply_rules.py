@@ -22,6 +22,7 @@ from bcapscope.analysis.rules.rule_checker import (
     frame_numbers,
     last_frame_time,
 )
+from bcapscope.analysis.rules.rule_sources import C_CLIENT, GUIDE, guide
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, Duration, Moment, Times
@@ -33,26 +34,24 @@ from bcapscope.traffic.client_timeout import gives_up_at, waits_in_vain
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
-_SEED = "DENSO Wave 2009, How to use the Slave mode"
-_C_CLIENT = "orin_bcap C/src/bCAPClient/bcap_client.c"
 _ROS_12 = "DENSORobot/denso_robot_ros issues 8 and 12"
 
 LATE_REPLY = DiagnosisRule(
     "late-reply",
     Severity.WARNING,
-    f"{_SEED}, Retry sequence in UDP connection; {_ROS_12}",
+    f"{guide('Retry sequence in UDP connection')}; {_ROS_12}",
     ("long-call-without-wdt", "malformed-request"),
 )
 CLIENT_GAVE_UP = DiagnosisRule(
     "client-gave-up",
     Severity.ERROR,
-    f"{_ROS_12}; {_C_CLIENT}",
+    f"{_ROS_12}; {C_CLIENT}",
     ("long-call-without-wdt", "malformed-request"),
 )
 NO_REPLY = DiagnosisRule(
     "no-reply",
     Severity.ERROR,
-    f"{_C_CLIENT}; {_ROS_12}",
+    f"{C_CLIENT}; {_ROS_12}",
     (
         "controller-hung-up",
         "malformed-request",
@@ -67,14 +66,14 @@ NO_REPLY = DiagnosisRule(
 CLIENT_STOPPED = DiagnosisRule(
     "client-stopped",
     Severity.ERROR,
-    f"{_C_CLIENT}; {_ROS_12}",
+    f"{C_CLIENT}; {_ROS_12}",
     ("malformed-request", "oversize-datagram", "no-reply", "controller-silent", "long-call-without-wdt"),
     60 * SECOND,
 )
 CONTROLLER_SILENT = DiagnosisRule(
     "controller-silent",
     Severity.ERROR,
-    f"{_SEED}, Setting up your RC7; DENSORobot/denso_robot_ros2 issues 3, 8 and 50",
+    f"{guide('Setting up your RC7')}; DENSORobot/denso_robot_ros2 issues 3, 8 and 50",
     ("malformed-request", "oversize-datagram"),
     60 * SECOND,
 )
@@ -84,16 +83,16 @@ EXECUTED_TWICE = DiagnosisRule(
     "orin_bcap C/src/bCAPServer/bcap_server.c",
     ("late-reply", "reply-lost", "retried"),
 )
-REPLY_LOST = DiagnosisRule("reply-lost", Severity.WARNING, _SEED)
+REPLY_LOST = DiagnosisRule("reply-lost", Severity.WARNING, GUIDE)
 RETRIED = DiagnosisRule(
     "retried",
     Severity.WARNING,
-    f"{_SEED}, Retry sequence in UDP connection",
+    guide("Retry sequence in UDP connection"),
     ("malformed-request", "malformed-reply", "reply-to-nothing", "no-reply"),
 )
-VERY_LATE_REPLY = DiagnosisRule("very-late-reply", Severity.WARNING, _C_CLIENT)
+VERY_LATE_REPLY = DiagnosisRule("very-late-reply", Severity.WARNING, C_CLIENT)
 REPLY_TO_NOTHING = DiagnosisRule(
-    "reply-to-nothing", Severity.WARNING, f"{_SEED}, Retry sequence in UDP connection"
+    "reply-to-nothing", Severity.WARNING, guide("Retry sequence in UDP connection")
 )
 
 _TURN_NS = PERIOD_MS * MS + 2 * MS
@@ -297,8 +296,8 @@ class _Grouping(TypedDict, total=False):
 
 
 def _grouped_by_place(call: Call) -> _Grouping:
-    """Return arguments for `report_call`. They give calls that were captured at two places a finding of their
-    own, with its own advice.
+    """Return arguments for `report_call`, so that calls captured at two places get a finding and advice of
+    their own.
     """
     advice = advice_by_place(call)
     return {} if advice is None else {"group_key": group_by_place(call), "advice": advice}
@@ -387,9 +386,9 @@ def _controller_silent(first: Call, last: Call, calls: int, ended_at: int) -> Oc
 def _waited_for_room(call: Call, client: ClientState) -> bool:
     """Return whether the controller answered a set point late because it waited until its buffer had room.
 
-    The controller delays replies only in modes in which it sets the pace. For these modes, DENSO recommends a
-    timeout of 2 ms, so the client retries while the controller waits. These retries do no harm: if some
-    attempts are lost, the set point still arrives.
+    The controller delays replies only in modes in which it sets the pace. With the timeout of 2 ms that DENSO
+    recommends for these modes, the client retries while the controller waits. Retries during this wait do no
+    harm: if some attempts are lost, the set point still arrives.
     """
     mode, latency = client.slave_mode, call.latency
     if mode is None or not mode.paces_client or latency is None:

@@ -8,6 +8,7 @@ from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_places
 from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import SAME_CALL, CallHealth, DiagnosisRule, RuleChecker
+from bcapscope.analysis.rules.rule_sources import GUIDE
 from bcapscope.analysis.slave.generation_clues import ENOUGH_TO_OBJECT
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Listing, WireText, shortened
@@ -22,7 +23,6 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
-_SEED = "DENSO Wave 2009, How to use the Slave mode"
 _SAMPLES = "ShoheiKobata/orin_bcap_python_samples"
 
 FORMAT_REFUSED = DiagnosisRule(
@@ -41,7 +41,7 @@ ARGUMENT_REFUSED = DiagnosisRule(
     SAME_CALL,
 )
 UNUSUAL_ARGUMENT = DiagnosisRule(
-    "unusual-argument", Severity.NOTE, f"{_SEED}; {_SAMPLES}; DENSORobot/denso_robot_ros2 denso_robot_core"
+    "unusual-argument", Severity.NOTE, f"{GUIDE}; {_SAMPLES}; DENSORobot/denso_robot_ros2 denso_robot_core"
 )
 
 _TYPE_CODES = (

@@ -8,6 +8,7 @@ from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.rule_checker import CallHealth, DiagnosisRule, Occurrence, RuleChecker
+from bcapscope.analysis.rules.rule_sources import C_SERVER, GUIDE, guide
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Duration, Moment
@@ -21,34 +22,29 @@ from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.reserved_field import ReservedConvention
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
-_SEED = "DENSO Wave 2009, How to use the Slave mode"
-_SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
-
-RETRY_IN_ASYNC = DiagnosisRule(
-    "retry-in-async", Severity.WARNING, f"{_SEED}, Recommendation of the Slave mode"
-)
-WRONG_RESERVED = DiagnosisRule("wrong-reserved", Severity.ERROR, f"{_SEED}, Retry sequence in UDP connection")
+RETRY_IN_ASYNC = DiagnosisRule("retry-in-async", Severity.WARNING, guide("Recommendation of the Slave mode"))
+WRONG_RESERVED = DiagnosisRule("wrong-reserved", Severity.ERROR, guide("Retry sequence in UDP connection"))
 UNMARKED_RETRY = DiagnosisRule(
     "unmarked-retry",
     Severity.WARNING,
-    f"{_SEED}, Retry sequence in UDP connection; {_SERVER}",
+    f"{guide('Retry sequence in UDP connection')}; {C_SERVER}",
     ("no-reply", "client-gave-up", "reply-lost"),
 )
-SERIAL_ZERO = DiagnosisRule("serial-zero", Severity.WARNING, _SERVER)
+SERIAL_ZERO = DiagnosisRule("serial-zero", Severity.WARNING, C_SERVER)
 SERIAL_REUSED = DiagnosisRule(
     "serial-reused", Severity.ERROR, "orin_bcap Python/bCAPClient/bcapclient.py", ("long-call-without-wdt",)
 )
-STALE_ANSWER = DiagnosisRule("stale-answer", Severity.WARNING, _SERVER, ("unclean-quit",))
+STALE_ANSWER = DiagnosisRule("stale-answer", Severity.WARNING, C_SERVER, ("unclean-quit",))
 SLOW_RETRY = DiagnosisRule(
     "slow-retry",
     Severity.WARNING,
-    f"{_SEED}, Recommendation of the Slave mode; DENSORobot/denso_robot_ros2 denso_robot_control",
+    f"{guide('Recommendation of the Slave mode')}; DENSORobot/denso_robot_ros2 denso_robot_control",
     ("long-call-without-wdt",),
 )
 MIXED_CONVENTIONS = DiagnosisRule(
     "mixed-conventions",
     Severity.NOTE,
-    f"{_SEED}; orin_bcap C/src/bCAPClient/bcap_client.c; start-jsk/denso b-Cap.c",
+    f"{GUIDE}; orin_bcap C/src/bCAPClient/bcap_client.c; start-jsk/denso b-Cap.c",
 )
 
 _FIRST_FUNCTIONS = (ID["Service_Start"], ID["Controller_Connect"])
@@ -151,7 +147,7 @@ class RetryChecker(RuleChecker):
         if frame.raw[9:] != earlier.raw[9:] or _answered_before(before, call):
             return
         if frame.reserved in skipped_serials(earlier.serial, frame.serial):
-            return  # the reserved field names an attempt that was not captured
+            return  # the reserved field has the serial of an attempt that was not captured
         fact = Message(
             "finding.wrong-reserved",
             at=Moment(call.request.time),
@@ -225,7 +221,7 @@ def _may_hold_position(client: ClientState) -> bool:
 
 
 def _answered_before(before: Call, call: Call) -> bool:
-    """Return whether call `before` was answered, or may have been answered, before `call` was sent."""
+    """Return whether the call `before` was answered, or may have been answered, when `call` was sent."""
     if before.evicted or before.reply_not_captured:
         return True
     return before.reply is not None and before.reply.time <= call.request.time

@@ -77,7 +77,8 @@ class Occurrence:
         group_key: Occurrences of one rule with different group keys become different findings.
         advice: What the reader can do in this case; None for the usual advice of the rule.
         count: How often the problem occurred; more than 1 if this object represents several occurrences.
-        is_update: True if this object replaces the one that was reported earlier for the same rule and call.
+        is_update: True if this occurrence replaces the occurrence that was reported earlier for the same rule
+            and call.
         selected: True if the problem concerns selected calls; False if it is reported only as the cause of
             another problem.
         explains: Numbers of calls whose problems certainly follow from this problem; this attribute is for
@@ -141,8 +142,8 @@ class RuleChecker:
     Attributes:
         needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove), of which there may
             be millions. If False, `on_call` gets only the first set point of each run of alike set points
-            (see `AlikeSetPoints`). If True, the argument `client` of `on_call` has the same state for all set
-            points of a run: the state before the run.
+            (see `AlikeSetPoints`). If True, `on_call` gets every set point of a run, each with the client's
+            state before the run.
         by_client: Data of the checker for each client, until the client is dropped from memory.
     """
 
@@ -205,7 +206,9 @@ class RuleChecker:
         """Check a large frame, a frame with problems, or bytes that are not a frame."""
 
     def on_new_flow(self, observation: Observation) -> None:
-        """Check the first observation of a flow: a frame, or bytes that are not a frame."""
+        """Check the first observation of a flow (one direction of a conversation): a frame, or bytes that are
+        not a frame.
+        """
 
     def on_stray_reply(self, stray: StrayReply) -> None:
         """Check a reply that belongs to no known call."""

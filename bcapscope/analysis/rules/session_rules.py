@@ -20,6 +20,7 @@ from bcapscope.analysis.rules.rule_checker import (
     RuleChecker,
     last_frame_time,
 )
+from bcapscope.analysis.rules.rule_sources import C_SERVER, guide
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
@@ -41,12 +42,10 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Transport
 
-_SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
-_SEED = "DENSO Wave 2009, How to use the Slave mode"
 _LONG_CALL_NS = SECOND
 _SOON_NS = SECOND // 20
-"""Minimum time in ns from an attempt of a long call to the reply. If the reply arrives sooner than this,
-earlier packets were lost, and the controller itself was fast.
+"""If the reply to a long call arrives within this time (in ns) after an attempt, earlier packets were lost,
+and the controller was fast.
 """
 
 _SILENT_NS = 10 * SECOND
@@ -78,32 +77,32 @@ NAME_IN_USE = DiagnosisRule(
 UNCLEAN_QUIT = DiagnosisRule(
     "unclean-quit",
     Severity.WARNING,
-    f"{_SEED}, Setting up your RC7; start-jsk/denso issue 93; {_SERVER}",
+    f"{guide('Setting up your RC7')}; start-jsk/denso issue 93; {C_SERVER}",
     ("client-stopped", "no-reply", "client-gave-up"),
     60 * SECOND,
 )
 QUIT_IN_SLAVE_MODE = DiagnosisRule(
     "quit-in-slave-mode",
     Severity.WARNING,
-    f"{_SEED}, Quitting or stopping your client application",
+    guide("Quitting or stopping your client application"),
     ("controller-hung-up", "client-stopped", "no-reply", "client-gave-up"),
 )
 BUSY = DiagnosisRule(
     "busy",
     Severity.ERROR,
-    _SERVER,
+    C_SERVER,
     ("executing-forever", "no-reply", "client-gave-up", "long-call-without-wdt", "late-reply"),
     600 * SECOND,
 )
-EXECUTING_FOREVER = DiagnosisRule("executing-forever", Severity.ERROR, _SERVER)
-LONG_CALL_WITHOUT_WDT = DiagnosisRule("long-call-without-wdt", Severity.WARNING, _SERVER)
-WDT_TOO_SMALL = DiagnosisRule("wdt-too-small", Severity.ERROR, _SERVER)
+EXECUTING_FOREVER = DiagnosisRule("executing-forever", Severity.ERROR, C_SERVER)
+LONG_CALL_WITHOUT_WDT = DiagnosisRule("long-call-without-wdt", Severity.WARNING, C_SERVER)
+WDT_TOO_SMALL = DiagnosisRule("wdt-too-small", Severity.ERROR, C_SERVER)
 
 _OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
 
 _NOT_STARTED_CODES = (E_NOT_CONNECTED, E_HANDLE, E_FAIL, E_UNEXPECTED, E_ACCESSDENIED, 0x80000903)
-"""Result codes with which a controller may refuse a call because the client has not started a session. All
-other codes name another reason.
+"""Result codes with which a controller may refuse a call because the client has not started a session. Every
+other code shows that the reason is not a missing session.
 """
 
 
@@ -149,7 +148,9 @@ class SessionChecker(RuleChecker):
         conversation = client.conversation
         stays_connected = conversation.transport is Transport.TCP and conversation.connection_end is None
         if stays_connected and follower is None:
-            return  # the client program still runs, or its computer would have closed the TCP connection
+            # the client program still runs: if it had ended, its computer would have closed the TCP
+            # connection
+            return
         quiet = max((last_frame_time(each.last_call) for each in self.clients), default=silent) - silent
         patience = max(_SILENT_NS, _USUAL_PAUSES * client.longest_pause_ns)
         if quiet < (_REPLACED_AFTER_NS if follower is not None else patience):
@@ -214,8 +215,8 @@ class SessionChecker(RuleChecker):
 
 
 def _may_have_left(session: SlaveSession) -> bool:
-    """Return whether the client may have left slave mode. This is so if the capture lacks the reply to a
-    slvChangeMode call after its last set point.
+    """Return whether the client called slvChangeMode after its last set point, and the capture lacks the
+    reply.
     """
     last = session.last_set_point
     return any(
@@ -363,8 +364,9 @@ def _share_call_slot(one: Call, other: Call) -> bool:
 
 
 def _running_call(client: ClientState, call: Call) -> Call | None:
-    """Return the client's latest slow call, if the controller may have been executing that call when `call`
-    was sent."""
+    """Return the client's latest slow call; None if the controller cannot have been executing it when `call`
+    was sent.
+    """
     slow = client.slow_call
     return slow if slow is not None and _may_have_run(slow, call) else None
 

@@ -20,6 +20,7 @@ from bcapscope.analysis.rules.rule_checker import (
     RobotImpact,
     RuleChecker,
 )
+from bcapscope.analysis.rules.rule_sources import ERROR_LIST
 from bcapscope.analysis.slave.slave_session import CallFact, ExitReason, FrameTime, SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
@@ -32,13 +33,12 @@ from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE, with_rc7_
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.slave_mode_tracker import SLAVE_MODE_OFF_CODES
 
-_ERRORS = "public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control"
 _REACH = 60 * SECOND
 
 SLVMOVE_OUTSIDE_SLAVE_MODE = DiagnosisRule(
     "slvmove-outside-slave-mode",
     Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 6 and 42; {_ERRORS}",
+    f"DENSORobot/denso_robot_ros issues 6 and 42; {ERROR_LIST}",
     (
         "underflow",
         "refused-in-slave-mode",
@@ -63,7 +63,9 @@ SLVMOVE_OUTSIDE_SLAVE_MODE = DiagnosisRule(
     _REACH,
 )
 REFUSED_IN_SLAVE_MODE = DiagnosisRule(
-    "refused-in-slave-mode", Severity.ERROR, f"DENSORobot/denso_robot_ros issues 13, 21, 42 and 48; {_ERRORS}"
+    "refused-in-slave-mode",
+    Severity.ERROR,
+    f"DENSORobot/denso_robot_ros issues 13, 21, 42 and 48; {ERROR_LIST}",
 )
 SLAVE_MODE_ENDED_BY_OTHER = DiagnosisRule(
     "slave-mode-ended-by-other", Severity.ERROR, "DENSORobot/denso_robot_ros issues 13, 21 and 48"
@@ -71,7 +73,7 @@ SLAVE_MODE_ENDED_BY_OTHER = DiagnosisRule(
 SLAVE_MODE_LOST_UNSEEN = DiagnosisRule(
     "slave-mode-lost-unseen",
     Severity.WARNING,
-    f"DENSORobot/denso_robot_ros issues 6 and 42; {_ERRORS}",
+    f"DENSORobot/denso_robot_ros issues 6 and 42; {ERROR_LIST}",
     (
         "late-reply",
         "client-gave-up",
@@ -192,8 +194,8 @@ def _explain_outside(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _explain_mode_change(latest: Call) -> RefusalReason:
-    """Return the reason for a refusal, if this reason is that the client's latest slvChangeMode was refused
-    or got no captured reply.
+    """Return the reason for a refusal: the client's latest slvChangeMode was refused, or its reply was not
+    captured.
     """
     case = "unanswered" if latest.reply is None else "refused"
     return RefusalReason(

@@ -15,6 +15,7 @@ from bcapscope.analysis.rules.rule_checker import (
     OccurrenceSink,
     RuleChecker,
 )
+from bcapscope.analysis.rules.rule_sources import C_SERVER
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, FramePlace, Moment
@@ -32,20 +33,18 @@ from bcapscope.traffic.observation import (
     Transport,
 )
 
-_SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
-
 OVERSIZE_DATAGRAM = DiagnosisRule("oversize-datagram", Severity.ERROR, "orin_bcap C/include/dn_udp.h")
 NEAR_DATAGRAM_LIMIT = DiagnosisRule(
     "near-datagram-limit", Severity.NOTE, "orin_bcap C/include/dn_udp.h; DENSORobot/denso_robot_ros issue 9"
 )
-MALFORMED_REQUEST = DiagnosisRule("malformed-request", Severity.ERROR, _SERVER)
+MALFORMED_REQUEST = DiagnosisRule("malformed-request", Severity.ERROR, C_SERVER)
 MALFORMED_REPLY = DiagnosisRule(
     "malformed-reply", Severity.WARNING, "orin_bcap C/src/bCAPClient/bcap_client.c"
 )
 CAPTURE_GAP = DiagnosisRule(
     "capture-gap",
     Severity.NOTE,
-    "how captures work: the other end acknowledged these bytes, or these bytes follow a gap",
+    "how captures work: the other end acknowledged the missing bytes, or damaged bytes follow a gap",
 )
 CAPTURE_CUT = DiagnosisRule(
     "capture-cut", Severity.NOTE, "the original length of the packet in the capture file"
@@ -63,11 +62,11 @@ SERVER_GUESSED = DiagnosisRule(
 DUPLICATE_FRAMES = DiagnosisRule(
     "duplicate-frames",
     Severity.NOTE,
-    "retries have a serial of their own in all known clients (orin_bcap C, C#, Java)",
+    "each retry has its own serial in all known clients (orin_bcap C, C#, Java)",
 )
 
 CHECKED_FROM_BYTES = 480
-"""Frames of at least this size in bytes are checked for being too large."""
+"""The rule checks only frames of at least this size in bytes."""
 
 
 _MAX_FLOWS = 4096
@@ -262,7 +261,7 @@ def _is_cut_by_closing(observation: Observation | FrameObservation, problems: Se
 
 
 def _problem_message(problems: Sequence[Problem]) -> Message | str:
-    """Return one message with the reasons of the first problems."""
+    """Return one message that names the first of these problems."""
     *firsts, text = [problem.reason for problem in problems[:_MAX_PROBLEMS_NAMED]]
     more = len(problems) - _MAX_PROBLEMS_NAMED
     message: Message | str = text

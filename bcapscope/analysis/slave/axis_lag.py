@@ -9,9 +9,7 @@ import numpy as np
 from bcapscope.analysis.statistics.distribution import Bools, Floats
 
 MAX_CYCLES = 32
-"""Largest lag that can be found, counted in cycle times. At a cycle time of 8 ms, it is a quarter of a
-second.
-"""
+"""Largest lag that can be found, in cycles: a quarter of a second at a cycle time of 8 ms."""
 
 _ROWS_AT_ONCE = 256
 """Maximum number of set points that each call of `add` compares. This number is enough for an estimate, and
@@ -28,8 +26,8 @@ class AxisLag:
     """Finds the lag at which the returned poses match the commanded poses best.
 
     The lag is an estimate. The lag includes the time in the controller's buffer, the servo lag, and the age
-    of the reported pose. To find fractions of a cycle, a parabola is laid through the errors of the best lag
-    and of the two lags next to it.
+    of the reported pose. To find fractions of a cycle, `AxisLag` fits a parabola to the errors of the best
+    lag and its two neighbours.
     """
 
     def __init__(self, axes: int) -> None:
@@ -37,10 +35,12 @@ class AxisLag:
         self._commanded = np.empty((0, axes))
 
     def add(self, commanded: Floats, returned: Floats, answered: Bools) -> None:
-        """Add successive set points, with the returned poses of the set points that `answered` marks."""
+        """Add successive set points with their returned poses; `answered` shows which set points have a
+        returned pose.
+        """
         history = np.vstack((self._commanded, commanded))
         first = len(self._commanded)
-        # number of first set points that have too few set points before them
+        # set points at the start of the session, which have too few set points before them
         skipped = max(0, MAX_CYCLES - first)
         until = min(len(commanded), skipped + _ROWS_AT_ONCE)
         if until > skipped:

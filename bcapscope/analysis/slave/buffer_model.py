@@ -3,21 +3,22 @@ arrived.
 
 The model is a prediction, not an observation. It assumes:
 
-- The controller takes one set point per period (8 ms) from the buffer, and the first set point at once.
+- The controller takes the first set point from the buffer as soon as this set point arrives, and then takes
+  one set point per period (8 ms).
 - A set point reaches the controller at the time when the answered attempt was captured. If no attempt was
   answered, the time of the first attempt counts. The network delay is ignored, because it is nearly the same
   for all set points.
 - The controller does not put a refused set point into the buffer.
-- The clocks of the controller and of the capture agree. In reality the clocks drift slightly, so the model is
-  corrected by the result codes of captured replies. The buffer holds at most one set point per slot.
+- The clocks of the controller and of the capture agree. In reality the clocks drift slightly, so the model
+  uses the result codes of captured replies as corrections. The buffer holds at most one set point per slot.
   S_BUF_FULL means that the buffer is full. In modes in which the controller sets the pace, a set point is in
   the buffer before its reply arrives.
 
-A capture does not show at which moment of its period (its phase) the controller takes a set point. The
-unknown phase alone can explain a single period without a set point. The model therefore calls such an
-underflow only possible. The model predicts an overflow only if the buffer would be full for every phase.
-`bcapscope.protocol.slave_mode.modes` has the number of slots of each mode, the period, and the sources of
-these numbers.
+The controller's phase is the moment in each period at which the controller takes a set point. A capture does
+not show this phase. If only one period lacks a set point, the phase may be the reason, so the model counts
+the underflow as possible, not as predicted. The model predicts an overflow only if the buffer would be full
+for every phase. `bcapscope.protocol.slave_mode.modes` has the number of slots of each mode, the period, and
+the sources of these numbers.
 """
 
 from __future__ import annotations
@@ -36,8 +37,7 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, is_failure
 
 DEFAULT_SLOTS = 3
-"""Number of buffer slots that is assumed if the mode is unknown. Most modes of current controllers have this
-number.
+"""Number of buffer slots if the mode is unknown. Most modes of current controllers have this number of slots.
 """
 
 _NS_PER_MS = 1_000_000
@@ -178,13 +178,13 @@ class BufferModel:
         self._behaviour = behaviour
         self._origin = origin
         self._capacity_ns = behaviour.slots * _PERIOD
-        # The controller's phase is unknown, so only an excess of more than two periods proves an overflow.
-        # If a new set point replaces the waiting set point, an excess of more than one period proves it.
-        # In modes in which the controller sets the pace, the buffer never overflows.
+        # The controller's phase is unknown, so an overflow is certain only if the excess is more than two
+        # periods. If a new set point replaces the waiting set point, an excess of more than one period is
+        # enough. In modes in which the controller sets the pace, the buffer never overflows.
         self._most_excess_ns = (
             _PERIOD if behaviour.overwrites else _NEVER if behaviour.replies_pace else 2 * _PERIOD
         )
-        self._excess_ns = 0  # number of set points that arrived beyond the capacity, times the period in ns
+        self._excess_ns = 0  # number of set points beyond the buffer's capacity, times the period in ns
         self._empty_at = 0  # time when the controller will find the buffer empty if no set point arrives
         self._last_frame = 0  # frame number of the last set point that was added
         self._underflows: list[PredictedUnderflow] = []
@@ -214,8 +214,8 @@ class BufferModel:
         return slacks
 
     def _add_at_once(self, rows: SetPointArrivals) -> NDArray[np.int64] | None:
-        """Add several set points in one step, which is faster. If one of them is late, refused or beyond the
-        capacity of the buffer, change nothing and return None.
+        """Add several set points in one step, which is faster than one by one. If a set point is late,
+        refused or beyond the capacity of the buffer, change nothing and return None.
 
         Each set point makes the buffer last one period longer, up to the capacity of the buffer. A running
         minimum over all set points gives the time until which the buffer lasts.
@@ -295,8 +295,8 @@ class BufferModel:
         _append_bounded(self._overflows, frame)
 
     def _update_levels(self, slacks: NDArray[np.int64], frames: NDArray[np.int64]) -> None:
-        """Update the buffer levels and the smallest slack with all of these set points except the very first
-        of the session.
+        """Update the buffer levels and the smallest slack. The very first set point of the session does not
+        count.
         """
         first = 0 if self._last_frame else 1
         found = slacks[first:]

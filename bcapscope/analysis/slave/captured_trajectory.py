@@ -2,8 +2,8 @@
 
 One step is one slvMove call, however many retries it has. The time of a step is the time of its call's first
 request. Refused set points are left out, because the controller did not take them. Set points without a
-captured reply are kept, because the controller may have taken them. A gap in the trajectory would look like a
-jump.
+captured reply are kept, because the controller may have taken them, and a gap in the trajectory would look
+like a jump.
 """
 
 from __future__ import annotations
@@ -30,8 +30,7 @@ from bcapscope.traffic.pipeline import PipelineSubscriber
 from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 MAX_NOT_SELECTED = 64 * 2048
-"""Maximum number of unselected set points that are remembered until they are processed. This is the number of
-set points that can wait to be processed.
+"""Maximum number of remembered set points that the filter did not select.
 """
 
 
@@ -102,7 +101,7 @@ class TrajectoryExtractor(PipelineSubscriber):
     """Extracts trajectory steps from completed calls.
 
     Attributes:
-        ready: Steps that were extracted. The code that uses the steps must remove them from this list.
+        ready: Extracted steps. Remove a step from this list when you have used it.
     """
 
     def __init__(

@@ -31,8 +31,8 @@ class ClockFacts:
 
     Attributes:
         microseconds: True if the time stamps are in µs, False if they are in ms.
-        unit_known_by: How the unit is known: from slvRecvFormat or, if that call was not captured, from the
-            pace of the time stamps.
+        unit_known_by: How the unit is known: from slvRecvFormat or, if that call was not captured, from how
+            fast the time stamps advance.
         drift_ppm: How much faster the controller's clock runs than the clock of the capture, in ppm; None if
             the time stamps cover less than a second.
         jitter: Absolute change of the network delay from one reply to the next, ms; None for fewer than two
@@ -61,8 +61,8 @@ class ControllerClock:
 
     A time stamp is a signed 32-bit number, in ms or µs as the client requests (DENSORobot/denso_robot_ros2
     denso_robot_core). A time stamp in µs turns negative after 36 minutes and wraps every 72 minutes. The
-    network delay of the replies is nearly constant. A straight line through all pairs of time stamp and
-    capture time therefore shows the drift between the two clocks as its slope.
+    network delay of the replies is nearly constant. The slope of a straight line through all pairs of time
+    stamp and capture time therefore shows the drift between the two clocks.
     """
 
     def __init__(self, microseconds: bool | None) -> None:

@@ -55,9 +55,7 @@ class ControllerState:
         self.position: KnownPosition | None = None
 
     def slave_setup(self, mode: tuple[int | None, str], position: KnownPosition | None) -> SlaveSetup:
-        """Return the facts for a slave-mode session in `mode` that began at `position`, with the formats and
-        the controller generation that are known now.
-        """
+        """Return the facts that are known when a slave-mode session in `mode` begins at `position`."""
         value, known_by = mode
         return SlaveSetup(value, known_by, self.clue, self._send, self._receive, position)
 
@@ -91,9 +89,8 @@ class ControllerState:
         return dropped
 
     def claim_pending(self, key: SessionKey) -> SlaveSessionBuilder | None:
-        """Return the pending slave-mode session to which a first set point belongs. This is a session of the
-        same client or, if there is none, the oldest session of any client. Return None if no session is
-        pending.
+        """Return the pending slave-mode session to which a first set point belongs: a session of the same
+        client or, if there is none, the oldest session of any client. Return None if no session is pending.
         """
         if not self.pending_sessions:
             return None
@@ -104,8 +101,8 @@ class ControllerState:
         return builder
 
     def claim_unanswered_entry(self) -> CallFact | None:
-        """Return the slvChangeMode call without a captured reply, and forget this call. Call this method when
-        a set point shows that the slvChangeMode call succeeded.
+        """Return `unanswered_entry`, and set it to None. Call this method when a set point shows that the
+        slvChangeMode call succeeded.
         """
         entry, self.unanswered_entry = self.unanswered_entry, None
         if entry is None:

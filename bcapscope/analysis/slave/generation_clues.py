@@ -25,8 +25,8 @@ class GenerationClue(NamedTuple):
     """Evidence in the traffic for the generation of a controller.
 
     Attributes:
-        strength: Weight of the clue. If two clues differ, the stronger clue is used. 0 means that there is no
-            clue.
+        strength: Weight of the clue. If two clues differ, the stronger clue is used. The weight 0 means that
+            there is no clue.
     """
 
     strength: int
@@ -40,7 +40,7 @@ _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
 ENOUGH_TO_OBJECT = _FAIR
-"""If a clue is at least this strong, a set point with the number type of another generation counts as
+"""If a clue is at least this strong, a set point whose number type belongs to another generation counts as
 unusual.
 """
 
@@ -67,8 +67,8 @@ def stronger_clue(known: GenerationClue, found: GenerationClue) -> GenerationClu
 
 
 def clue_of_set_point(parameter: Variant) -> GenerationClue:
-    """Return the clue in the number type of a set point. RC8 and later generations take double precision, RC7
-    takes single precision.
+    """Return the clue that the number type of a set point gives. RC8 and later generations take double
+    precision, RC7 takes single precision.
     """
     value = parameter.value
     if parameter.vt == ARRAY | VT.VARIANT and isinstance(value, tuple) and value:
@@ -84,9 +84,7 @@ def clue_of_set_point(parameter: Variant) -> GenerationClue:
 
 
 def clue_of_call(call: Call) -> GenerationClue:
-    """Return the clue in a successful call that is not a set point. Most calls contain no clue: the result is
-    then `NO_CLUE`.
-    """
+    """Return the clue that a successful call other than a set point gives; `NO_CLUE` for most calls."""
     if call.reply is None or is_failure(call.reply.item.code):
         return NO_CLUE
     function_id, command = call.kind

@@ -2,8 +2,8 @@
 poses.
 
 A controller takes one set point per period, no matter when within the period the set point arrived. Velocity
-and acceleration are therefore computed from one step per period, not from the times at which the client sent
-the set points.
+and acceleration are therefore computed from one step per period, not from the times when the client sent the
+set points.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from bcapscope.protocol.slave_mode.poses import Axis
 JUMP_TIMES = 5.0
 """Minimum ratio of an isolated jump to the larger of the steps before and after it.
 
-No robot can change its speed this much within 8 ms. At the start or end of a normal motion, a step has a
-small step only before it or only after it.
+No robot can change its speed this much within 8 ms. At the start of a normal motion, only the step before a
+large step is small; at the end, only the step after it.
 """
 
 SMALLEST_JUMP = 0.2
-"""Smallest step that can be a jump, in degrees or mm. At a cycle time of 8 ms, it means 25 degrees or mm per
-second. A smaller step is rounding or noise.
+"""Smallest step that can be a jump, in degrees or mm. At a cycle time of 8 ms, this step is a speed of 25
+degrees or mm per second. A smaller step is rounding or noise.
 """
 
 LARGEST_STEP = 180.0
 """Largest step in degrees or mm that can be normal motion. A larger step is always a jump. At a cycle time of
-8 ms, it means 22,500 degrees per second, or 22 m/s. No source gives a limit for every axis, but this step is
-far above the limit of any axis.
+8 ms, this step is a speed of 22,500 degrees or mm per second. No source gives a limit for every axis, but
+this step is far above the limit of any axis.
 """
 
 _FIGURE = "Fig"
@@ -298,8 +298,8 @@ class MotionModel:
         self._tail, self._tail_frames, self._tail_times = points[-4:], frames[-4:], times[-4:]
 
     def _find_stutters(self, moves: Bools, frames: NDArray[np.int64], new: int) -> None:
-        """Find repeated set points in the middle of a motion. Earlier calls have examined the steps before
-        index `new`.
+        """Find repeated set points in the middle of a motion. The steps before index `new` have already been
+        examined.
         """
         first = max(new - 2, 0)
         still = ~moves[1:-1] & moves[:-2] & moves[2:]
@@ -310,7 +310,7 @@ class MotionModel:
     def _find_jumps(
         self, steps: Floats, frames: NDArray[np.int64], times: NDArray[np.int64], new: int
     ) -> None:
-        """Find jumps of each kind. Earlier calls have examined the steps before index `new`."""
+        """Find jumps of each kind. The steps before index `new` have already been examined."""
         sizes = np.abs(steps[:, self._measured])
         absurd = sizes > LARGEST_STEP
         counted = np.logical_or.reduce(absurd, axis=1)  # no row counts twice
@@ -318,7 +318,7 @@ class MotionModel:
         alone[1:-1] = _stands_out(sizes[1:-1], np.maximum(sizes[:-2], sizes[2:]))
         alone[counted] = False
         counted |= np.logical_or.reduce(alone, axis=1)
-        counted[:-1] |= counted[1:]  # the step before a counted jump is not also an outlier
+        counted[:-1] |= counted[1:]  # do not count the step before a counted jump as an outlier
         beside = np.maximum(sizes[:-3], sizes[3:])
         turns = np.signbit(steps[1:-2, self._measured]) != np.signbit(steps[2:-1, self._measured])
         stray[1:-2] = _stands_out(sizes[1:-2], beside) & _stands_out(sizes[2:-1], beside) & turns

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from bcapscope.analysis.statistics.distribution import Floats
 
 MAX_SAMPLES = 2048
-"""Maximum number of samples of a slave-mode session. Even on a large screen, a plot is fewer pixels wide."""
+"""Maximum number of samples of a slave-mode session. Even on a large screen, a plot is narrower than this
+number of pixels.
+"""
 
 # Columns before the poses of a sample: time and frame of its first set point, number of set points, extremes.
 _TIME, _FRAME, _POINTS, _CYCLE_LEAST, _CYCLE_MOST, _LATENCY_MOST, _SLACK_LEAST = range(7)
@@ -74,7 +76,7 @@ class PlotSampler:
         ones = np.ones(len(times))
         head = np.column_stack((times, frames, ones, cycles, cycles, latencies, slacks))
         rows: Floats = np.hstack((head, *poses))
-        into = -self._total % self._length  # number of the new rows that belong to the sample before
+        into = -self._total % self._length  # number of new rows that belong to the previous sample
         starts = np.arange(into, len(rows), self._length)
         if into:
             starts = np.concatenate(([0], starts))

@@ -37,7 +37,8 @@ class SlaveSessionBuilder:
 
     Attributes:
         key: Conversation of the client that sends the set points, and the handle that this client uses for
-            the robot; until a set point arrives, they are those of the client that entered slave mode.
+            the robot; until a set point arrives, the conversation and handle of the client that entered slave
+            mode.
         mode: Number of the slave mode, and how this number is known.
         entry_call: The slvChangeMode call that began the session; None if the call was not captured.
         position: Position of the robot before the first set point; None if unknown.
@@ -84,7 +85,7 @@ class SlaveSessionBuilder:
 
     @property
     def handle(self) -> bytes:
-        """The robot's handle as raw bytes. It is the first argument of every set point."""
+        """The robot's handle as raw bytes: the first argument of every set point."""
         return self.key[1]
 
     @property
@@ -95,8 +96,8 @@ class SlaveSessionBuilder:
     @property
     def last_activity(self) -> int:
         """Time of the reply to the latest set point, in ns since 1970; without a reply, time of its request.
-        0 if unknown. The result is never earlier than `entered_at`, although a client that does not wait for
-        the reply to slvChangeMode sends set points before `entered_at`.
+        0 if unknown. The result is at least `entered_at`: a client that does not wait for the reply to
+        slvChangeMode can send set points before `entered_at`.
         """
         last = max(self.batch[-1].time, self.batch[-1].reply_time) if self.batch else self._last_activity
         return max(last, self.entered_at or 0)
@@ -150,8 +151,8 @@ class SlaveSessionBuilder:
     def session(
         self, exit_: SessionExit, slave_setup: SlaveSetup, other_calls: tuple[CallFact, ...]
     ) -> SlaveSession:
-        """Return the slave-mode session with the end `exit_`. It does not include set points that wait to be
-        processed.
+        """Return the slave-mode session with the end `exit_`. The session does not include set points that
+        wait to be processed.
         """
         models = self.models or SessionModels(
             self.conversation.transport, slave_setup, SetPointBatch(), self._window

@@ -34,29 +34,29 @@ from bcapscope.traffic.slave_mode_tracker import (
 )
 
 HOLD_BACK_NS = 6_000_000_000
-"""Time in ns for which the detector holds back a slave-mode session after its end. A call of another client
-may have ended the session, and the detector may get that call this much later.
+"""Time in ns for which the detector holds back a slave-mode session after its end. During this time, the
+detector may still get the call of another client that ended the session.
 """
 
 SILENCE_NS = 1_000_000_000
-"""Maximum time in ns from a client's last set point to the end of the capture. If this time is longer, the
-client counts as having stopped.
+"""If a client sends no set point during this time (in ns) before the end of the capture, the client counts as
+having stopped.
 """
 
 SUSPECT_WITHIN_NS = 2_000_000_000
-"""Maximum time in ns from a failed call of any client to the reply which shows that slave mode is off. If
-this time is longer, the failed call does not count as the cause.
+"""Maximum time in ns from a failed call of any client to the reply which shows that slave mode is off. An
+earlier failed call does not count as the cause.
 """
 
 STILL_TAKING_NS = 200_000_000
 """Maximum time in ns for which a controller may still accept set points after an error that ends slave mode.
-No source gives this time. The value is 25 cycles of 8 ms, in case a controller first comes to a stop on its
-path.
+No source gives this time. The value is 25 cycles of 8 ms, because a controller may first stop the robot on
+its path.
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
-"""A slave-mode session lists calls other than set points: those during the session, and up to
-this time in ns before or after it.
+"""A slave-mode session lists calls other than set points from `BEFORE_NS` before the session to
+`AFTER_NS` after the session, in ns.
 """
 
 MAX_SESSIONS = 64
@@ -65,8 +65,8 @@ silent longest.
 """
 
 MAX_HELD_BACK = 256
-"""Maximum number of ended slave-mode sessions that are held back. Beyond this number, the detector returns
-the oldest of these sessions at once.
+"""Maximum number of ended slave-mode sessions that are held back. If there are more, the detector returns the
+oldest of these sessions without waiting longer.
 """
 
 MAX_CONTROLLERS = 64
@@ -119,8 +119,8 @@ class SlaveSessionDetector:
         return self._on_time(call)
 
     def add_set_points(self, calls: Sequence[Call]) -> Sequence[SlaveSession]:
-        """Add alike set points from `PipelineSubscriber.on_set_points`; return the slave-mode sessions that
-        are now complete.
+        """Add the set points that `PipelineSubscriber.on_set_points` received; return the slave-mode sessions
+        that are now complete.
         """
         self._remaining = None
         first = calls[0]
@@ -159,8 +159,7 @@ class SlaveSessionDetector:
         return tuple(map(self._release, found))
 
     def remaining_sessions(self, ended_at: int = 0) -> tuple[SlaveSession, ...]:
-        """Return the slave-mode sessions that were not returned yet, as they would be if the traffic ended
-        now.
+        """Return the slave-mode sessions that were not returned yet, as if the traffic ended now.
 
         This method changes nothing.
 
@@ -168,7 +167,7 @@ class SlaveSessionDetector:
             ended_at: Time when the traffic ended, ns since 1970; if the last frame is later, the time of the
                 last frame is used instead.
         """
-        # Cached, because a live diagnosis needs the result twice; 100,000 set points take 13 ms.
+        # Cached, because a live diagnosis needs the result twice; computing it can take 13 ms.
         unfinished = self._unfinished
         end = max((self._latest_time, ended_at, *(builder.last_activity for builder in unfinished)))
         if self._remaining is None or self._remaining[0] != end:
@@ -184,7 +183,7 @@ class SlaveSessionDetector:
 
     @property
     def _unfinished(self) -> Sequence[SlaveSessionBuilder]:
-        """Slave-mode sessions that have not ended: first those with set points, then those without."""
+        """Slave-mode sessions that have not ended; sessions with set points come first."""
         waiting = (
             builder for known in self._controllers.values() for builder in known.pending_sessions.values()
         )
@@ -322,8 +321,8 @@ class SlaveSessionDetector:
             builder.mode = controller.reported_mode
 
     def _on_disconnect(self, call: Call, handle: bytes | None) -> None:
-        """End all slave-mode sessions of the client that made `call`; with `handle`, only those of the robot
-        with this handle.
+        """End all slave-mode sessions of the client that made `call`; with `handle`, only the sessions of the
+        robot with this handle.
         """
         pending = self._controller(call).pending_sessions
         for builder in (*self._active.values(), *pending.values()):
@@ -333,8 +332,8 @@ class SlaveSessionDetector:
     # ends
 
     def _end_session(self, builder: SlaveSessionBuilder, exit_: SessionExit) -> None:
-        """End a slave-mode session. If an error had already ended the session, this error stays the reason of
-        the end.
+        """End a slave-mode session. If an error ended the session earlier, the session keeps this error as
+        its end.
         """
         controller = self._controller_of(builder)
         if self._active.pop(builder.key, None) is not None:
@@ -373,7 +372,7 @@ class SlaveSessionDetector:
         controller = self._controller_of(builder)
         exit_ = _find_exit_cause(ended, controller)
         others = controller.calls_between(builder.began_at(exit_.time) - BEFORE_NS, exit_.time + AFTER_NS)
-        # process waiting set points here: `_begin_session` can add set points to a session after its end
+        # some set points may still wait: `_begin_session` can add set points to a session after its end
         return builder.processed(ended.slave_setup).session(
             exit_, ended.slave_setup, tuple(map(call_fact, others[-MAX_LISTED:]))
         )
@@ -406,8 +405,8 @@ def _call_frames(call: Call) -> tuple[int, ...]:
 
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
-    """Return the end of a slave-mode session. If the set points do not show the cause of the end, search
-    other calls for this cause.
+    """Return why and when a slave-mode session ended. If the set points do not show why, search the other
+    calls for a cause.
     """
     builder, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
@@ -432,7 +431,7 @@ def _silent_exit(builder: SlaveSessionBuilder) -> SessionExit:
 
 
 def _exit_by_call(reason: ExitReason, call: Call, frames: tuple[int, ...] = ()) -> SessionExit:
-    """Return an end that `call` caused, proved by the frames of the call and `frames`."""
+    """Return the end of a session that `call` ended. The frames of `call`, and `frames`, prove this end."""
     return SessionExit(reason, _call_end(call), (*_call_frames(call), *frames), call.hresult, call_fact(call))
 
 

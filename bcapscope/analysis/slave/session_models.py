@@ -49,12 +49,11 @@ _UNKNOWN = -1
 _STEP = 1
 _SERIALS = 1 << 16
 _MOST_UNCAPTURED = 1000
-"""Largest number of successive serials that count as attempts that were not captured. A larger difference
-means that the client does not count serials one by one.
+"""Maximum number of skipped serials that count as attempts that were not captured. If a client skips more
+serials, its serials do not increase one by one.
 """
 _TINY_STEP = 0.02
-"""Steps of an axis up to this size do not count as motion. The size is a share of the largest step of the
-axis so far.
+"""A step of an axis counts as motion only if it is larger than this share of the axis's largest step so far.
 """
 
 
@@ -71,7 +70,7 @@ class SlaveSetup(NamedTuple):
     """Facts that are known before the first set point: slave mode, formats and the robot's position.
 
     Attributes:
-        known_by: Name of the command that shows `mode_value`.
+        known_by: Name of the command from which `mode_value` is known.
     """
 
     mode_value: int | None
@@ -148,7 +147,7 @@ class SessionModels:
         self._result_columns = ColumnReader(NumberPicker(_RESULT, picker.result))
         self._last_poses = np.full((2, len(self.axes)), np.nan)  # the last two commanded poses
         self._largest_steps = np.zeros(len(self.axes))
-        # of the last set point: serial of the first attempt, and number of retries
+        # serial of the last set point's first attempt, and number of retries of this set point
         self._last_sent = (-1, 0)
         self._sent = self._accepted = self._unanswered = self._open = 0
         self._not_followed = self._not_captured = self._buffer_full = 0

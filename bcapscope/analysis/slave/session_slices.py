@@ -13,8 +13,8 @@ from bcapscope.analysis.statistics.distribution_summary import DistributionSumma
 from bcapscope.protocol.tables.hresult import is_failure
 
 MAX_SLICES = 10_000
-"""Maximum number of slices of one slave-mode session. With slices of one second, these slices cover nearly
-three hours. Any further slices are only counted.
+"""Maximum number of slices of one slave-mode session: nearly three hours in slices of one second. Further
+slices are counted, but not kept.
 """
 
 
@@ -61,8 +61,8 @@ class SessionSlicer:
         self._open: _OpenSlice | None = None
 
     def add(self, rows: SetPointTable, cycles: Floats, slacks: Floats) -> None:
-        """Add set points. `cycles` and `slacks` are in ms; a missing value is NaN. A set point from before
-        the latest slice counts in the latest slice.
+        """Add set points. `cycles` and `slacks` are in ms; a missing value is NaN. A set point that is
+        earlier than the latest slice counts in the latest slice.
         """
         numbers = np.maximum.accumulate(rows.times // self._window)
         if self._open is not None:

@@ -19,8 +19,8 @@ size.
 """
 
 LATEST_TIME = (1 << 62) - 1
-"""Latest time that can be stored, in ns since 1970; it is in the year 2116. The difference of two such times
-fits into 64 bits. A later time, which occurs only in a damaged capture, is replaced by this value.
+"""Latest time that can be stored, in ns since 1970; it is in the year 2116. The difference of two times up to
+this limit fits into 64 bits. Later times, which occur only in damaged captures, are replaced by this limit.
 """
 
 _SERIAL = slice(5, 7)
@@ -70,7 +70,7 @@ class FrameBytes:
         return found
 
     def clear(self) -> None:
-        """Remove all frames. The common size stays the same for the next frames."""
+        """Remove all frames. The next frames keep the common size."""
         self.data = bytearray()
         self.odd_sized = {}
 
@@ -100,7 +100,7 @@ class SetPointBatch:
     Attributes:
         row_data: The `SetPointRow` of each set point, as 64-bit integers.
         irregular: Index and call of each irregular set point. A set point is irregular if it was retried, was
-            not answered with S_OK, or has a frame of another size than the others.
+            not answered with S_OK, or has a frame of unusual size.
         other_attempts: For the index of a set point, the number of attempts of the client's other calls that
             were captured just before it.
     """
@@ -136,7 +136,7 @@ class SetPointBatch:
             self._add_irregular(call)
 
     def add_run(self, calls: Sequence[Call]) -> None:
-        """Add alike set points. Each of them was sent once, was answered with S_OK and has small frames."""
+        """Add alike set points. Each set point was sent once, was answered with S_OK and has small frames."""
         self._note_other_attempts()
         requests, results, row_data = self.requests, self.results, self.row_data
         for call in calls:

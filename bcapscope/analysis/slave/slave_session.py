@@ -99,8 +99,8 @@ class ExitReason(StrEnum):
     ERROR = "error"
     """The controller refused a set point with an error that ends slave mode."""
     OTHER_CALL = "other call"
-    """The controller refused a set point because slave mode was off. An error in another call, of this or
-    another client, had ended slave mode.
+    """The controller refused a set point because slave mode was off. Another call, which any client can have
+    made, had failed with an error that ends slave mode.
     """
     OTHER_CLIENT = "other client"
     """Another client of the controller called slvChangeMode."""
@@ -151,8 +151,8 @@ class SetPointCounts:
             other field includes these set points.
         by_retries: Number of set points for each number of retries, including 0.
         retries_forbidden: Number of retries over UDP in a mode where each new set point replaces the set
-            point in the buffer. In such a mode, retries waste bandwidth (DENSO Wave 2009, How to use the
-            Slave mode).
+            point in the buffer; retries in this mode waste bandwidth (DENSO Wave 2009, How to use the Slave
+            mode).
         late_replies: Number of replies that arrived after the client had sent another attempt.
         lost_replies: Number of replies that were captured, and that the client evidently did not receive.
     """
@@ -182,7 +182,7 @@ class SlaveSession:
         robot: Handle of the robot; None if no captured frame shows it.
         mode: Slave mode, and how it is known.
         exit: When and how the session ended.
-        counts: Numbers of set points, by what happened to them.
+        counts: Counts of set points by what happened to each of them.
         timing: Cycle times, jitter and latencies of the set points.
         buffer: Estimated level of the controller's buffer.
         refused_set_points: First set points that the controller refused.

@@ -26,9 +26,7 @@ calls of a new kind are counted as `OTHER_KINDS` of their client.
 """
 
 MAX_CODES = 16
-"""Maximum number of result codes that are counted separately for each kind of call. The first codes that
-occur are counted.
-"""
+"""Number of result codes that have their own counts, for each kind of call. Further codes share one count."""
 
 GRACE_NS = 200_000_000_000
 """Time in ns from the end of a slice until all its calls are complete. A tracker keeps a call without further
@@ -39,7 +37,9 @@ OTHER_KINDS = CallKind(0, None)
 """Represents all kinds of call beyond `MAX_KINDS`. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
-"""Represents all clients that appear after twice `MAX_KINDS` pairs of client and call kind were counted."""
+"""Represents all clients that appear after the statistics hold twice `MAX_KINDS` pairs of client and call
+kind.
+"""
 
 _FLUSH_AT = 512
 _MILLISECOND = 1_000_000
@@ -122,8 +122,8 @@ class Statistics:
 
 
 class _CallTally:
-    """Counts calls of one kind. For speed, plain successes (nearly all calls) are collected and counted many
-    at once.
+    """Counts calls of one kind. For speed, plain successes (nearly all calls) are first collected and then
+    counted together.
     """
 
     def __init__(self) -> None:
@@ -175,7 +175,7 @@ class _CallTally:
         self.smooth_latencies, self.other_latencies = [], []
 
     def merge(self, other: _CallTally) -> None:
-        """Flush another tally, then add its counts."""
+        """Flush `other`, then add its counts to this tally."""
         for name in ("calls", "retries", "retried", "late", "executing", "request_bytes", "waited"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.outcomes.update(other.outcomes)
@@ -207,7 +207,9 @@ class _CallTally:
 
 
 class StatisticsBuilder(PipelineSubscriber):
-    """Counts completed calls. The memory for the counts grows with the number of call kinds, not of calls."""
+    """Counts completed calls. The memory for the counts grows with the number of call kinds, not with the
+    number of calls.
+    """
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
         """Create a builder that counts the calls for which `is_selected` returns True, by default all
@@ -301,8 +303,8 @@ class SlicedStatistics:
     started.
 
     Captures may be read out of chronological order. If a call starts more than `GRACE_NS` before the latest
-    start, all slices so far are completed. The same slice can then be returned a second time, with different
-    calls.
+    call, all slices so far are completed. Calls that are added to a completed slice later are returned in a
+    second slice for the same time.
     """
 
     def __init__(self, nanoseconds: int) -> None:

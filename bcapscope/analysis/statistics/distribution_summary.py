@@ -27,7 +27,7 @@ class DistributionSummary:
         mean: Mean value, exact.
         least: Smallest value, exact.
         most: Largest value, exact.
-        p50: Median. Like all percentiles, it is exact for up to 8192 values; for more values it is within
+        p50: Median. All percentiles are exact for up to 8192 values; for more values, the error is at most
             0.4%.
         bins: The bins that are not empty, in ascending order; () unless requested.
     """

@@ -69,7 +69,7 @@ class _OneWayTally:
         return OneWayFigures(self.frames, self.lost, self._histogram.distribution())
 
     def _flush(self) -> None:
-        # Replace a delay below 0 by 0: it is within the uncertainty, and a histogram has no bins for it.
+        # Replace negative delays by 0: they are within the uncertainty, and a histogram has no bins for them.
         self._histogram.add(np.maximum(np.array(self._delays, dtype=np.float64) / _MILLISECOND, 0))
         self._delays = []
 

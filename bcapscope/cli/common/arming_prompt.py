@@ -62,7 +62,7 @@ def confirm_robot_may_move(host: str, words: MessageFormatter) -> bool:
 def prompt_line(question: str) -> str:
     """Write a question to stderr, and return the line that the user types, without blanks at its ends.
 
-    Python's `input`, which click uses, loses a Ctrl-C that comes while it flushes the question.
+    click is not used: it calls Python's `input`, which loses a Ctrl-C during the output of the question.
 
     Raises:
         click.Abort: Standard input ended.

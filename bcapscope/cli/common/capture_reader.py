@@ -77,9 +77,9 @@ class CaptureReader:
     ) -> None:
         """Choose the input: captures, a live interface, or pasted hex text. The path ``-`` is standard input.
 
-        `side` selects which capture to read of a conversation that was captured at both sides; None for both.
-        `taken_at` is the place where the captures were taken; None to infer the place from the traffic.
-        `comment_words` chooses the language of the comments on pasted frames.
+        If a conversation was captured at both sides, `side` is the side to read; None for both. `taken_at` is
+        the place where the captures were taken; None to infer the place from the traffic. `comment_words`
+        chooses the language of the comments on pasted frames.
 
         Raises:
             click.UsageError: there is no input, or more than one kind, or standard input is closed.
@@ -112,7 +112,7 @@ class CaptureReader:
         self.frame_origins = self._input.frame_origins
 
     def observations(self) -> Iterator[Observation]:
-        """Yield all frames of the input, or only those captured at the chosen side.
+        """Yield all frames of the input, or only the frames captured at the chosen side.
 
         Read errors do not raise an exception; `print_summary` prints them.
         """
@@ -180,15 +180,15 @@ class CaptureReader:
         self._input.remember_origins()
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return the capture that holds a packet, and the packet's number there. `packet` counts all packets
-        of the input.
+        """Return the capture that holds a packet, and the packet's number there. `packet` is the packet's
+        number among all packets of the input.
 
         The result is None for live traffic and for pasted text.
         """
         return self._input.origin_of(packet)
 
     def citing_words(self) -> MessageFormatter:
-        """Return the formatter of the command.
+        """Return the formatter for the command's messages.
 
         If several captures are read, the formatter adds to each frame number the capture and packet of the
         frame.
@@ -291,7 +291,7 @@ class CaptureReader:
                 idle_at = 0
                 try:
                     while (packet := interrupts.read_or_stop(partial(next, packets, None))) is not None:
-                        # other traffic may leave no pause in which `capture.on_idle` is called
+                        # while other traffic arrives constantly, the capture never calls `capture.on_idle`
                         if packet[0] >= idle_at:
                             self.on_idle(packet[0])
                             idle_at = packet[0] + _IDLE_INTERVAL
@@ -336,7 +336,9 @@ class _NoMatch:
     has_matched: bool = False
 
     def sentence(self, words: MessageFormatter) -> str:
-        """Return a sentence that says that no record matched; "" if a record matched or none was tested."""
+        """Return a sentence that says that no record matched; "" if a record matched, or if no record was
+        tested.
+        """
         if self.has_matched or not self.tested:
             return ""
         records = Count(self.tested, str(self.wanted.kind))
@@ -349,7 +351,7 @@ class _NoMatch:
 class _Interrupted(Exception):
     """Ctrl-C ended reading, possibly inside a packet.
 
-    The capture is not reported as incomplete because of Ctrl-C.
+    After Ctrl-C, the command does not report the capture as incomplete.
     """
 
 

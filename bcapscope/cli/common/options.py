@@ -26,13 +26,11 @@ Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 LARGEST_SEED = 2**63 - 1
 LARGEST_COUNT = 1_000_000_000
-"""Maximum number of calls or rounds. This number of calls takes three months if there is one call every 8
-ms.
-"""
+"""Maximum number of calls or rounds. At one call every 8 ms, this number of calls takes three months."""
 
 _LARGEST_NUMBER = 1_000_000.0
-"""Default maximum of numeric options. This maximum is a quarter of an hour for an option in ms, and eleven
-days for an option in s.
+"""Default maximum of numeric options: a quarter of an hour for an option in ms, and eleven days for an option
+in s.
 """
 
 
@@ -73,9 +71,9 @@ def _quoted(value: object) -> str:
 def bundled(
     parameter: str, make: Callable[..., object], added: Sequence[Decorator], names: Iterable[str] = ()
 ) -> Decorator:
-    """Return a decorator that adds options to a command, and passes their values to it as one object.
+    """Return a decorator that adds options to a command, and passes all their values as one object.
 
-    `make` creates this object from the values. `names` are the names of the options; by default, the names of
+    `make` creates the object from the values. `names` are the names of the options; by default, the names of
     the parameters of `make`.
     """
     own_names = tuple(names) or tuple(inspect.signature(make).parameters)
@@ -97,7 +95,7 @@ def bundled(
 _PATH = click.Path(allow_dash=True)
 
 paths = click.argument("paths", nargs=-1, metavar="PATH...", type=_PATH)
-"""Argument PATH: any number of captures. The argument may be missing if an option names the input."""
+"""Argument PATH: any number of captures. Users may leave PATH out if an option selects the input."""
 
 captures = click.argument("paths", nargs=-1, required=True, metavar="PATH...", type=_PATH)
 """Argument PATH: one or more captures."""
@@ -135,8 +133,8 @@ taken_at = click.option(
     type=click.Choice([point.value for point in CapturePoint]),
     callback=lambda context, parameter, value: None if value is None else CapturePoint(value),
     help="Where you captured: on the client's computer, at the controller, or between. If a reply was "
-    "captured shortly before a retry, this place decides between lost and late. By default, bcapscope "
-    "infers the place from the traffic, if possible.",
+    "captured shortly before a retry, the place shows whether the reply was lost or late. By default, "
+    "bcapscope infers the place from the traffic, if possible.",
 )
 
 color = click.option(
@@ -178,7 +176,7 @@ language = click.option(
     help="Language of the text, en or ja. By default, LC_ALL, LC_MESSAGES or LANG decides. "
     "JSON and CSV stay English.",
 )
-"""Option ``--lang``. The command gets the parameter `words`, a formatter in the reader's language."""
+"""Option ``--lang``. The command gets the parameter `words`, a formatter in the user's language."""
 
 
 def parsed_by(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
@@ -235,7 +233,9 @@ def output_option(help_: str, allow_dash: bool = False) -> Callable[[F], F]:
 
 
 class _RecordPath(click.Path):
-    """Click parameter type of a path for a new file or of a named pipe, which is not opened yet."""
+    """Click parameter type: the path of a new file or of a named pipe. The type does not open the file or
+    pipe.
+    """
 
     def __init__(self) -> None:
         super().__init__(dir_okay=False, path_type=Path)
@@ -259,7 +259,7 @@ def limit_option(help_: str) -> Decorator:
 
 
 def display_filter_option(what: str) -> Decorator:
-    """Return the option ``--display-filter``. `what` names in the help text what gets a filter, such as
+    """Return the option ``--display-filter``. `what` is the word for a record in the help text, such as
     "call".
     """
     return click.option(

@@ -1,4 +1,4 @@
-"""Parse calls that the user types. A call is the name of a function and its arguments."""
+"""Parse calls that the user types. The user types the name of a function, then its arguments."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class PlannedCallParser:
     def __init__(self, target: ControllerTarget, variable_name: str | None) -> None:
         """Parse calls to `target`.
 
-        `variable_name` is the name of the variable whose handle the calls use.
+        If the calls use a variable, `variable_name` is its name.
         """
         self._target = target
         self._types = _variable_types(variable_name, _OWNERS_OF_VARIABLES) if variable_name else ()
@@ -89,8 +89,8 @@ class PlannedCallParser:
         return PlannedCall(function, values, takes_handle)
 
     def parse_script(self, lines: Iterable[str]) -> list[PlannedCall]:
-        """Parse one call per line. Lines are split into words as in a shell. Empty lines and # comments are
-        skipped.
+        """Parse one call per line. Each line is split into words as a shell does. Empty lines and # comments
+        are skipped.
 
         Raises:
             click.UsageError: a line is invalid, too long, or not UTF-8.
@@ -114,7 +114,8 @@ class PlannedCallParser:
 
 
 def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]) -> None:
-    """Check that for each call, the object that it needs is named by an option or opened by an earlier call.
+    """Check that each call that needs an object has one: the user named the object with an option, or an
+    earlier call opens it.
 
     Raises:
         click.UsageError: a call needs an object that is neither named nor opened.
@@ -135,7 +136,9 @@ def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]
 
 
 def _begins_with_handle(params: Sequence[Param], texts: Sequence[str]) -> bool:
-    """Return whether the user also typed the handle. The user need not, because `call` adds it."""
+    """Return whether the user typed a handle as the first argument. This is unnecessary, because `call` adds
+    the handle.
+    """
     if len(texts) < len(params):
         return False
     try:

@@ -19,9 +19,8 @@ from bcapscope.cli.common.data_output import echo
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 
-if (
-    TYPE_CHECKING
-):  # Imports are local because `tui` has these options too, and `tui` must open a capture fast.
+# Functions import what they need, because `tui` also imports this module and must open captures fast.
+if TYPE_CHECKING:
     from bcapscope.faults.fault_kinds import AnyFault
     from bcapscope.faults.quantities import DurationQuantity, FrameCondition
     from bcapscope.proxy.control_socket import ControlServer
@@ -33,13 +32,13 @@ if (
 
 @dataclass(frozen=True, slots=True)
 class RuleOptions:
-    """The values of the rule options. Where a value is None, the proxy uses its default.
+    """The values of the rule options. For an option with the value None, the proxy uses its default.
 
     Attributes:
         faults: Faults from the command line, followed by the faults from files (`--rules`).
         control: Address of the control socket; None if there is no control socket.
-        command_line: The rule options as typed, without --control. A process that is started with
-            these options has the same rules.
+        command_line: The rule options as the user typed them, without --control, for starting another process
+            with the same rules.
     """
 
     seed: int
@@ -70,9 +69,9 @@ class RuleOptions:
         )
 
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
-        """Create the rules; return None if no option needs any.
+        """Create the rules of the proxy; return None if the options define no rules.
 
-        Times in the notation of faults count from this call.
+        Some faults start only after a certain time. This time counts from the call of this method.
         """
         guard = self._make_guard()
         if not (self.faults or guard or self.intercept or self.scripts or self.control):
@@ -98,10 +97,10 @@ class RuleOptions:
     def attach_rules(
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
     ) -> ControlServer | None:
-        """Connect the rules to the relay, so that the relay passes on their reports, and open the control
-        socket. Return None if there is no --control.
+        """Make the rules send their reports to the relay. Open the control socket and return its server;
+        return None without --control.
 
-        The control socket also reports the current figures in `state`.
+        Clients of the control socket can also read the entries of `state`.
 
         Raises:
             ControlError: the control socket cannot be created.
@@ -129,7 +128,7 @@ class RuleOptions:
         return ControlServer(self.control, ControlApi(rules, figures, upstream), relay)
 
     def summary(self) -> list[Message]:
-        """Return one message per kind of rule that is active."""
+        """Return a message about each kind of rule that the options define."""
         lines = []
         if self.faults:
             lines.append(Message("rules.faults", count=Count(len(self.faults), "fault"), seed=self.seed))
@@ -158,7 +157,7 @@ class RuleOptions:
 
 
 _TYPED = f"{__name__}.typed"
-"""Key in the `meta` of click's context under which the typed rule options are stored."""
+"""Key in the `meta` of click's context. The value holds the rule options as the user typed them."""
 
 
 def _make_rule_options(
@@ -177,8 +176,8 @@ def _make_rule_options(
 
 
 def _parsing_callback(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a click callback that parses the values of an option with `read`. The callback also stores the
-    values as typed.
+    """Return a click callback that parses the values of an option with `read`. The callback also keeps the
+    text that the user typed.
     """
     parse = options.parsed_by(read)
 
@@ -274,10 +273,10 @@ _OPTIONS = (
     click.option(
         "--read-only",
         is_flag=True,
-        help="Refuse requests that energise or move the robot or change its state, and unknown requests, "
-        "with E_ACCESSDENIED. Stops always pass: Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, "
+        help="Refuse, with E_ACCESSDENIED, unknown requests and requests that energise or move the robot "
+        "or change its state. Stops always pass: Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, "
         "HandStop, TwofgStop, slvChangeMode 0, releases, Controller_Disconnect and Service_Stop. "
-        "Controller_Connect also passes: without its handle, a client could not even read.",
+        "Controller_Connect also passes, because clients need its handle to read anything.",
     ),
     click.option(
         "--block",
@@ -306,8 +305,8 @@ _OPTIONS = (
         metavar="TIME",
         callback=_parsing_callback(_duration),
         help="Hold a message at most this long (default: 60s), then send it unchanged. The proxy drops a "
-        "request that its client has given up: the client closed its connection, made another call, or on "
-        "UDP did not retry for 5 s.",
+        "held request if the client closed its connection, made another call, or on UDP did not retry for "
+        "5 s.",
     ),
     click.option(
         "--script",
@@ -326,8 +325,8 @@ _OPTIONS = (
         metavar="TIME",
         callback=_parsing_callback(_script_limit),
         help="Give the scripts this much time for one message, 1ms to 10s (default: 100ms). If a script "
-        "takes longer, all scripts are switched off. Then stops pass, motion is refused with "
-        "E_ACCESSDENIED, and everything else passes unchanged.",
+        "takes longer, all scripts are switched off. The proxy then refuses motion with "
+        "E_ACCESSDENIED, and forwards everything else, including stops, unchanged.",
     ),
     click.option(
         "--script-memory",

@@ -45,7 +45,7 @@ def choose_scenario(context: click.Context, param: click.Parameter, named: str |
 
 
 def list_scenarios(context: click.Context, param: click.Parameter, wanted: bool) -> None:
-    """If `wanted`, print each included scenario with the rule that it demonstrates, then exit."""
+    """If `wanted` is True, print each included scenario with the rule that it demonstrates, then exit."""
     if not wanted or context.resilient_parsing:
         return
     read = {name: read_scenario(text) for name, text in bundled_scenarios().items()}
@@ -57,7 +57,7 @@ def list_scenarios(context: click.Context, param: click.Parameter, wanted: bool)
 
 
 def list_behaviours(context: click.Context, param: click.Parameter, wanted: bool) -> None:
-    """If `wanted`, print each simulated behaviour with its source, then exit."""
+    """If `wanted` is True, print each simulated behaviour with its source, then exit."""
     if not wanted or context.resilient_parsing:
         return
     head = ("BEHAVIOUR", "CERTAINTY", "WHAT THE SIMULATOR DOES, OR WHEN IT RETURNS THE RESULT", "SOURCE")

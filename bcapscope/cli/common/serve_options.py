@@ -33,8 +33,8 @@ class ServeOptions:
 def serve_screen(options: ServeOptions) -> None:
     """Serve the screen of the running command to browsers until Ctrl-C, then exit.
 
-    Each browser page gets its own process, which runs the same command. In the process of a browser page,
-    `serve_screen` returns at once.
+    Each browser page gets its own process, which runs the same command and also reaches this function. In the
+    process of a page, the function returns immediately.
     """
     if "TEXTUAL_DRIVER" in os.environ:
         return
@@ -84,7 +84,7 @@ def _loopback_address(context: click.Context, parameter: click.Parameter, value:
     if not address.is_loopback:
         raise click.BadParameter(
             f"{host} is not loopback. The connection is not encrypted, and anyone who opens the page can "
-            f"move the robot. From another machine use a tunnel: ssh -L {port}:127.0.0.1:{port} USER@HOST",
+            f"move the robot. From another machine, use a tunnel: ssh -L {port}:127.0.0.1:{port} USER@HOST",
             context,
             parameter,
         )

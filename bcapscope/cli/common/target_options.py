@@ -14,7 +14,8 @@ from bcapscope.cli.common import options
 from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.client.controller_target import (
     DEFAULT_PORT,
-    DEFAULT_RETRY_POLICIES,
+    DEFAULT_RETRIES,
+    DEFAULT_TIMEOUT_MS,
     ControllerTarget,
     split_host_port,
 )
@@ -27,8 +28,6 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.render.escape import printable
 
 __all__ = ["ControllerTarget", "exit_on_failure", "target_options"]
-
-_MS = 1_000_000
 
 
 def _convention(context: click.Context, _: click.Parameter, value: str | None) -> ReservedConvention | None:
@@ -53,24 +52,24 @@ _OPTIONS = (
         "--timeout",
         metavar="MS",
         type=options.NumberRange(0.1),
-        default=DEFAULT_RETRY_POLICIES.others.timeout / _MS,
+        default=DEFAULT_TIMEOUT_MS,
         help="Wait this long for the reply to each attempt, in ms. slvMove always uses DENSO's 2 ms.",
     ),
     click.option(
         "--retries",
         type=options.IntegerRange(0, 100),
-        default=DEFAULT_RETRY_POLICIES.others.retries,
-        help="Retry a request at most this often on UDP. In an Async mode, the value 4 means 3 "
-        "retries, as DENSO recommends. On TCP there are no retries: the only attempt waits as long "
+        default=DEFAULT_RETRIES,
+        help="Maximum number of retries of a request on UDP. In an Async mode, bcapscope makes 3 retries "
+        "instead of 4, as DENSO recommends. On TCP there are no retries: the only attempt waits as long "
         "as all UDP attempts together.",
     ),
     click.option(
         "--convention",
         type=click.Choice([each.value for udp in (True, False) for each in client_conventions(udp)]),
         callback=_convention,
-        help="Fill the reserved field by this convention. UDP: seed (first 0, then the first serial), own "
-        "(first its own serial, then the first serial), chain (first 0, then the previous serial). TCP: tcp0 "
-        "(0), tcp1 (1). Default: seed on UDP, tcp0 on TCP.",
+        help="Fill the reserved field by this convention. UDP: seed (first attempt 0, retries the first "
+        "serial), own (first attempt its own serial, retries the first serial), chain (first attempt 0, "
+        "retries the previous serial). TCP: tcp0 (0), tcp1 (1). Default: seed on UDP, tcp0 on TCP.",
     ),
     click.option(
         "--service",
@@ -113,7 +112,9 @@ def _target_options(host: options.Decorator, port_help: str) -> options.Decorato
 target_options = _target_options(
     click.argument("host", callback=_nonempty_host), "Connect to this port of the controller."
 )
-"""Decorator that adds the argument HOST and the connection options, passed as one argument `target`."""
+"""Decorator that adds the argument HOST and the connection options. The command gets them as one argument
+`target`.
+"""
 
 optional_target_options = _target_options(
     click.argument("host", required=False, default=""),

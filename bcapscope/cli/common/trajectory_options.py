@@ -24,7 +24,7 @@ from bcapscope.render.preflight_text import trajectory_line
 class TrajectoryOptions:
     """The trajectory to play and its speed.
 
-    Intervals are in ms. If `rounds` is 0, the trajectory is repeated until the user stops it.
+    Intervals are in ms. If `rounds` is 0, `play` repeats the trajectory until the user stops it.
     """
 
     file: Path
@@ -109,7 +109,7 @@ _OPTIONS = (
         "--resample",
         "again",
         is_flag=True,
-        help="Resample to the interval of --interval, with a smooth start and stop.",
+        help="Resample the trajectory to the interval of --interval, with a smooth start and stop.",
     ),
     click.option(
         "--speed",

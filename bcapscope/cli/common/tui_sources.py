@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 
 def choose_language(context: click.Context, words: MessageFormatter) -> None:
-    """Set the language of the screen and of its processes: that of --lang, or of the settings if --lang is
-    missing.
+    """Set the language of the screen and of its processes. --lang names the language; without --lang, the
+    settings name it.
     """
     from bcapscope.tui.reader_language import set_language
     from bcapscope.tui.settings import default_settings_path, read_settings
@@ -54,8 +54,8 @@ def run_app(*screens: ScreenEntry) -> None:
 def show_proxy(
     address: str, listen: Sequence[str], to: Sequence[str], record: Path | None, rules: RuleOptions
 ) -> None:
-    """Show the running proxy whose control socket has this address. If the address is "", start a new
-    proxy.
+    """Show the running proxy with this control socket. If the address is "", start a new proxy and show its
+    traffic.
     """
     if not address:
         _show_own_proxy(listen, to, record, rules)
@@ -156,7 +156,9 @@ def _show_screens(feed: TrafficFeed | None, screen: ProxyScreen) -> None:
 
 
 def _read_figures(address: str) -> ProxyStats:
-    """Return the figures of the proxy whose control socket has this address. If no proxy answers, exit."""
+    """Connect to the proxy's control socket at this address, and return the proxy's figures. If no proxy
+    answers, exit.
+    """
     from bcapscope.errors import BcapError
     from bcapscope.proxy.control_client import ControlClient
     from bcapscope.proxy.control_messages import GetStats, ProxyStats
@@ -193,7 +195,7 @@ def _running_command(*words: str) -> Iterator[ChildProcess]:
 def _control_address(folder: Path) -> str:
     """Return an address for the control socket.
 
-    The address is that of a Unix socket if possible, because only this user can open such a socket.
+    If possible, use a Unix socket, because other users of the machine cannot open it.
     """
     import socket
 

@@ -10,7 +10,8 @@ When arming expires, bcapscope assumes that nobody watches the robot any more.
 
 
 class ArmingState:
-    """Stores whether the user has armed. Arming ends when the user disarms or after a timeout.
+    """Stores whether the user has armed, that is, has confirmed that bcapscope may move the robot. Arming
+    ends when the user disarms or after a timeout.
 
     `is_required` is False if the controller is the built-in simulator.
     """
@@ -27,7 +28,7 @@ class ArmingState:
         self._armed_until = None
 
     def extend(self, now: int) -> None:
-        """Restart the timeout after a call that needs arming: the user evidently watches the robot."""
+        """Restart the timeout. A call that needs arming shows that the user still watches the robot."""
         if self.is_armed(now):
             self._armed_until = now + DISARM_AFTER
 
@@ -39,5 +40,5 @@ class ArmingState:
         return not self.is_required or self.is_armed(now)
 
     def remaining(self, now: int) -> int:
-        """Return the time in ns until arming expires; 0 if disarmed."""
+        """Return the time in ns until arming expires; 0 if the user has not armed."""
         return max(0, self._armed_until - now) if self._armed_until is not None else 0

@@ -1,8 +1,8 @@
 """The Tester's session: one connection at a time, in a separate thread that sends updates to the screen.
 
-The session and the screen have separate event loops. Drawing the screen therefore delays no call, and
-measured round trips do not include it. The coroutines of this module run in the event loop of the session.
-The screen starts them with `run_in_loop`.
+The session and the screen have separate event loops. Drawing the screen therefore delays no call, and does
+not count in measured round trips. The coroutines of this module run in the event loop of the session. The
+screen starts these coroutines with `run_in_loop`.
 """
 
 from __future__ import annotations
@@ -56,28 +56,28 @@ CLOSE_TIMEOUT = 8.0
 """Maximum time in seconds that `close` waits until the session has released all objects."""
 
 _CLEANUP_RETRY_POLICY = RetryPolicy(300_000_000, 2)
-"""Maximum number of attempts for each call that releases an object.
+"""Timeout in ns and maximum number of retries of each call that releases an object.
 
-The number is small, so that `close` is fast if the controller does not respond.
+The timeout and the number of retries are small, so that `close` is fast if the controller does not respond.
 """
 
 
 class NotConnectedError(BcapError):
-    """The call needs a connection, and none is open."""
+    """The call needs a connection, but no connection is open."""
 
 
 class NotArmedError(BcapError):
-    """The call may energise or move the robot, and the user has not armed. The call was not sent."""
+    """The call may energise or move the robot, but the user has not armed. The call was not sent."""
 
 
 class ControllerSession:
-    """The connection to a controller, and every call that the Tester makes on it.
+    """The Tester's connection to a controller. All calls of the Tester use this class.
 
     Attributes:
-        status: State that the screen shows. Any thread may read it, because each change replaces the whole
-            object.
-        polling_paused: True while automatic reads are suspended, because they might end another client's
-            slave mode.
+        status: State that the screen shows. Any thread may read the status, because each change replaces the
+            whole object.
+        polling_paused: True while the session makes no automatic reads, because they might end another
+            client's slave mode.
     """
 
     def __init__(
@@ -89,9 +89,9 @@ class ControllerSession:
         """Create a session without a connection.
 
         Args:
-            report: Function that receives every update, in a thread of this session.
-            tap: Function that receives every packet, in a thread of this session. The function must not block
-                or raise.
+            report: Function that a thread of this session calls with every update.
+            tap: Function that a thread of this session calls with every packet. The function must not block
+                or raise exceptions.
         """
         self.report = report
         self._tap = tap
@@ -112,7 +112,7 @@ class ControllerSession:
     async def run_in_loop(self, step: Coroutine[Any, Any, R]) -> R:
         """Run a coroutine in this session's loop; return its result.
 
-        If the caller is cancelled while it waits, the coroutine is cancelled too.
+        If the waiting task is cancelled, the coroutine is cancelled too.
         """
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(step, self._loop))
 
@@ -125,7 +125,7 @@ class ControllerSession:
     def close(self) -> None:
         """Release all objects within `CLOSE_TIMEOUT` seconds and end the session's thread.
 
-        Call this from a thread other than the session's own.
+        Do not call this method from the session's own thread.
         """
         done = asyncio.run_coroutine_threadsafe(self._shut_down(), self._loop)
         with suppress(TimeoutError, BcapError, OSError):
@@ -137,7 +137,7 @@ class ControllerSession:
         self.action_log.close()
 
     async def _shut_down(self) -> None:
-        """Disconnect. If objects are already being released, wait until this is complete."""
+        """Disconnect. If the session is already releasing objects, wait until it has finished."""
         await self.disconnect()
         others = asyncio.all_tasks() - {asyncio.current_task()}
         if others:
@@ -150,7 +150,7 @@ class ControllerSession:
     # The connection.
 
     async def open_link(self, target: ControllerTarget) -> None:
-        """Open the UDP or TCP link to a controller; send nothing yet.
+        """Open the UDP or TCP link to a controller, without sending b-CAP frames.
 
         Raises:
             OSError: The controller cannot be reached.
@@ -207,7 +207,7 @@ class ControllerSession:
 
     @property
     def opener(self) -> ObjectOpener:
-        """The `ObjectOpener` of the open connection; raises `NotConnectedError` if no connection is open."""
+        """The `ObjectOpener` of the open connection. Raises `NotConnectedError` if no connection is open."""
         if self._opener is None:
             raise NotConnectedError(Message("tester.not_connected"))
         return self._opener
@@ -215,7 +215,8 @@ class ControllerSession:
     async def call(
         self, function: Function, arguments: Sequence[Variant], initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """Make a call and return its record, even if the controller refuses or does not answer the call.
+        """Make a call and return its record. Return the record even if the controller refuses the call or
+        does not answer.
 
         Raises:
             NotConnectedError: No connection is open.
@@ -236,12 +237,12 @@ class ControllerSession:
         return await self.call(function, arguments_of(function, values), initiator)
 
     async def send_raw(self, raw: bytes) -> HistoryRecord:
-        """Send bytes unchanged, wait for the reply, and return the record of the call.
+        """Send bytes unchanged and wait for the reply. Return a record as for a call.
 
         Raises:
             NotArmedError: The user has not armed, and the bytes may move the robot or are not an intact
                 frame.
-            NotConnectedError, ConnectionError: As `call` raises them.
+            NotConnectedError, ConnectionError: See `call`.
         """
         session = self.opener.session
         caller = session.caller
@@ -255,7 +256,9 @@ class ControllerSession:
 
     @property
     def controller(self) -> ObjectHandle:
-        """The controller object that is open; raises `NotConnectedError` if none is open."""
+        """The open controller object. Raises `NotConnectedError` if the session has no open controller
+        object.
+        """
         found = self.opener.session.handles.latest(ObjectClass.CONTROLLER)
         if found is None:
             raise NotConnectedError(Message("tester.not_connected"))
@@ -271,7 +274,7 @@ class ControllerSession:
 
     @property
     def last_record(self) -> HistoryRecord:
-        """The record of the latest call that has ended. Read `last_record` only after a call."""
+        """The record of the latest call that has ended. Read this property only after the first call."""
         assert self._recorder.last_record is not None
         return self._recorder.last_record
 
@@ -286,7 +289,7 @@ class ControllerSession:
     ) -> ObjectHandle | None:
         """Open an object.
 
-        Return None if the call was refused or not answered; `last_record` then shows the reason.
+        If the call was refused or not answered, return None. `last_record` then shows the reason.
         """
         record = await self.invoke(f"{parent.kind}_Get{kind}", parent.handle, name, option)
         if record.outcome is not RecordOutcome.ANSWERED or record.reply is None:
@@ -301,12 +304,12 @@ class ControllerSession:
     async def record_calls(
         self, steps: Coroutine[Any, Any, object], initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """Run a coroutine that makes calls, until one call fails or the coroutine ends.
+        """Run a coroutine that makes calls, until it ends or one of its calls fails.
 
         Return the record of the latest call.
 
         Raises:
-            NotArmedError, LocalProtocolError, ConnectionError: As `call` raises them.
+            NotArmedError, LocalProtocolError, ConnectionError: See `call`.
         """
         with suppress(ControllerError, CallTimeout):
             await self.run_calls(steps, initiator)
@@ -315,7 +318,7 @@ class ControllerSession:
     async def run_calls(self, steps: Coroutine[Any, Any, R], initiator: Initiator) -> R:
         """Run a coroutine that makes calls, and return its result.
 
-        If the coroutine is cancelled, the history still shows the call that was running. If the link fails,
+        If the coroutine is cancelled, its unfinished call still appears in the history. If the link fails,
         the session closes the connection and reports the loss to the screen.
         """
         INITIATOR.set(initiator)
@@ -334,8 +337,8 @@ class ControllerSession:
     # HALT.
 
     def halt(self) -> bool:
-        """Start to halt the robot, and return at once whether a connection is open. Any thread may call this
-        method.
+        """Start to halt the robot, without waiting for the result. Return whether a connection is open. Any
+        thread may call this method.
         """
         self.arming.disarm()
         halt_connection = self._halt_connection
@@ -350,8 +353,8 @@ class ControllerSession:
             self._loop.create_task(self._halt_on_session(self.status.robot))
 
     async def _halt_on_session(self, robot: ObjectHandle) -> None:
-        """Send HALT also on the main connection, after the call that runs there has ended. Then leave slave
-        mode.
+        """Send HALT also on the main connection, after the running call of that connection has ended. Then
+        leave slave mode.
         """
         with suppress(BcapError, OSError):
             record = await self.invoke("Robot_Halt", robot.handle, "")
@@ -405,7 +408,7 @@ class ControllerSession:
         session = self.client_session
         if session is not None and self.status.is_connected:
             if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
-                # `Session` records a reply only when the caller's task resumes, and never records raw bytes.
+                # This call is needed because `Session` records a reply later, and never records raw bytes.
                 session.record_call(record.function_id, record.arguments, record.reply)
             before = self.status
             self.status = before.after_call(record, session.handles.open_handles())

@@ -1,8 +1,8 @@
 """Recovery after an error: read the errors, clear them, and return to slave mode.
 
 The steps are those of DENSO Wave 2009, How to use the Slave mode (Clearing errors). bcapscope clears the
-errors, starts RobSlave again, moves to the first position, and enters slave mode. Before these steps, it
-reads the errors, because clearing deletes them.
+errors, starts RobSlave again, moves to the first position, and enters slave mode. Before these steps,
+bcapscope reads the errors, because clearing deletes them.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ class RecoveryStep(StrEnum):
     CLEAR = "clear"
     ROBSLAVE = "robslave"
     MOTOR = "motor"
-    """Errors of level 4 and above switch the motor off, so the step `MOTOR` switches it on again."""
+    """Errors of level 4 and above switch the motor off. The step `MOTOR` switches the motor on again."""
     FIRST_POSITION = "first"
     MODE = "mode"
 
 
 class LastSlaveSession:
-    """The latest slave-mode session, which the user usually wants to resume after an error.
+    """The latest slave-mode session. After an error, the user usually wants to continue this session.
 
     Attributes:
         mode: Number of the slave mode; 2 (joints, Sync) if there was no session yet.
@@ -43,7 +43,7 @@ class LastSlaveSession:
         self.first_set_point: tuple[float, ...] = ()
 
     def on_record(self, record: HistoryRecord) -> None:
-        """Update mode and first set point from a call, whoever made it.
+        """Update the mode and the first set point from a call of the user or of bcapscope.
 
         Calls that the controller refused are ignored, because they did not change the robot's state.
         """
@@ -57,7 +57,9 @@ class LastSlaveSession:
 
     @property
     def move_position(self) -> str:
-        """The first set point as a position for `Robot_Move` with exact stop (`@E`); "" if there is none."""
+        """The first set point as a position for `Robot_Move` with exact stop (`@E`); "" if there was no set
+        point yet.
+        """
         kind = pose_type_of_mode(self.mode)
         if kind is None or not self.first_set_point:
             return ""
@@ -65,13 +67,13 @@ class LastSlaveSession:
 
 
 async def read_current_errors(session: ControllerSession) -> tuple[tuple[int, str], ...]:
-    """Read the controller's current errors, newest first, each as its code and the controller's text.
+    """Read the controller's current errors, newest first, each with its code and the controller's text.
 
-    First leave slave mode, because any other call may end slave mode (public issues of
-    DENSORobot/denso_robot_ros).
+    Leave slave mode before the calls that read errors, because these calls may end slave mode abruptly
+    (public issues of DENSORobot/denso_robot_ros).
 
     Raises:
-        BcapError, OSError: As `ControllerSession.call` raises them.
+        BcapError, OSError: See `ControllerSession.call`.
     """
     if session.status.slave_mode and session.status.robot is not None:
         await run_recovery_step(session, RecoveryStep.MODE, "", 0)
@@ -87,7 +89,7 @@ async def run_recovery_step(
         first_position: Target position of `RecoveryStep.FIRST_POSITION`, in the notation of Robot_Move.
 
     Raises:
-        BcapError, OSError: As `ControllerSession.call` raises them.
+        BcapError, OSError: See `ControllerSession.call`.
     """
     if recovery_step is RecoveryStep.CLEAR:
         return await session.record_calls(clear_errors(_controller(session)))

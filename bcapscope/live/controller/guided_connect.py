@@ -28,7 +28,7 @@ from bcapscope.render.field_meaning import value_text
 
 
 class ConnectStepError(BcapError):
-    """A step of connecting failed. The session has already reported the reason."""
+    """A step of connecting failed. The screen has already received the reason."""
 
     def __init__(self, reason: Reason) -> None:
         super().__init__(Message("controller.step-failed"))
@@ -138,8 +138,8 @@ async def _open_first_robot(session: ControllerSession, name: str, option: str) 
 async def _open_robot(
     session: ControllerSession, name: str, option: str
 ) -> tuple[HistoryRecord, Reason | None]:
-    """Open and select a robot. Return the record of the call that opened the robot, and the robot's name and
-    type (None on failure).
+    """Open and select a robot. Return the record of the call, and a text with the robot's name and type. If
+    the call failed, return None instead of the text.
     """
     robot = await session.open_object(session.controller, ObjectClass.ROBOT, name, option)
     record = session.last_record
@@ -150,7 +150,7 @@ async def _open_robot(
 
 
 async def _identify_controller(session: ControllerSession) -> Reason:
-    """Read whether the controller is the built-in simulator, and the version that it reports."""
+    """Find out whether the controller is the built-in simulator, and read the version of the controller."""
     opener, controller = session.opener, session.controller
     simulator = await opener.is_simulator()
     version = await _read_fact(session, Controller(opener.session, controller.handle), "@VERSION")

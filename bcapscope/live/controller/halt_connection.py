@@ -4,7 +4,7 @@ its own thread, event loop and session, and is open before HALT is needed.
 A b-CAP call blocks its connection until the call ends. While a call blocks a connection, DENSO's C server
 refuses other calls on that connection as busy (orin_bcap C/src/bCAPServer/bcap_server.c). HALT therefore uses
 a separate connection on which the robot is already open. HALT does not depend on the event loops of the
-screen or of other calls: pressing the key only sets an event in the event loop of this connection.
+screen or of other calls. The key for HALT only sets an event in the event loop of this connection.
 """
 
 from __future__ import annotations
@@ -29,8 +29,7 @@ HEARTBEAT = 2.0
 """Seconds between two heartbeat calls."""
 
 RETRY_WITHIN = 3.0
-"""Time in s after the user pressed HALT during which the thread tries again and again to reopen a lost
-connection.
+"""Time in s after a press of HALT in which the thread repeatedly tries to reopen a lost connection.
 """
 
 _REOPEN_DELAY = 0.05
@@ -41,18 +40,20 @@ Reset on the pendant.
 """
 
 CLOSE_TIMEOUT = 3.0
-"""Maximum time in seconds that `close` waits until the connection has released its objects."""
+"""Maximum time in seconds that `close` waits for the connection to release its objects."""
 
 
 class HaltState(StrEnum):
-    """State of the HALT connection: whether HALT can be sent, and the result of the latest HALT."""
+    """State of the HALT connection. The state says whether HALT can be sent, or what the latest HALT
+    achieved.
+    """
 
     CLOSED = "closed"
     """No controller is connected."""
     OPENING = "opening"
     READY = "ready"
     LOST = "lost"
-    """The controller does not answer on the HALT connection, or refused to open the connection."""
+    """The controller does not answer on the HALT connection, or refuses a call that opens the connection."""
     HALTING = "halting"
     HALTED = "halted"
     FAILED = "failed"
@@ -64,7 +65,7 @@ class HaltUpdate:
     """The state of the HALT connection has changed.
 
     Attributes:
-        reason: Why the connection or HALT failed; () if neither failed.
+        reason: Reason why the connection or HALT failed; () after success.
         round_trip: Round trip in ns of the call that showed the new state; 0 if no call showed it.
     """
 
@@ -74,7 +75,9 @@ class HaltUpdate:
 
 
 class HaltConnection:
-    """A HALT connection to a controller. The constructor opens the connection, and `close` closes it."""
+    """A HALT connection to a controller. The constructor starts to open the connection, and `close` closes
+    it.
+    """
 
     def __init__(
         self,
@@ -87,8 +90,8 @@ class HaltConnection:
         """Start to open the connection, and return at once.
 
         Args:
-            target: The controller. The name in Controller_Connect gets the suffix "-halt", because such names
-                must be unique.
+            target: The controller. If the target has a name for Controller_Connect, this connection appends
+                "-halt", because these names must be unique.
             report: Function that receives every change of state, in this connection's thread.
             observer: Function that receives every packet, in this connection's thread.
         """
@@ -101,7 +104,7 @@ class HaltConnection:
         self._loop = asyncio.new_event_loop()
         self._pressed = asyncio.Event()
         self._retry_until = 0.0
-        self._was_refused = False  # whether the controller has refused HALT since the user pressed it
+        self._was_refused = False  # whether the controller has refused HALT since the last press of HALT
         self._closing = False
         self._thread = threading.Thread(target=self._run, name="halt", daemon=True)
         self._thread.start()
@@ -117,13 +120,13 @@ class HaltConnection:
         self._call_in_loop(press)
 
     def pause_heartbeat(self, paused: bool) -> None:
-        """While `paused` is True, send nothing but HALT, because any other call may end another client's
-        slave mode.
+        """Suspend or resume the heartbeat. While another client is in slave mode, send only HALT, because any
+        other call may end that slave mode.
         """
         self._heartbeat_paused = paused
 
     def report_only_halts(self) -> None:
-        """From now on, report only the results of HALT.
+        """From now on, report only whether HALT succeeded or failed.
 
         A new HALT connection replaces this connection, and reports its own state.
         """
@@ -132,7 +135,7 @@ class HaltConnection:
         self._report = lambda update: report(update) if update.state in halt_results else None
 
     def close(self) -> None:
-        """Close the connection, and wait at most `CLOSE_TIMEOUT` seconds until it is closed."""
+        """Close the connection, and wait until it is closed, but no longer than `CLOSE_TIMEOUT` seconds."""
 
         def end() -> None:
             self._closing = True
@@ -161,8 +164,8 @@ class HaltConnection:
                 await self._handle_loss(error_reason(error))
 
     async def _handle_loss(self, reason: Reason) -> None:
-        """Wait before the connection is reopened: only `_REOPEN_DELAY` if HALT is pending, else the time of
-        one heartbeat.
+        """Wait before the connection is reopened. If HALT is pending, wait for `_REOPEN_DELAY` seconds;
+        otherwise, wait for the interval of heartbeats.
 
         A pending HALT fails after `RETRY_WITHIN` seconds, because a HALT that is sent minutes later could
         interrupt another motion.
@@ -177,7 +180,9 @@ class HaltConnection:
         await self._wait_for_press(self._heartbeat)
 
     async def _serve_session(self, session: Session) -> None:
-        """Open the robot. Until the connection is closed, halt the robot whenever the user presses HALT."""
+        """Open the robot. Then halt the robot whenever the user presses HALT, until the connection is
+        closed.
+        """
         self._report(HaltUpdate(HaltState.OPENING))
         opener = ObjectOpener(session, self._target, {ObjectClass.ROBOT: self._robot})
         handle = await opener.handle_for(ObjectClass.ROBOT)
@@ -199,7 +204,7 @@ class HaltConnection:
 
     async def _send_heartbeat(self, session: Session, handle: int) -> None:
         """Send a heartbeat call, which shows whether the connection works. If the user presses HALT, cancel
-        this call.
+        the heartbeat call.
         """
         began = self._loop.time()
         call = asyncio.ensure_future(session.invoke("Robot_GetAttribute", handle))
@@ -212,7 +217,7 @@ class HaltConnection:
             return
         try:
             call.result()
-        except ControllerError as error:  # a refusal with any other code proves that the connection works
+        except ControllerError as error:  # with other codes, even a refusal proves that the connection works
             if error.hresult in _STALE_CONNECTION_CODES:
                 raise
         took = round((self._loop.time() - began) * 1e9)
@@ -221,8 +226,8 @@ class HaltConnection:
     async def _halt_robot(self, session: Session, handle: int) -> None:
         """Halt the robot.
 
-        After the first refusal, reopen the connection, because the controller may no longer know the old
-        connection.
+        If the controller refuses HALT for the first time, reopen the connection, because the controller may
+        have forgotten this connection.
         """
         self._report(HaltUpdate(HaltState.HALTING))
         began = self._loop.time()

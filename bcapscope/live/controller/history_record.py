@@ -17,8 +17,8 @@ from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.observation import Direction, Observation
 
 Reason: TypeAlias = tuple[Message | str, ...]
-"""Result of a step, or reason of a failure. The parts are shown with commas between them; () means that there
-is no result.
+"""Result of a step, or reason of a failure. The screen shows the parts with commas between them; () means
+that there is no result.
 """
 
 
@@ -50,7 +50,7 @@ class HistoryRecord:
         packets: Packets sent and received for the call, in order; at most `history_recorder.MAX_PACKETS`.
         notices: Number of S_EXECUTING notices.
         late_replies: Number of late replies.
-        subject: Object that the call used, such as a variable; None if that object was not open.
+        subject: Object whose handle the call used, such as a variable; None if that object was not open.
     """
 
     number: int

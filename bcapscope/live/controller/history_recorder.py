@@ -1,7 +1,6 @@
 """Builds the records of calls from the packets and events that a session reports.
 
-Calls of the user and calls that bcapscope makes on its own use the same link. Both kinds of calls are
-recorded.
+Calls of the user and automatic calls of bcapscope use the same link, and both are recorded.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.observation import Direction, Observation
 
 INITIATOR: ContextVar[Initiator] = ContextVar("who", default=Initiator.SCREEN)
-"""Who initiated the calls that the running task makes: the user or bcapscope."""
+"""Who initiated the calls of the running task: the user or bcapscope."""
 
 MAX_PACKETS = 256
 """Maximum number of packets per record. Without a limit, a flood of packets from the controller could fill
@@ -47,7 +46,7 @@ class HistoryRecorder:
         """Create a recorder that passes records to `on_record`. `subject_of` is a function that returns the
         object that a call uses.
 
-        The arguments of `subject_of` are the function id and the arguments of the call.
+        `subject_of` gets the function id and the arguments of the call.
         """
         self._on_record = on_record
         self._subject_of = subject_of
@@ -56,7 +55,7 @@ class HistoryRecorder:
         self._call: _CallInProgress | None = None
 
     def on_packet(self, observation: Observation) -> None:
-        """Add a packet that the session sent or received."""
+        """Add a packet that the session sent or received to the record of the running call."""
         call = self._call
         if observation.flow.direction is Direction.REQUEST and call is None:
             call = self._call = _CallInProgress(observation.time, INITIATOR.get(), asyncio.current_task())
@@ -64,7 +63,7 @@ class HistoryRecorder:
             call.add_packet(observation)
 
     def on_event(self, event: RequesterEvent, now: int) -> None:
-        """Handle an event of the session; `now` is ns since 1970-01-01 UTC."""
+        """Handle an event of the session. `now` is the current time in ns since 1970-01-01 UTC."""
         call = self._call
         if call is None:
             return
@@ -84,20 +83,23 @@ class HistoryRecorder:
     def abandon_own_call(self, now: int) -> None:
         """Abandon the running call if the current task made it.
 
-        If the running call belongs to another task, do nothing: the current task was waiting for that call to
-        end.
+        If another task made the running call, do nothing, because the current task only waited for the end of
+        that call.
         """
         if self._call is not None and self._call.task is asyncio.current_task():
             self.abandon_call(now)
 
     def abandon_call(self, now: int) -> None:
-        """End the running call, if there is one, as abandoned; `now` is ns since 1970-01-01 UTC."""
+        """If a call is running, record it as abandoned. `now` is the current time in ns since 1970-01-01
+        UTC.
+        """
         if self._call is not None:
             took = max(0, now - self._call.began)
             self._complete_call(self._call, RecordOutcome.ABANDONED, None, (), took)
 
     def complete_raw_call(self, now: int) -> None:
-        """End a call of raw bytes; `now` is ns since 1970-01-01 UTC.
+        """Complete the record of raw bytes that were sent. `now` is the current time in ns since 1970-01-01
+        UTC.
 
         The last frame that was received counts as the reply to the raw bytes.
         """

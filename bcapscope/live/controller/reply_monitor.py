@@ -1,17 +1,19 @@
-"""Detects from requests and replies that a controller has fallen silent."""
+"""Detects that a controller does not reply any more."""
 
 from __future__ import annotations
 
 REPLY_OVERDUE_AFTER = 1_500_000_000
-"""Time in ns after a request at which its reply is overdue. No call except a motion takes so long."""
+"""Time in ns after a request at which its reply is overdue. Only calls that move the robot take longer than
+this.
+"""
 
 
 class ReplyMonitor:
-    """Stores when the controller last sent something on any connection, and since when bcapscope has been
-    waiting for a reply.
+    """Stores when the controller last sent a packet on any connection, and how long bcapscope has waited for
+    a reply.
 
-    Any thread may report requests and received packets. All times are in ns of the same clock. Without a
-    request, no reply is expected.
+    Any thread may report requests and received packets. All times are in ns of the same clock. If no request
+    is open, no reply is overdue.
     """
 
     def __init__(self, now: int) -> None:
@@ -30,6 +32,6 @@ class ReplyMonitor:
         return now - self._last_received
 
     def is_reply_overdue(self, now: int) -> bool:
-        """Return whether bcapscope has waited for a reply for longer than `REPLY_OVERDUE_AFTER`."""
+        """Return whether bcapscope has waited longer than `REPLY_OVERDUE_AFTER` for a reply."""
         asked = self._waiting_since
         return asked > 0 and now - asked > REPLY_OVERDUE_AFTER

@@ -69,8 +69,8 @@ class SessionStatus:
         robot: Robot to which the session sends robot commands; None if no robot is selected.
         slave_mode: Number of the robot's slave mode, derived from this client's own calls; 0 if slave mode is
             off.
-        holds_arm: Whether TakeArm succeeded and no GiveArm followed. After an error, the controller may have
-            released the arm nevertheless.
+        holds_arm: Whether TakeArm succeeded, without a later GiveArm. After an error, the controller may have
+            released the arm, even if `holds_arm` is True.
         round_trip: Round trip in ns of the last answered call.
     """
 
@@ -102,14 +102,14 @@ class SessionStatus:
 
 
 def _slave_mode_after(record: HistoryRecord) -> int | None:
-    """Return the robot's slave mode after a call; None if the call does not show the mode."""
+    """Return the robot's slave mode after a call; None if the mode cannot be inferred from the call."""
     if record.outcome is RecordOutcome.ANSWERED:
         return requested_slave_mode(record.function_id, record.arguments)
     if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
         code = record.reply.code
         level = describe_hresult(code).level or 0
-        # Each error of level 3 or above ends slave mode.
-        # On RC7, any result except S_OK ends slave mode (DENSO Wave 2009).
+        # An error of level 3 or above always ends slave mode. On RC7, any result except S_OK ends slave mode
+        # (DENSO Wave 2009).
         return 0 if code == E_NOT_IN_SLAVE_MODE or level >= _LEVEL_THAT_ENDS_SLAVE_MODE else None
     return None
 
@@ -128,7 +128,7 @@ class WatchUpdate:
 
 @dataclass(frozen=True, slots=True)
 class SessionProblem:
-    """Something in the session failed, but calls still work. For example, the action log at `path` cannot be
+    """A part of the session failed, but calls still work. For example, the action log at `path` cannot be
     written.
     """
 

@@ -23,16 +23,16 @@ SMALLEST_ARGUMENT = 10
 """Size in bytes of the fields before an argument's data: u32 length, u16 type, u32 element count."""
 
 MAX_NUMBERS = 65_536
-"""Maximum number of elements of number arrays to read from one frame. The bytes of a UI1 array are one value,
-so UI1 arrays are not counted. Frames of real sessions hold fewer than a thousand elements. Wireshark likewise
-stops at 1,000,000 items per packet (gui.max_tree_items).
+"""Maximum number of elements of number arrays to read from one frame. UI1 arrays do not count, because their
+bytes are read as one value. Frames of real sessions hold fewer than a thousand elements. Wireshark has a
+similar limit: 1,000,000 items per packet (gui.max_tree_items).
 """
 
 MAX_VALUES = 2_048
-"""Maximum number of arguments, elements of VARIANT arrays and strings to read from one frame. Reading one
-such item takes about 2 µs and 200 bytes, so even a malicious frame delays a proxy by only about 5 ms. When
-the limit was 8,192, a flood of malicious frames delayed Robot_Halt by 3 s in a proxy with rules. The longest
-lists of known sessions hold a few hundred names.
+"""Maximum number of items (arguments, elements of VARIANT arrays, strings) to read from one frame. An item
+takes about 2 µs and 200 bytes, so that even a malicious frame delays a proxy by only about 5 ms. When the
+limit was 8,192, a flood of malicious frames delayed Robot_Halt by 3 s in a proxy with rules. The longest
+lists in known sessions hold a few hundred names.
 """
 
 MAX_PROBLEMS = 100
@@ -49,7 +49,7 @@ class Problem(NamedTuple):
     Attributes:
         offset: Offset in the frame's bytes.
         code: Short stable identifier for programs.
-        reason: What is wrong, one clause. JSON and filters use the English text.
+        reason: One clause that says what is wrong. JSON and filters use the English text.
     """
 
     offset: int
@@ -72,9 +72,9 @@ class Argument(NamedTuple):
 
 
 class NumberSpan(NamedTuple):
-    """Position of adjacent numbers in a frame: `repeat` numbers of struct format `code`, from offset `start`.
+    """Position of adjacent numbers in a frame: `repeat` numbers of struct format `code`, at offset `start`.
 
-    The data of a UI1 array is one span of code ``s``, whose `repeat` is the number of bytes.
+    For the data of a UI1 array, `code` is ``s`` and `repeat` is the number of bytes.
     """
 
     start: int
@@ -86,18 +86,18 @@ class ArgumentReader:
     """Reads arguments from `pos` to `end`; never raises and never reads past `end`.
 
     The next argument begins where the value of the previous one ends. DENSO's present libraries (orin_bcap C,
-    C#, Java and Python) ignore the length field. The reader therefore only checks that the field agrees with
-    the value. If a value has no valid end, the reader reads the value again, but not beyond the length that
-    the field states. The older C client also respects the length field. After such a value, the reader also
-    respects the length fields of all following arguments. So no byte belongs to two values, and the reader
-    reads no byte more than twice.
+    C#, Java and Python) ignore an argument's length field. The reader therefore only checks that the length
+    field agrees with the value. If a value has no valid end, the reader reads the value again, and this time
+    stops where the length field says, as the older C client does. Afterwards, the reader respects the length
+    fields of all following arguments. No byte therefore belongs to two values, and the reader reads no byte
+    more than twice.
 
     Attributes:
         arguments: Arguments read so far; the last one may be partial.
-        problems: Deviations from b-CAP found so far, in the order of their offsets.
+        problems: Violations of b-CAP found so far, in the order of their offsets.
         number_spans: Positions of the numbers in the arguments read so far.
         pos: Offset of the first unread byte.
-        is_complete: Whether the reader found the start of every argument; values may still be cut off.
+        is_complete: Whether the reader found the start of every argument; values may still be truncated.
     """
 
     def __init__(self, raw: bytes, pos: int, end: int) -> None:
@@ -136,7 +136,7 @@ class ArgumentReader:
         self._position_lost = True
 
     def _read_argument(self) -> bool:
-        """Read an argument. Return whether the reader then knows where the next argument starts."""
+        """Read an argument. Return False if it is unknown where the next argument starts."""
         start = self.pos
         (claimed,) = _U32.unpack_from(self.raw, start)
         stop = start + 4 + claimed
@@ -169,7 +169,7 @@ class ArgumentReader:
         return self._read_variant(0)
 
     def _count_value(self) -> bool:
-        """Count one more value of the frame; return False if the frame has more than `MAX_VALUES`."""
+        """Count a value of the frame; return False if the frame has more than `MAX_VALUES` values."""
         if not self._values_left:
             self._stop_at_limit(Message("problem.elements.values", n=MAX_VALUES))
             return False

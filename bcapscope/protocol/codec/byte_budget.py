@@ -1,10 +1,11 @@
-"""A limit on the bytes that several buffers hold together."""
+"""A common limit for the bytes in several buffers."""
 
 from __future__ import annotations
 
 DEFAULT_BYTE_BUDGET = 32 * 1024 * 1024
 """Default limit, in bytes, for all unfinished frames and out-of-order segments in one process: enough for two
-frames of the largest size."""
+frames of maximum size.
+"""
 
 
 class ByteBudget:

@@ -1,4 +1,4 @@
-"""The b-CAP frame. Its header is decoded at once, the arguments when they are first used.
+"""The b-CAP frame. `Frame` decodes the header at once, and the arguments when they are first used.
 
 Offsets, all numbers little-endian (orin_bcap C/src/bcap_common.c; DENSO Wave 2009, "How to use the Slave
 mode"):
@@ -57,8 +57,9 @@ __all__ = [
 ]
 
 LARGEST_UDP_FRAME = 503
-"""Largest whole frame over UDP and serial line, in bytes (orin_bcap C/include/dn_udp.h). `Requester` rejects
-longer frames instead of sending them over UDP."""
+"""Size in bytes of the largest frame over UDP or a serial line (orin_bcap C/include/dn_udp.h). Over UDP,
+`Requester` refuses to send a longer frame.
+"""
 
 _SERIAL_RESERVED_CODE = struct.Struct("<5xHHI").unpack_from
 _SERIAL_RESERVED = struct.Struct("<HH")
@@ -66,18 +67,18 @@ _HEADER = struct.Struct("<BIHHIH").pack
 _SIGNED_HEADER = struct.Struct("<BIHHiH").pack
 
 _PLAIN = Framing.PLAIN
-# longest row, in numbers, for which a packer is cached; longer rows vary too much in length
+# maximum length of a row of numbers for which a packer is cached; longer rows vary too much in length
 _LONGEST_PACKED_ROW = 64
 
 
 @dataclass(frozen=True, slots=True)
 class Malformed:
-    """Bytes that are not a frame, or a hole in a stream where bytes are missing.
+    """Bytes that are not a frame, or a hole where bytes of a stream are missing.
 
     Attributes:
         raw: The bytes that belong to no frame; empty for a hole.
         problems: Reasons why the bytes are not a frame.
-        missing: Number of bytes that are missing in the stream at a hole; 0 if this is not a hole.
+        missing: Number of bytes that are missing at a hole; 0 for bytes that are not a frame.
     """
 
     raw: bytes
@@ -92,15 +93,15 @@ class Frame:
     a function number; in a frame from the controller, `code` is a result code.
 
     A frame holds only its bytes, so that many stored frames need little memory. `arguments` and `variants`
-    decode the bytes each time. The frames of a capture share one `FrameTemplates` object, which makes the
-    decoding fast.
+    decode the bytes each time. Decoding is fast because the frames of a capture share one `FrameTemplates`
+    object.
 
     Attributes:
         raw: The bytes of the frame as received.
         serial: Serial that the client chose; the controller copies it into the reply.
-        reserved: Reserved field; over UDP, clients mark retries with it.
+        reserved: Reserved field, with which clients mark retries over UDP.
         code: Function id of a request, or HRESULT of a reply; unsigned.
-        external_problem: A problem that the bytes of the frame do not show, such as a packet that the capture
+        external_problem: A problem that the frame's bytes do not show, such as a packet that the capture
             truncated; None for nearly all frames.
     """
 
@@ -115,9 +116,9 @@ class Frame:
     ) -> None:
         """Read the header of `raw`, which holds at least `HEADER_SIZE` bytes.
 
-        If similar frames share `templates`, only one of them is decoded in full. Without `templates`, the
-        frame creates its own `FrameTemplates` when you first read its arguments. Without `templates`, the
-        frame also keeps the decoded arguments.
+        If similar frames share `templates`, only one of these frames is decoded in full. Without `templates`,
+        the frame creates its own `FrameTemplates` when you first read its arguments, and keeps the decoded
+        arguments.
         """
         self._templates = templates
         self.raw = raw
@@ -155,9 +156,8 @@ class Frame:
     def template_match(self) -> tuple[FrameTemplate, FrameNumbers] | None:
         """The template of this frame and the frame's own numbers; None for a frame without a template.
 
-        Frames with problems and frames longer than `LARGEST_TEMPLATE_FRAME` have no template. To process
-        millions of frames, use this property: `arguments` has the same values but creates an object for each
-        value.
+        Frames with problems and frames longer than `LARGEST_TEMPLATE_FRAME` have no template. Use this
+        property to process millions of frames, because `arguments` creates an object for each value.
         """
         if self.external_problem is not None:
             return None
@@ -166,7 +166,7 @@ class Frame:
 
     @property
     def arguments(self) -> tuple[Argument, ...]:
-        """The arguments that the frame holds; their positions are offsets in `body`."""
+        """The arguments of the frame, with their positions as offsets in `body`."""
         inner = (self._templates or self._own_templates()).decode(self.raw)
         return inner[0].fill_arguments(inner[1]) if isinstance(inner, tuple) else inner.arguments
 
@@ -180,7 +180,7 @@ class Frame:
 
     @property
     def problems(self) -> tuple[Problem, ...]:
-        """Deviations of the frame from b-CAP; empty for a sound frame."""
+        """Violations of b-CAP in the frame; empty for a valid frame."""
         inner = (self._templates or self._own_templates()).decode(self.raw)
         own = () if isinstance(inner, tuple) else inner.problems
         return own if self.external_problem is None else (*own, self.external_problem)
@@ -193,7 +193,7 @@ class Frame:
 
     @property
     def body(self) -> bytes:
-        """The bytes of the frame; in a compressed frame, unpacked content replaces the compressed bytes."""
+        """The bytes of the frame, with unpacked content instead of compressed bytes."""
         inner = (self._templates or self._own_templates()).decode(self.raw)
         return self.raw if isinstance(inner, tuple) else inner.body
 
@@ -201,8 +201,8 @@ class Frame:
 def parse_datagram(raw: bytes, templates: FrameTemplates | None = None) -> tuple[Frame | Malformed, ...]:
     """Split a datagram into its frames, or into bytes that are not a frame.
 
-    Bytes that begin with SOH and hold a header become a `Frame`, even if it is damaged. If a frame ends with
-    EOT before the datagram ends, the bytes after the frame become further items.
+    Bytes that begin with SOH and hold a header become a `Frame`, even if they are damaged. If a frame ends
+    with EOT before the datagram ends, the result has further items for the bytes after the frame.
     """
     if len(raw) >= HEADER_SIZE and raw[0] == SOH and int.from_bytes(raw[1:5], "little") == len(raw):
         return (Frame(raw, None, templates),)
@@ -221,11 +221,12 @@ def parse_datagram(raw: bytes, templates: FrameTemplates | None = None) -> tuple
 def parse_captured_datagram(
     raw: bytes, templates: FrameTemplates | None = None
 ) -> tuple[Frame | Malformed, ...]:
-    """Split a captured datagram into its frames, and mark the first frame if more bytes follow it.
+    """Split a captured datagram into its frames. If bytes follow the first frame, add a problem to this
+    frame.
 
     A valid datagram holds exactly one frame. DENSO's C server and client compare the length of the frame with
-    the number of bytes received. The official C server stops its UDP service if the length and the number of
-    bytes differ (orin_bcap C/src/bCAPServer/bcap_server.c).
+    the number of received bytes. If these differ, the C server stops its UDP service (orin_bcap
+    C/src/bCAPServer/bcap_server.c).
     """
     items = parse_datagram(raw, templates)
     if len(items) == 1:
@@ -236,7 +237,7 @@ def parse_captured_datagram(
 
 
 def parse_single_frame(raw: bytes, templates: FrameTemplates | None = None) -> Frame | Malformed:
-    """Return `raw` as one frame if `raw` begins with SOH and holds a header, otherwise as `Malformed`."""
+    """Return `raw` as a `Frame` if it begins with SOH and holds a header, otherwise as `Malformed`."""
     if len(raw) >= HEADER_SIZE and raw[0] == SOH:
         return Frame(raw, None, templates)
     if raw[:1] != b"\x01":
@@ -287,8 +288,9 @@ def encode_frame(
 
 
 def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
-    """Return the bytes of a frame whose only argument is a short row of numbers, such as the reply to
-    slvMove; None for other frames."""
+    """Return the bytes of a frame with one argument, a short row of numbers, such as the reply to slvMove;
+    None for other frames.
+    """
     vt, values, count = row
     if (
         vt not in NUMBER_ARRAYS
@@ -305,14 +307,15 @@ def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> b
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> tuple[Callable[..., bytes], int, int]:
-    """Return a function that packs frames with `count` numbers; also the sizes of the frame and its
-    argument."""
+    """Return a function that packs frames with `count` numbers, the size of the frame, and the size of its
+    argument.
+    """
     whole = struct.Struct(f"<BIHHIHIHI{count}{NUMBER_FORMATS[vt & ~ARRAY]}B")
     return whole.pack, whole.size, whole.size - SMALLEST_FRAME - 4
 
 
 def with_serial_and_reserved(raw: bytes, serial: int, reserved: int) -> bytes:
-    """Return a copy of a frame of `Framing.PLAIN` with another serial and reserved field."""
+    """Return a copy of a frame, which must be `Framing.PLAIN`, with another serial and reserved field."""
     return raw[:5] + _SERIAL_RESERVED.pack(serial, reserved) + raw[9:]
 
 

@@ -18,13 +18,15 @@ HEADER_SIZE = 15
 SMALLEST_FRAME = 16
 
 LARGEST_FRAME = 16 * 1024 * 1024
-"""Largest frame in bytes. The older C client names this limit for TCP (b-Cap.h); the present libraries name
-none."""
+"""Largest frame in bytes. The older C client has this limit for TCP (b-Cap.h); the present libraries have no
+limit.
+"""
 
 LARGEST_UNPACKED = 256 * 1024
-"""Largest size, in bytes, that a compressed body may unpack to. Frames of real sessions are below 10 KiB.
-Without a limit, a malicious client could fill the memory: a zlib stream of 16 KiB can unpack to 16 MiB, and
-thousands of such frames can arrive per second."""
+"""Maximum size, in bytes, of an unpacked body. Frames of real sessions are below 10 KiB. Without a limit, a
+malicious client could fill the memory: a zlib stream of 16 KiB can unpack to 16 MiB, and thousands of such
+frames can arrive per second.
+"""
 
 _HEADER = struct.Struct("<xIHHIH")
 _ZLIB_BODY = 13
@@ -42,8 +44,9 @@ class Framing(Enum):
     VERSION_1 = "version 1"
     """One mode byte with the value 0; the reserved field is 1 (keioku/bcap-python)."""
     VERSION_1_ZLIB = "version 1, zlib"
-    """One mode byte with the value 1. From offset 9 on, the frame holds the u32 unpacked size and a zlib
-    stream of function id, argument count and arguments (keioku/bcap-python)."""
+    """One mode byte with the value 1. At offset 9, the frame holds the unpacked size (u32), then a zlib
+    stream of function id, argument count and arguments (keioku/bcap-python).
+    """
 
 
 class FrameContent:
@@ -56,7 +59,7 @@ class FrameContent:
             bytes; the first nine bytes and EOT stay the same.
         code: Function id or HRESULT.
         arguments: Arguments that the decoder could read; their positions are offsets in `body`.
-        problems: Deviations from b-CAP, in the order of their offsets in `body`.
+        problems: Violations of b-CAP, in the order of their offsets in `body`.
         number_spans: Positions in `body` of the numbers in all arguments.
     """
 
@@ -100,7 +103,7 @@ class FrameContent:
         return reader
 
     def _read_tail(self, reader: ArgumentReader) -> None:
-        """Determine `framing` from the bytes between the last argument and EOT."""
+        """Find the `framing` from the bytes between the last argument and EOT."""
         body, end = self.body, reader.end
         tail = body[reader.pos : end]
         plain = self.framing is Framing.PLAIN
@@ -114,9 +117,9 @@ class FrameContent:
 
 
 def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
-    """Return whether the header at `pos` looks like that of a compressed version 1 frame: its reserved field
-    is 1, and a zlib header follows where the compressed body begins. A plain frame looks like a compressed
-    one only if it has 376 arguments or more.
+    """Return whether the frame at `pos` looks like a compressed version 1 frame: its reserved field is 1, and
+    a zlib header is where the compressed body begins. A frame that is not compressed looks so only if it has
+    376 arguments or more.
     """
     return data[pos + 7 : pos + 9] == b"\x01\x00" and has_zlib_header(data, pos)
 
@@ -124,18 +127,17 @@ def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
 def crc16(data: bytes) -> int:
     """Return the CRC-16 of a serial-line frame.
 
-    The CRC has the polynomial 0x1021, start value 0xFFFF, most significant bit first, no reflection, no final
-    inversion (orin_bcap C/src/bcap_common.c; Java agrees). In a frame, the CRC covers the bytes from the
-    length field to the last argument. The CRC is stored low byte first, directly before EOT.
+    The CRC has the polynomial 0x1021, start value 0xFFFF, most significant bit first, no reflection, and no
+    final inversion (orin_bcap C/src/bcap_common.c and the Java client). In a frame, the CRC covers the bytes
+    from the length field to the last argument. The CRC is stored low byte first, directly before EOT.
     """
     return crc_hqx(data, 0xFFFF)
 
 
 def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:
-    """Return whether a zlib header is where the compressed body of a frame at `pos` would begin.
-
-    The TCP client of keioku/bcap-python unpacks every frame with such a zlib header, whatever value the
-    reserved field has.
+    """Return whether a zlib header is where the compressed body of a frame at `pos` would begin. The TCP
+    client of keioku/bcap-python unpacks every frame that has such a zlib header, even if its reserved field
+    is not 1.
     """
     return (
         data[pos + _ZLIB_BODY] & 0x8F == 8
@@ -156,7 +158,7 @@ def compressed_code(raw: bytes) -> int:
 
 
 def _decompress(raw: bytes) -> tuple[bytes, list[Problem]] | None:
-    """Unpack a compressed body and return it with its problems; None if zlib cannot unpack the bytes."""
+    """Return the unpacked body and its problems; None if zlib cannot unpack the body."""
     claimed = int.from_bytes(raw[9:_ZLIB_BODY], "little")
     machine = zlib.decompressobj()
     try:

@@ -2,8 +2,8 @@
 decoded in full.
 
 Robot traffic is repetitive. Two set points of a slave-mode session differ only in serial, reserved and the
-numbers inside their arguments. If a frame has several arguments, its first argument is a handle. A session
-uses few handles, so the handle is part of the template.
+numbers inside their arguments. If a frame has several arguments, the first argument is a handle. The template
+contains the handle, because a session uses few handles.
 """
 
 from __future__ import annotations
@@ -23,25 +23,26 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
 """For a template in which one argument holds all numbers: the values before this argument, the function that
-fills it, its prototype, and the values after it."""
+fills the argument, its prototype, and the values after the argument.
+"""
 
 LARGEST_TEMPLATE_FRAME = 1024
-"""Largest frame that gets a template, in bytes. Each longer frame is decoded in full: long frames are rare,
-and their templates would take much memory."""
+"""Size in bytes of the largest frame that gets a template. Longer frames are rare, and their templates would
+take much memory.
+"""
 
 MAX_TEMPLATES = 1024
-"""Maximum number of templates that a `FrameTemplates` object keeps. A full object drops all templates and
-learns new templates."""
+"""Maximum number of templates that a `FrameTemplates` object keeps. When the maximum is reached, the object
+drops all templates and learns new templates.
+"""
 
 MAX_SHAPES_PER_LENGTH = 8
-"""Maximum number of arrangements of numbers (`_FrameShape`) that `FrameTemplates` tries for one frame
-length."""
+"""Maximum number of `_FrameShape` objects that `FrameTemplates` tries for one frame length."""
 
 
 class _FrameShape:
-    """Positions of the numbers that vary in frames of one length. All other bytes identify the template.
-
-    The serial and the reserved field always vary.
+    """Positions of the numbers that vary in frames of one length. The serial and the reserved field always
+    vary. All other bytes identify the template.
     """
 
     __slots__ = ("find_template", "fixed_parts", "mask", "numbers", "size", "spans", "templates")
@@ -68,18 +69,17 @@ class _FrameShape:
 
 
 class FrameTemplate:
-    """The parts that similar frames share, learnt from one sound frame that was decoded in full.
+    """The parts that similar frames share, learnt from one valid frame that was decoded in full.
 
-    A frame that differs from the learnt frame only in serial, reserved and numbers is sound as well: its
-    length, EOT and arguments conform to b-CAP.
+    A frame that differs from the learnt frame only in serial, reserved and numbers is valid too: its length,
+    EOT and arguments conform to b-CAP.
 
     Attributes:
-        prototype: Arguments of the frame from which the template was learnt; their numbers are placeholders.
+        prototype: Arguments of the learnt frame; their numbers are only placeholders.
         size: Size in bytes of every frame that matches the template.
         spans: Positions of the numbers that may differ between frames.
-        mask: One byte per byte of a frame: 0 where frames may differ, otherwise 255.
-        fixed_parts: Function that takes a frame of this size, and returns the bytes that must be the same in
-            all frames.
+        mask: For each byte of a frame, 0 if it may differ between frames, otherwise 255.
+        fixed_parts: Function that returns the bytes of a frame that must be the same in all frames.
         expected_parts: Result of `fixed_parts` for every frame that matches the template.
     """
 
@@ -128,15 +128,16 @@ class FrameTemplate:
         return cls(shape, content.raw, content.arguments)
 
     def fill_arguments(self, numbers: FrameNumbers) -> tuple[Argument, ...]:
-        """Return the arguments of a frame that has these `numbers`, which are in the order of the frame's
-        bytes."""
+        """Return the arguments of a frame with these `numbers`, which have the same order as in the frame."""
         if not numbers:
             return self.prototype
         pairs = zip(self.fill_variants(numbers), self.prototype, strict=True)
         return tuple(Argument(variant, start, stop) for variant, (_, start, stop) in pairs)
 
     def fill_variants(self, numbers: FrameNumbers) -> tuple[Variant, ...]:
-        """Return the values of the arguments of a frame that has these `numbers`; positions are left out."""
+        """Return the values of the arguments of a frame with these `numbers`, without the arguments'
+        positions.
+        """
         if not numbers:
             return self._variants
         if self._single_fill is not None:
@@ -151,8 +152,8 @@ class FrameTemplate:
 class FrameTemplates:
     """Decodes frames, and learns templates from them in bounded memory.
 
-    A program that receives many frames passes the same `FrameTemplates` object to all of them. Sharing makes
-    decoding faster, but does not change the decoded values.
+    A program that receives many frames passes the same `FrameTemplates` object to all these frames, which
+    makes decoding faster.
     """
 
     __slots__ = ("_recent", "_shapes", "_template_count")
@@ -163,7 +164,7 @@ class FrameTemplates:
         self._recent: tuple[FrameContent, ...] = ()
 
     def decode(self, raw: bytes) -> DecodedFrame:
-        """Return a frame's template and numbers, or the decoded content of a frame without template.
+        """Return a frame's template and numbers. If the frame has no template, return its decoded content.
 
         A frame has no template if it has problems, is longer than `LARGEST_TEMPLATE_FRAME`, or is not
         `Framing.PLAIN`.
@@ -177,8 +178,8 @@ class FrameTemplates:
     def _decode_in_full(self, raw: bytes) -> DecodedFrame:
         """Decode a frame that matches no template, and learn a template from the frame if possible.
 
-        Callers decode the same `raw` object several times in a row. Therefore the decoder caches the content
-        of the last two frames without a template, usually a request and its reply.
+        Programs often decode the same `raw` object several times in a row. The function therefore caches the
+        content of the last two frames without a template, usually a request and its reply.
         """
         for content in self._recent:
             if content.raw is raw:
@@ -207,21 +208,22 @@ class FrameTemplates:
 
 
 def _varying_spans(content: FrameContent) -> tuple[NumberSpan, ...]:
-    """Return the positions of the numbers that vary among similar frames: of all numbers except a handle."""
+    """Return the positions of all numbers except a handle. These numbers vary between similar frames."""
     arguments = content.arguments
     first = arguments[0].stop if len(arguments) > 1 else 0
     return tuple(span for span in content.number_spans if span.repeat and span.start >= first)
 
 
 def number_counts(arguments: Sequence[Argument]) -> tuple[int, ...]:
-    """Return how many numbers each argument of a frame holds; 0 for a handle that is followed by other
-    arguments."""
+    """Return how many numbers each argument of a frame holds; 0 for a handle that precedes other
+    arguments.
+    """
     counts = [number_count(argument.variant) for argument in arguments]
     return (0, *counts[1:]) if len(counts) > 1 else tuple(counts)
 
 
 def number_count(variant: Variant) -> int:
-    """Return how many numbers a value holds; all bytes of a UI1 array together are one number."""
+    """Return how many numbers a value holds; a UI1 array counts as one number."""
     base = variant.vt & ~ARRAY
     value = variant.value
     if base == VT.VARIANT and isinstance(value, tuple):
@@ -241,7 +243,7 @@ def numbers_of_arguments(arguments: Sequence[Argument]) -> FrameNumbers:
 
 
 def iter_numbers(variant: Variant) -> Iterator[int | float | bytes]:
-    """Yield the numbers of a value in the order of their bytes in the frame."""
+    """Yield the numbers of a value in the order of the frame."""
     value = variant.value
     if number_count(variant) == 0:
         return

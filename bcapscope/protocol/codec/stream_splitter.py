@@ -22,38 +22,42 @@ from bcapscope.protocol.codec.frame_content import has_compressed_header
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 
 LARGEST_UNCONFIRMED = 64 * 1024
-"""Largest frame, in bytes, for which the splitter waits although the arguments do not confirm the length
-field. Frames of real sessions are below 10 KiB. With this limit, a corrupted length field delays at most 64
-KiB of the stream instead of the whole stream.
+"""If the arguments do not confirm a frame's length field, the splitter waits for the whole frame only if the
+frame is not longer than this number of bytes. Frames of real sessions are below 10 KiB. With this limit, a
+corrupted length field delays at most 64 KiB of the stream instead of the whole stream.
 """
 
 LARGEST_GARBAGE = 64 * 1024
-"""Largest piece of garbage, in bytes. Garbage is what belongs to no frame. The splitter returns longer
-garbage in several pieces, so that garbage does not fill the memory."""
+"""Maximum size in bytes of a piece of garbage. Garbage is bytes that belong to no frame. The splitter returns
+longer garbage in several pieces, so that garbage does not fill the memory.
+"""
 
 GUARANTEED_BUFFER = 16 * 1024
 """Number of bytes of an unfinished frame that a splitter keeps even if the shared budget is exceeded. Frames
-of real sessions are below 10 KiB, so they stay whole even if a flood of long frames on other connections
-exhausts the budget."""
+of real sessions are below 10 KiB, so the splitter returns them whole even if long frames on other connections
+exhaust the budget.
+"""
 
 STREAM_ENDED = Message("problem.cut.stream-ended")
-"""Reason reported for an incomplete frame at the end of a stream."""
+"""Reason that the splitter reports for an incomplete frame at the end of a stream."""
 
 MAX_RESYNC_ARGUMENTS = 64
-"""Maximum number of arguments of a frame that the splitter accepts as the next frame after garbage. No
-request has more than four arguments, and no reply more than one. The limit saves time: malicious garbage
-could make the splitter examine the same bytes many times."""
+"""After garbage, the splitter accepts only a frame with at most this number of arguments. No request has more
+than four arguments, and no reply more than one. Without the limit, malicious garbage could make the splitter
+examine the same bytes many times.
+"""
 
 _TAILS = (1, 2, 3)
-"""Possible numbers of bytes after the last argument: 1 for EOT alone, 2 for mode byte and EOT, 3 for CRC and
-EOT."""
+"""Possible numbers of bytes after the last argument: 1 for EOT, 2 for mode byte and EOT, 3 for CRC and
+EOT.
+"""
 
 
 class StreamPiece(NamedTuple):
     """A frame of a byte stream, or bytes between frames, with its position in the stream.
 
     Attributes:
-        start: Offset of the piece's first byte in the stream. Missing bytes count in offsets.
+        start: Offset of the piece's first byte in the stream. Offsets count missing bytes too.
         stop: Offset in the stream after the piece's last byte.
         item: The frame, or bytes that are not a frame.
     """
@@ -71,17 +75,18 @@ class _Trust(Enum):
     NONE = auto()
     """No frame begins here."""
     INCOMPLETE = auto()
-    """More bytes are needed to decide."""
+    """The splitter needs more bytes to decide."""
 
 
 class StreamSplitter:
-    """Splits a stream into frames and garbage. The result is the same for any segmentation of the stream.
+    """Splits a stream into frames and garbage. The result does not depend on how the stream is divided into
+    segments.
 
-    The splitter returns every byte of the stream in exactly one piece, in order. The splitter holds at most
-    the largest of `limit`, `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED` in bytes. Several splitters can share
-    a budget: together they hold no more than the budget, plus `GUARANTEED_BUFFER` for each splitter. If a
-    frame is longer than `GUARANTEED_BUFFER` and the budget is used up, the splitter returns the frame
-    unfinished.
+    The splitter returns every byte of the stream in exactly one piece, in order. The largest of `limit`,
+    `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED` is the maximum number of bytes that the splitter holds.
+    Several splitters can share a budget: together they hold no more than the budget, plus `GUARANTEED_BUFFER`
+    for each splitter. If a frame is longer than `GUARANTEED_BUFFER` and the budget is used up, the splitter
+    returns the frame unfinished.
     """
 
     def __init__(
@@ -91,11 +96,10 @@ class StreamSplitter:
         budget: ByteBudget | None = None,
         templates: FrameTemplates | None = None,
     ) -> None:
-        """Start a stream; `synchronized` is False if the start of the stream was not received.
+        """Start a stream; `synchronized` is False if the first bytes of the stream are missing.
 
-        `limit` is the size in bytes of the longest frame to wait for. `budget` limits the bytes that this
-        splitter and the others with the same budget hold together. The splitter passes `templates` to every
-        frame.
+        `limit` is the size in bytes of the longest frame to wait for. All splitters with the same `budget`
+        together hold no more bytes than the budget allows. The splitter passes `templates` to every frame.
         """
         self._buffer = bytearray()
         self._budget = budget or ByteBudget()
@@ -125,9 +129,10 @@ class StreamSplitter:
         return pieces
 
     def feed_whole_frame(self, data: bytes) -> Frame | None:
-        """Fast path of `feed` for `data` that is exactly one frame, the most frequent case.
+        """Do the same as `feed`, but faster, for `data` that is exactly one frame, which is the most frequent
+        case.
 
-        For any other `data`, return None and consume nothing; the caller then passes `data` to `feed`.
+        For other `data`, return None and consume nothing; the program then passes `data` to `feed`.
         """
         if self._buffer or not self._synchronized or not _is_one_frame(data) or len(data) > self._limit:
             return None
@@ -135,8 +140,9 @@ class StreamSplitter:
         return Frame(data, None, self._templates)
 
     def add_gap(self, missing: int) -> list[StreamPiece]:
-        """Note that `missing` bytes of the stream are lost. Return the unfinished bytes before the gap, then
-        a hole."""
+        """Continue after a gap of `missing` bytes in the stream. Return the unfinished bytes before the gap,
+        then a hole.
+        """
         pieces = self._flush(Message("problem.cut.unseen"))
         start, self._stream_offset = self._stream_offset, self._stream_offset + missing
         hole = Malformed(b"", (Problem(0, "gap", Message("problem.gap", missing=missing)),), missing)
@@ -203,8 +209,7 @@ class StreamSplitter:
     def _frame_ends_at(self, length: int, trust: _Trust, final: bool) -> bool | None:
         """Return whether the buffer begins with a frame of `length` bytes; None if more bytes are needed.
 
-        If the last byte is not EOT, but SOH or the end of the stream follows, the byte counts as a damaged
-        EOT.
+        A last byte other than EOT counts as a damaged EOT if SOH or the end of the stream follows.
         """
         buffer = self._buffer
         if len(buffer) < length:
@@ -243,8 +248,9 @@ class StreamSplitter:
         return None if trust in (_Trust.CONFIRMED, _Trust.INCOMPLETE) else False
 
     def _assess_header(self, pos: int, synchronized: bool = True) -> tuple[_Trust, int]:
-        """Return how certain it is that a frame begins at `pos`, and the length of the frame; 0 if
-        unknown."""
+        """Return how certain it is that a frame begins at `pos`, and the length of the frame, or 0 if the
+        length is unknown.
+        """
         buffer = self._buffer
         if len(buffer) - pos < HEADER_SIZE:
             return _Trust.INCOMPLETE, 0
@@ -265,7 +271,7 @@ class StreamSplitter:
         return (_Trust.UNCONFIRMED if length <= LARGEST_UNCONFIRMED else _Trust.NONE), length
 
     def _walk_arguments(self, pos: int, stop: int, argc: int) -> int | None:
-        """Follow the length fields of the arguments and return the offset after the last one.
+        """Follow the length fields of the arguments and return the offset after the last argument.
 
         Each call continues where the previous call stopped, so that no argument is examined twice if a long
         frame arrives in small segments. Returns None if more bytes are needed, and 0 if a length field is

@@ -1,8 +1,8 @@
 """VARIANT: the typed values of b-CAP, their names and their encoding.
 
 Layout of a VARIANT, all numbers little-endian: u16 type, u32 element count, data. In an argument of a frame,
-a u32 precedes the VARIANT: the length of the VARIANT in bytes. No length precedes the elements of a VARIANT
-array (orin_bcap C/src/bcap_common.c, CSharp bCAPPacketConverter.cs and Python bcapclient.py agree).
+the length of the VARIANT in bytes (u32) precedes the VARIANT. No length precedes the elements of a VARIANT
+array (orin_bcap C/src/bcap_common.c, CSharp bCAPPacketConverter.cs and Python bcapclient.py).
 """
 
 from __future__ import annotations
@@ -69,12 +69,15 @@ NUMBER_ARRAYS = frozenset(ARRAY | vt for vt in _NUMBERS - {VT.UI1})
 """Array types whose values are tuples of numbers."""
 
 MAX_NESTING = 32
-"""Maximum depth of nested VARIANT arrays. Controllers nest arrays two deep, as in a list of arguments that
-contains a pose. The limit keeps a malicious frame from exhausting the interpreter's stack."""
+"""Maximum depth of nested VARIANT arrays. Controllers nest arrays two deep, such as a pose in a list of
+arguments. The limit prevents a malicious frame from exhausting the interpreter's stack.
+"""
 
 CY_SCALE = 10_000
-"""A CY value is a count of ten-thousandths in COM, so 1.0 is 10,000. DENSO's libraries do not scale CY
-values. Therefore `Variant` holds the raw value, and bcapscope displays the scaled value beside it."""
+"""COM stores a CY value as a count of ten-thousandths, so 1.0 is stored as 10,000. DENSO's libraries do not
+scale CY values. `Variant` therefore holds the raw value, and bcapscope displays the scaled value beside the
+raw value.
+"""
 
 Value: TypeAlias = "bool | int | float | str | bytes | tuple[Value, ...] | tuple[Variant, ...] | None"
 
@@ -86,7 +89,7 @@ class Variant(NamedTuple):
     """A typed value.
 
     Attributes:
-        vt: Type number, or-ed with `ARRAY` for an array. The type can be a number that b-CAP does not define.
+        vt: Type number, or-ed with `ARRAY` for an array. The number may be unknown in b-CAP.
         value: None for EMPTY and NULL. int, float, bool or str for scalars (CY and ERROR as raw integers,
             DATE as days since 1899-12-30). A tuple for arrays, `bytes` for an array of UI1, a tuple of
             Variant for an array of VARIANT. The undecoded `bytes` for an unknown type.
@@ -108,14 +111,15 @@ EMPTY = Variant(VT.EMPTY, None)
 
 
 def vt_name(vt: int) -> str:
-    """Return the name of a type: ``VT_I4``, ``VT_R8|VT_ARRAY``; ``VT_0x0009`` for a number that is not a type
-    of b-CAP."""
+    """Return the name of a type, such as ``VT_I4`` or ``VT_R8|VT_ARRAY``. A number that is not a type of
+    b-CAP has a name such as ``VT_0x0009``.
+    """
     base = _NAMES.get(vt & ~ARRAY) or f"VT_0x{vt & ~ARRAY:04X}"
     return f"{base}|VT_ARRAY" if vt & ARRAY else base
 
 
 def integer_value(variant: Variant) -> int | None:
-    """Return the whole number that a value holds, such as slvChangeMode's parameter or slvGetMode's result.
+    """Return the whole number in a value, such as slvChangeMode's parameter or slvGetMode's result.
 
     Accepts integers of any width (VT_I2 in DENSO Wave 2009, VT_I4 in the samples) and whole floating-point
     numbers. Also accepts decimal text of up to 9 digits, which the ANSI-C client sends. Returns None for any
@@ -135,7 +139,8 @@ def integer_value(variant: Variant) -> int | None:
 
 
 def encode_variant(variant: Variant) -> bytes:
-    """Encode a VARIANT as type, element count and data, without the byte length of an argument.
+    """Encode a VARIANT as type, element count and data, without the byte length that precedes it in an
+    argument.
 
     Raises:
         LocalProtocolError: b-CAP has no such type, or the value does not fit the type. The error is also
@@ -174,7 +179,7 @@ def _encode(variant: Variant, depth: int) -> bytes:
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> Callable[..., bytes]:
-    """Return a function that packs type, element count and `count` numbers in one step, for speed."""
+    """Return a function that packs type, element count and `count` numbers in one step, which is faster."""
     return struct.Struct(f"<HI{count}{NUMBER_FORMATS[vt]}").pack
 
 

@@ -1,5 +1,6 @@
-"""The text notation of VARIANTs: `i2:2`, `r4[]:10,20,30`, or text without a type, whose type is known or
-guessed."""
+"""The text notation of VARIANTs: `i2:2`, `r4[]:10,20,30`, or a value without its type if the type is known or
+can be guessed.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +28,9 @@ _TRUE, _FALSE = ("true", "1", "-1"), ("false", "0")
 
 
 def parse_variant(text: str) -> Variant:
-    """Parse a value whose type precedes a colon. Without a colon, guess the type.
+    """Parse a type, a colon and a value. If the type and the colon are missing, guess the type.
 
-    The types, in lower or upper case: `i2 i4 r4 r8 cy date bstr error bool ui1 ui2 ui4 i8 ui8 empty null`.
+    The types in lower or upper case are `i2 i4 r4 r8 cy date bstr error bool ui1 ui2 ui4 i8 ui8 empty null`.
     ``[]`` marks an array, whose elements are separated by commas. ``variant[]:`` takes elements separated by
     semicolons, each with its own type. A hexadecimal integer may be the bit pattern of a negative number, as
     in ``i4:0x84201482``. Text without a type becomes an integer, a number, a list of numbers, or a string.
@@ -48,8 +49,8 @@ def parse_variant(text: str) -> Variant:
 def parse_variant_as(text: str, types: Sequence[str]) -> Variant:
     """Parse a value of one of `types`, such as ``VT_I4`` or ``VT_R8|VT_ARRAY``.
 
-    Text without a type gets the first of `types` that it fits, and VT_BSTR only if no other type fits. Text
-    that states a type keeps this type, even if the type is not in `types`. If `types` contains only VT_BSTR,
+    Text without a type gets the first type in `types` that fits, and VT_BSTR only if no other type fits. If
+    the text states a type, this type applies even if it is not in `types`. If `types` contains only VT_BSTR,
     the whole text is the value.
 
     Raises:
@@ -76,7 +77,7 @@ def parse_variant_as(text: str, types: Sequence[str]) -> Variant:
 def _parse_untyped(text: str) -> Variant:
     if not text:
         return EMPTY
-    if not any(map(str.isdigit, text)):  # if no type is stated, `nan` and `inf` are strings
+    if not any(map(str.isdigit, text)):  # without a type, `nan` and `inf` are strings
         return Variant(VT.BSTR, text)
     for vt in (VT.I4, VT.I8, VT.R8):
         for read in (_parse_scalar, _parse_array) if "," in text else (_parse_scalar,):

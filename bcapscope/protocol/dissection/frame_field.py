@@ -1,4 +1,4 @@
-"""Position and meaning of each field of a frame, to show frames as trees and to highlight their bytes.
+"""Position and meaning of each field of a frame, for trees of fields and highlighted bytes on the screen.
 
 `bcapscope.protocol.codec.arguments` decodes the values; this module finds the bytes of each value.
 """
@@ -38,7 +38,7 @@ HRESULT = "HRESULT"
 """Name of the field that holds the result code of a call."""
 
 UNREAD = "unread"
-"""Name of the field that holds the rest of an argument: its bytes that do not belong to its value."""
+"""Name of the field that holds the bytes of an argument that do not belong to its value."""
 
 _TYPE_AND_COUNT = 6
 _COMPRESSED_AT = 13  # offset of the compressed bytes in a version 1 frame
@@ -60,8 +60,8 @@ class FrameField:
         text: Meaning of the value, such as `Robot_Execute` or `VT_I4`; empty if unknown.
         unit: Unit of the value: `mm`, `deg`, or empty.
         problems: Problems of this field and its children, in the order of their offsets.
-        children: Fields that together cover this field without a gap. Children are created on access, so an
-            array of a million elements costs nothing until its elements are displayed.
+        children: Fields that together cover this field without a gap. Children are created on access, so even
+            a large array costs nothing until its elements are displayed.
     """
 
     name: str
@@ -80,12 +80,12 @@ def frame_fields(
 ) -> tuple[FrameField, ...]:
     """Return the fields of a frame, from SOH to EOT. Their offsets refer to `Frame.body`.
 
-    Fields without children cover every byte exactly once, even in a damaged frame. A missing EOT gives a
-    field without bytes; a damaged EOT gives a field with the damaged byte. For a compressed frame, the
-    function returns the fields after unpacking. `envelope_fields` returns the fields of a compressed frame as
-    on the wire.
+    The fields without children together cover every byte exactly once, even in a damaged frame. If EOT is
+    missing, its field has no bytes; if EOT is damaged, its field has the damaged byte. For a compressed
+    frame, this function returns the fields of the unpacked content, and `envelope_fields` the fields on the
+    wire.
 
-    For a reply, `function_id` and `command` come from its request; they are None if the request was not
+    For a reply, `function_id` and `command` come from the request; both are None if the request was not
     captured.
     """
     if is_request:
@@ -120,7 +120,7 @@ def envelope_fields(frame: Frame) -> tuple[FrameField, ...]:
 
 
 def _envelope_problems(frame: Frame) -> list[Problem]:
-    """Of a compressed frame's problems, return those whose offsets refer to `Frame.raw`."""
+    """Return the problems of a compressed frame that have offsets in `Frame.raw`."""
     if frame.reserved != 1 or frame.framing is not Framing.VERSION_1_ZLIB:
         return []
     return [
@@ -195,14 +195,17 @@ class _FieldBuilder:
         text: str = "",
         problems: tuple[Problem, ...] = (),
     ) -> FrameField:
-        """Return a field without children. Its problems are those in its bytes, then the given `problems`."""
+        """Return a field without children. The problems of the field are the problems found in its bytes,
+        followed by `problems`.
+        """
         return FrameField(
             name, start, stop, value, None, text, "", (*self.problems_within(start, stop), *problems)
         )
 
     def problems_within(self, start: int, stop: int) -> tuple[Problem, ...]:
-        """Return the problems in a byte range, but not that of a value that is truncated at the end of the
-        range."""
+        """Return the problems in a byte range, but ignore a value that is truncated at the end of the
+        range.
+        """
         return self.problems_between(2 * start, 2 * stop - 1)
 
     def problems_between(self, first: int, behind: int) -> tuple[Problem, ...]:
@@ -216,7 +219,7 @@ class _FieldBuilder:
     def _tail_fields(self, start: int) -> Iterator[FrameField]:
         body = self.body
         size = len(body)
-        # A last byte other than EOT counts as a damaged EOT if the frame ends there by its length field.
+        # A last byte other than EOT counts as a damaged EOT if the length field confirms the end.
         has_eot = body[-1] == EOT or int.from_bytes(body[1:5], "little") == size
         end = size - 1 if size > HEADER_SIZE and has_eot else size
         if start < end:
@@ -347,8 +350,7 @@ class _ArgumentFields:
         return start
 
     def _string_end(self, start: int) -> int:
-        """Return the offset after a string, or the end of its argument if the string would exceed the
-        argument."""
+        """Return the offset after a string, or after its argument if the string claims to be longer."""
         size = int.from_bytes(self._builder.body[start : start + 4], "little")
         return min(start + 4 + size, self._argument.stop)
 
@@ -401,8 +403,9 @@ class _NumberFields(Sequence[FrameField]):
 
 
 class _LazyFields(Sequence[FrameField]):
-    """Fields that are created anew in each iteration. The first access by index, or to the length, stores the
-    fields for later accesses."""
+    """Fields that are created anew in each iteration. The first access by index or to the length stores the
+    fields.
+    """
 
     def __init__(self, make: Callable[[], Iterator[FrameField]]) -> None:
         self._make = make

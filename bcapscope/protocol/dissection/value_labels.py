@@ -1,4 +1,6 @@
-"""Names and meanings of the values in arguments and results, and of the elements that slvMove carries."""
+"""Names and meanings of the values in arguments and results, and of the elements in slvMove's set points and
+results.
+"""
 
 from __future__ import annotations
 
@@ -32,8 +34,8 @@ class ValueLabel(NamedTuple):
     Attributes:
         name: Name of the value, such as `J1` or `hand I/O`.
         unit: Unit of the value: `mm`, `deg`, or empty.
-        text: Explanation of the value, one clause; may be empty.
-        elements: Labels of the value's elements in order, as far as known.
+        text: One clause that explains the value; may be empty.
+        elements: Labels of the value's first elements, in order; () if unknown.
     """
 
     name: str = ""
@@ -46,11 +48,11 @@ NO_LABEL = ValueLabel()
 
 
 def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
-    """Name the elements of slvMove's parameter or result, from the value alone.
+    """Name the elements of slvMove's parameter or result.
 
-    The label of the whole value has an empty name. Earlier calls set the formats and the slave mode, but this
-    function gets only one value. Therefore the function guesses the names from the number and types of the
-    elements. The `text` of the label says that the names are a guess.
+    The label of the whole value has an empty name. Earlier calls set the formats and the slave mode, which
+    this function does not know. The function therefore guesses the names from the number and types of the
+    elements, and says so in the label's `text`.
     """
     found = parse_set_point(variant) if is_request else parse_feedback(variant)
     named = list(_set_point_labels(found) if isinstance(found, SetPoint) else _feedback_labels(found))
@@ -133,7 +135,7 @@ _AXES = {str(type_): axes for type_, axes in AXES.items()}
 
 
 def argument_label(function_id: int | None, command: str | None, name: str, variant: Variant) -> ValueLabel:
-    """Return the meaning of the value of argument `name`, such as `lComp`, in a request with this command."""
+    """Return the meaning of the argument `name`, such as `lComp`, in a request with this command."""
     value = variant.value
     if type(value) is int:
         named = _ARGUMENT_MEANINGS.get((function_id or 0, name)) or {}
@@ -150,7 +152,7 @@ def argument_label(function_id: int | None, command: str | None, name: str, vari
 
 
 def result_label(function_id: int | None, command: str | None, name: str, variant: Variant) -> ValueLabel:
-    """Return the meaning of the value of result `name`, such as `hRobot`, in a reply to this command."""
+    """Return the meaning of the result `name`, such as `hRobot`, in a reply to this command."""
     if type(variant.value) is not int:
         return NO_LABEL
     stands = result_meanings(function_id or 0, command or "", variant.value)
@@ -179,7 +181,9 @@ def _string_meaning(function_id: int | None, name: str, value: str) -> str | Mes
 
 
 def _all_of(id: str, meanings: Sequence[Message]) -> str | Message:
-    """Join several meanings by the message `id`, which joins two; return "" without meanings."""
+    """Join meanings into one text, two at a time, with the message `id`. If there are no meanings, return
+    "".
+    """
     if not meanings:
         return ""
     *others, found = meanings

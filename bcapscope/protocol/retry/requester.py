@@ -1,9 +1,9 @@
 """The client's part of a call: give each attempt a serial, retry, and decide which reply to accept.
 
-This module uses no socket and no clock. The caller passes the current time to each method, in ns of any
-monotonic clock. After each call of a method, the caller reads what to send (`data_to_send`), when to call
-`handle_timeout` (`deadline`), and what happened (`drain_events`). The rules are those of DENSO Wave 2009, How
-to use the Slave mode (Retry sequence in UDP connection), and of orin_bcap C/src/bCAPClient/bcap_client.c.
+This module uses no socket and no clock. The program passes the current time to each method, in ns of any
+monotonic clock. After using a method, the program reads what to send (`data_to_send`), when to use
+`handle_timeout` (`deadline`), and what happened (`drain_events`). Sources for retries: DENSO Wave 2009, How
+to use the Slave mode (Retry sequence in UDP connection); orin_bcap C/src/bCAPClient/bcap_client.c.
 """
 
 from __future__ import annotations
@@ -30,8 +30,9 @@ from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import S_EXECUTING, hresult_name, is_failure
 
 _REMEMBERED_ATTEMPTS = 32
-"""Number of attempts of earlier calls that a `Requester` remembers, to distinguish late from stray
-replies."""
+"""Number of attempts of earlier calls that a `Requester` remembers, to distinguish late replies from stray
+replies.
+"""
 
 _LAST_SERIAL = 0xFFFF
 _UDP_CONVENTIONS = (ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN)
@@ -42,7 +43,7 @@ class RetryPolicy(NamedTuple):
 
     Attributes:
         timeout: Timeout of each attempt, ns.
-        retries: Number of retries after the first attempt; ignored on TCP, where clients do not retry.
+        retries: Number of retries after the first attempt; ignored over TCP, where clients do not retry.
     """
 
     timeout: int
@@ -61,7 +62,7 @@ class _CallReplied:
 
     @property
     def elapsed(self) -> int:
-        """Time from the sending of the first attempt to the arrival of the accepted reply, ns."""
+        """Time in ns from sending the first attempt to receiving the accepted reply."""
         return self.attempts[-1].events[-1].time - self.attempts[0].sent
 
 
@@ -86,7 +87,7 @@ class CallTimedOut:
 
 @dataclass(frozen=True, slots=True)
 class CallExecuting:
-    """The controller sent a notice (S_EXECUTING) during the call, which restarts the timeout."""
+    """The controller sent a notice (S_EXECUTING), which restarts the timeout of the call."""
 
     notice: Frame
 
@@ -108,8 +109,9 @@ class LateReply:
 
 @dataclass(frozen=True, slots=True)
 class UnmatchedItem:
-    """What the client discards otherwise: a stray reply, an incomplete frame, or bytes that are not a
-    frame."""
+    """Something that the client discards: a stray reply, an incomplete frame, or bytes that are not a
+    frame.
+    """
 
     item: Frame | Malformed
     time: int
@@ -137,16 +139,16 @@ class _OpenAttempt:
 class Requester:
     """Makes one call at a time, because a controller executes the calls of a client one after another.
 
-    Every call ends in exactly one of `CallAnswered`, `CallRefused` and `CallTimedOut`, unless the program
-    gives up the call with `abandon`.
+    Every call ends in `CallAnswered`, `CallRefused` or `CallTimedOut`, unless the program gives the call up
+    with `abandon`.
     """
 
     def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:
         """Start a conversation with the controller.
 
-        `convention` is for the reserved field. This convention also selects UDP, with retries and a size
-        limit, or TCP. Do not start with serial 0: the C server mistakes a new client's first request with
-        serial 0 for a retry.
+        `convention` says how to fill the reserved field. The conventions for UDP and TCP differ, so
+        `convention` also selects UDP or TCP. Only UDP has retries and a size limit. Do not start with serial
+        0, because the C server mistakes a new client's first request with serial 0 for a retry.
 
         Raises:
             ValueError: `convention` is `UNKNOWN`, or `first_serial` is not in 1..65535.
@@ -170,13 +172,13 @@ class Requester:
 
     @property
     def deadline(self) -> int | None:
-        """Time at which the caller must call `handle_timeout`, ns; None while no reply is expected."""
+        """Time in ns at which the program must use `handle_timeout`; None while no call is in progress."""
         return self._deadline
 
     def start_call(
         self, function_id: int, arguments: Sequence[Variant], policy: RetryPolicy, now: int
     ) -> None:
-        """Start a call at the time `now`, ns.
+        """Start a call at the time `now`, in ns.
 
         Raises:
             TooLargeError: The frame is too large for UDP.
@@ -221,7 +223,7 @@ class Requester:
             )
 
     def record_send_error(self, reason: Message, now: int) -> None:
-        """Record an error of the operating system for the newest attempt, such as a closed port.
+        """Record an error of the operating system, such as a closed port, for the newest attempt.
 
         Retries continue.
         """
@@ -239,8 +241,9 @@ class Requester:
             self._events.append(CallTimedOut(self._attempt_snapshots()))
 
     def abandon(self) -> tuple[Attempt, ...]:
-        """Give up the call in progress and return its attempts. A reply that arrives after this call is a
-        late reply."""
+        """Give up the call in progress and return its attempts. A reply that arrives afterwards is a late
+        reply.
+        """
         self._deadline = None
         return self._attempt_snapshots()
 

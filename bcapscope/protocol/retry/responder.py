@@ -2,8 +2,8 @@
 
 A client that gets no reply in time sends its request again with a new serial. The reserved field of the retry
 names an earlier attempt (DENSO Wave 2009, How to use the Slave mode, Retry sequence in UDP connection). The
-client accepts only a reply with its newest serial. The responder therefore sends a stored reply again with
-the serial of the retry.
+client accepts only a reply with its newest serial, so the responder sends the stored reply again with the
+serial of the retry.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ from bcapscope.protocol.retry.reserved_convention import ReplyReserved, Reserved
 from bcapscope.protocol.tables.hresult import S_EXECUTING, S_OK
 
 REMEMBERED_ANSWERS = 32
-"""Number of replies that a responder stores for its client. One stored reply is enough if the network keeps
-packets in order, because a client makes one call at a time. The responder stores more replies for retries
-that arrive late. A UDP reply has at most 503 bytes."""
+"""Number of replies that a responder stores for its client. A client makes one call at a time, so one stored
+reply is enough if the network keeps packets in order. The other stored replies are for retries that arrive
+late. A UDP reply has at most 503 bytes.
+"""
 
 _SERVICE_START = 1
 _SERIAL_COUNT = 0xFFFF
@@ -32,8 +33,7 @@ _SERIAL_COUNT = 0xFFFF
 
 _MAX_ATTEMPTS = 16
 """Assumed maximum number of attempts of one call: serials that differ by more belong to different calls.
-Known clients send at most half this number of attempts per call, except for one client that never stops
-retrying.
+Known clients send at most half as many attempts per call, except for one client that retries without end.
 """
 
 
@@ -45,24 +45,26 @@ class Defect(Flag):
 
     NONE = 0
     FORGETS_FIRST = 1
-    """The server stores only its last reply, with the serial of the attempt that arrived. The server does not
-    compare the contents of requests. If the first attempt is lost, the second retry names a serial that the
-    server never received, so the server executes the call again. If a client restarts with the serial of its
-    last call, the server sends the old reply."""
+    """The server stores only its last reply, with the serial of the first attempt that arrived. The server
+    does not compare the contents of requests. If the first attempt is lost, the second retry names a serial
+    that the server never received, so the server executes the call again. If a client restarts with the
+    serial of its last call, the server sends the old reply.
+    """
     SERIAL_ZERO = 2
     """If the first frame of a new client has serial 0, the server answers S_OK without executing the call."""
 
 
 class RequestKind(Enum):
-    """How the responder classifies a request."""
+    """Kinds of requests that the responder distinguishes."""
 
     NEW = "new"
     """A new call: execute it, then call `Responder.answer_call`."""
     REPEAT = "repeat"
     """A retry of a completed call: send the stored reply again."""
     RUNNING = "running"
-    """A retry of the running call; the reply to this call will carry the serial of the retry. A retry of an
-    abandoned call also has this kind; such a call never gets a reply."""
+    """A retry of the running call. The reply to this call will carry the serial of the retry. A retry of an
+    abandoned call has this kind too, but never gets a reply.
+    """
     BUSY = "busy"
     """A new call while another call is running. The caller may refuse the new call with
     `Responder.reply_unremembered`."""
@@ -73,7 +75,7 @@ class RequestDecision:
     """What the controller must do with a request.
 
     Attributes:
-        kind: How the responder classified the request.
+        kind: Whether the request is a new call or a retry.
         reply: Stored reply to send now; None unless `kind` is `REPEAT`.
     """
 
@@ -105,15 +107,15 @@ class _Call:
 
 
 def _is_ahead(serial: int, other: int) -> bool:
-    """Return whether `serial` equals `other` or follows it, modulo the wrap from 65535 to 1."""
+    """Return whether `serial` equals or follows `other`; after 65535, serials continue at 1."""
     return (serial - other) % _SERIAL_COUNT < _SERIAL_COUNT // 2
 
 
 def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
     """Return whether no known call has a serial between those of `call` and `serial`.
 
-    `calls` lists the newest call first. The function examines only calls that were executed after `call`. An
-    older call with a higher serial comes from an earlier program on the same port.
+    `calls` lists the newest call first. The function ignores calls before `call`: if such a call has a higher
+    serial, it comes from an earlier program on the same port.
     """
     later = takewhile(lambda other: other is not call, calls)
     return not any(
@@ -124,34 +126,33 @@ def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool
 class Responder:
     """Decides for one client whether each request is a new call or a retry.
 
-    The responder executes nothing. `receive_request` classifies a request, and `answer_call` ends the call
-    that `receive_request` classified as new. On UDP, a client is one address and port; on TCP, one
-    connection. A controller executes the requests of one client strictly one after another.
+    The responder executes nothing. `receive_request` classifies a request, and `answer_call` ends a call that
+    `receive_request` classified as new. Over UDP, each address and port counts as a client; over TCP, each
+    connection counts as a client. A controller executes the calls of a client one after another.
 
     In a first attempt, the reserved field is 0 or the frame's own serial. Any other value in the reserved
     field is the serial of the first or the previous attempt of the same call. A request belongs to a
     remembered call if its reserved field names an attempt of this call, and function and arguments are the
-    same. The responder then adds the request's serial and the named serial to the call. If a known serial
-    arrives with other contents, the client has restarted.
+    same. The responder then stores the serial and the reserved field of the request as serials of this call.
+    If a known serial arrives with other contents, the client has restarted.
 
-    In two cases, a request does not show whether the client sent a new call or a retry:
+    In two cases, a request does not show whether it is a new call or a retry:
 
     * A retry from a client of the old C library (`ReservedConvention.CHAIN`) names the previous attempt. If
-      the previous attempt was lost, its serial is unknown. The request may then be a retry of the known call,
-      or a retry of a new, equal call.
-    * A program that uses the port of an earlier program may start with the same serial. A call of the new
-      program may equal a call of the earlier program with the same or a slightly higher serial. The new call
-      then looks like a delayed attempt of the earlier call.
+      the previous attempt was lost, the responder does not know the serial of that attempt. The request may
+      then be a retry of a known call, or a retry of a new call with the same contents.
+    * A new program on the port of an earlier program may start with the same serial. A call of the new
+      program may have the contents of an earlier call whose serial is the same or slightly higher. The new
+      call then looks like a delayed attempt of the earlier call.
 
     If it is unclear whether a request is a retry, the responder assumes a retry, so that no call runs twice.
-    If the known call has neither the request's serial nor the serial in its reserved field, the responder
-    assumes a retry only while the convention is `CHAIN` or unknown. A new call that is mistaken for a retry
-    is not executed, and its client gets the earlier reply. The earlier reply may hold an old value, or report
-    a motion as done that the robot did not make for the new call.
+    If neither serial of the request is known, the responder assumes a retry only while the convention is
+    `CHAIN` or unknown. If the responder mistakes a new call for a retry, the controller does not execute the
+    call, and the client gets the earlier reply. The earlier reply may hold an old value, or report a motion
+    that the robot made for the earlier call.
 
-    The responder forgets the calls of an earlier program when the new program reuses one of their serials for
-    a different call. At the latest, the responder forgets the calls of an earlier program after `remembered`
-    further calls.
+    The responder forgets the calls of an earlier program when the new program uses one of their serials for a
+    different call, or at the latest after `remembered` further calls.
     """
 
     def __init__(
@@ -167,9 +168,10 @@ class Responder:
 
         Args:
             expects_retries: True for UDP; False for TCP, where every request is a new call.
-            reply_reserved: Convention for the reserved field of replies; `UNKNOWN` acts as `ZERO`.
+            reply_reserved: Convention for the reserved field of replies; `UNKNOWN` has the same effect as
+                `ZERO`.
             remembered: Maximum number of replies to store.
-            largest_answer: Size in bytes of the largest reply that may be sent.
+            largest_answer: Maximum size of a reply in bytes.
             defects: Defects of DENSO's C server to imitate.
         """
         self.convention = ReservedConvention.UNKNOWN
@@ -179,7 +181,7 @@ class Responder:
         self._defects = defects
         self._forgets_first = Defect.FORGETS_FIRST in defects
         self._calls: deque[_Call] = deque(maxlen=1 if self._forgets_first else remembered)
-        # Serials and contents of all known calls, and of some calls that were forgotten.
+        # Serials and contents of all known calls, and of some forgotten calls.
         self._known_keys: set[int | bytes] = set()
         self._known_keys_limit = 8 * remembered
         self._running: _Call | None = None
@@ -190,7 +192,7 @@ class Responder:
         return self._running is not None
 
     def receive_request(self, frame: Frame) -> RequestDecision:
-        """Classify a request. A call classified as `NEW` runs until `answer_call` or `abandon_call`."""
+        """Classify a request. A `NEW` call runs until `answer_call` or `abandon_call` ends it."""
         had_received, self._has_received = self._has_received, True
         content = frame.raw[9:]
         call = self._find_call(frame, content) if self._retries else None
@@ -254,7 +256,7 @@ class Responder:
         return encode_frame(frame.serial, frame.reserved if self._echoes_reserved else 0, code)
 
     def reset(self) -> None:
-        """Forget the client, so that the next request counts as the first of a new client.
+        """Forget the client, so that the next request counts as the first request of a new client.
 
         The running call gets no reply.
         """
@@ -264,8 +266,9 @@ class Responder:
         self._has_received = False
 
     def _remember_keys(self, call: _Call) -> None:
-        """Add a call's serials and contents to the set. If the set is too large, first drop the serials and
-        contents of forgotten calls."""
+        """Add a call's serials and contents to the set of known keys. If the set is too large, first drop the
+        serials and contents of forgotten calls.
+        """
         keys = self._known_keys
         if len(keys) > self._known_keys_limit:
             keys.clear()
@@ -284,7 +287,7 @@ class Responder:
             self.convention = ReservedConvention.UNKNOWN
         if frame.reserved and self.convention is ReservedConvention.UNKNOWN:
             self._detect_convention(frame)
-        # Two look-ups in a set decide for most requests; a scan of all calls would be slow.
+        # For most requests, two look-ups in a set are enough; a scan of all calls would be slow.
         if frame.serial not in self._known_keys and content not in self._known_keys:
             return None
         return self._find_among_known(frame, content)
@@ -294,11 +297,11 @@ class Responder:
         return [self._running, *self._calls] if self._running else self._calls
 
     def _find_among_known(self, frame: Frame, content: bytes) -> _Call | None:
-        """Return the known call to which a request belongs; None if the request is a new call."""
+        """Return the known call to which a request belongs; None for a new call."""
         calls = self._known_calls()
         serial, named = frame.serial, frame.reserved or frame.serial
         alike = [call for call in calls if serial in call.serials or call.content == content]
-        # If the old C client's serial wraps to 0 in a retry, the next attempt has 0 in the reserved field.
+        # If a retry of the old C client has serial 0 after 65535, the next attempt has the reserved value 0.
         after_zero = serial == 1 and frame.reserved == 0
         equal, is_known = [], False
         for call in alike:
@@ -317,19 +320,19 @@ class Responder:
         return chained
 
     def _forget_earlier_program(self, serial: int) -> None:
-        """Forget the calls of an earlier program. One of these calls had the `serial` that a new, different
-        call now has.
+        """Forget the calls of an earlier program, which used `serial` for a different call.
 
-        Calls that were executed later and have smaller serials belong to the present program. The responder
-        keeps the calls of the present program, because their retries may still arrive.
+        Later calls with smaller serials belong to the present program. The responder keeps these calls,
+        because their retries may still arrive.
         """
         later = list(takewhile(lambda call: serial not in call.serials, self._calls))
         self._calls.clear()
         self._calls.extend(call for call in later if not _is_ahead(call.newest, serial))
 
     def _find_in_chain(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
-        """Return the call to which a `CHAIN` retry belongs if attempts between them were lost or overtaken,
-        or None."""
+        """Return the call to which a `CHAIN` retry belongs although earlier attempts were lost or overtaken;
+        None if there is no such call.
+        """
         if self.convention not in _CHAIN_CONVENTIONS:
             return None
         serial, is_retry = frame.serial, frame.reserved not in (0, frame.serial)
@@ -340,7 +343,7 @@ class Responder:
         return None
 
     def _detect_convention(self, frame: Frame) -> None:
-        """Derive the convention from a retry: only in `CHAIN` does each retry name the previous attempt."""
+        """Derive the convention from a retry. Only a `CHAIN` retry names the previous attempt."""
         if frame.reserved == frame.serial:
             self.convention = ReservedConvention.OWN
         elif (frame.serial - frame.reserved) % _SERIAL_COUNT > 1:

@@ -34,7 +34,9 @@ _RECEIVE_BITS = {"timestamp": TIMESTAMP_BIT, "current": CURRENT_BIT, **_SEND_BIT
 """Bit of each field of a format, by the field's name."""
 
 _UNDOCUMENTED_BIT = 0x400
-"""Bit that open-source clients set in the send format 0x620; no public source documents its meaning."""
+"""Bit that open-source clients set in the send format 0x620. No public source documents the meaning of this
+bit.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +44,11 @@ class SendFormat:
     """What the parameter of slvMove holds besides the pose.
 
     Attributes:
-        hand_io: Whether the parameter holds the hand I/O word. Bit 0 of the word is IO48; the controller sets
-            IO64..IO71 from the word.
-        mini_io: Whether the parameter holds the mini I/O word. Bit 0 of the word is IO0; the controller sets
-            IO24..IO31 from the word, on some controllers IO16..IO31.
-        user_io: Whether the parameter holds I/O bits to write. Each slvMove states the range of these bits.
+        hand_io: Whether the parameter holds the hand I/O word. Bit 0 of the word is IO48. The controller sets
+            only IO64..IO71.
+        mini_io: Whether the parameter holds the mini I/O word. Bit 0 of the word is IO0. The controller sets
+            only IO24..IO31; some controllers set IO16..IO31.
+        user_io: Whether the parameter holds I/O bits to write, and their range.
         other: Bits of the format that have no known meaning.
     """
 
@@ -82,15 +84,15 @@ class ReceiveFormat:
     """What the result of slvMove holds.
 
     Attributes:
-        poses: Types of the poses in order; two poses arrive in one number array.
+        poses: Types of the poses in order. One number array holds both poses if there are two.
         timestamp: Whether the result holds the time since the controller's start.
         hand_io: Whether the result holds the hand I/O word, whose bit 0 is IO48.
         current: Whether the result holds the motor current of each axis.
         mini_io: Whether the result holds the mini I/O word, whose bit 0 is IO0.
         user_io: Whether the result holds the range of I/O bits that slvMove requested.
-        other: Bits of the format that have no known meaning, or its last digit if this is above 5.
-        microseconds: Whether the timestamp is in µs instead of ms. A second number in the parameter of
-            slvRecvFormat sets the unit of the timestamp.
+        other: Bits of the format that have no known meaning; includes the last digit if it is above 5.
+        microseconds: Whether the timestamp is in µs instead of ms. slvRecvFormat sets this unit with the
+            second number of its parameter.
 
     Raises:
         ValueError: No receive format returns the pose types in `poses`.
@@ -121,15 +123,15 @@ class ReceiveFormat:
 
     @property
     def bare_pose_type(self) -> PoseType | None:
-        """Pose type of a result that consists only of the number array of one pose; None for any other
-        result."""
+        """Pose type of a result that is only the number array of one pose; None for other results."""
         words = self.timestamp or self.hand_io or self.current or self.mini_io or self.user_io
         return self.poses[0] if len(self.poses) == 1 and not words else None
 
     @property
     def is_known(self) -> bool:
-        """Whether the ROS driver knows this format. The ROS driver uses mini and user I/O together only in
-        the format 0x340."""
+        """Whether the ROS driver knows this format. The ROS driver combines mini I/O and user I/O only in the
+        format 0x340.
+        """
         both = self.mini_io and self.user_io
         return not self.other and (
             not both or int(self) & ~POSE_BITS == MINI_IO_BIT | USER_IO_BIT | CURRENT_BIT
@@ -137,7 +139,7 @@ class ReceiveFormat:
 
 
 def _split_flags(value: int, bits: dict[str, int]) -> tuple[dict[str, bool], int]:
-    """Return for each of `bits` whether it is set in `value`, and the remaining bits of `value`."""
+    """Return which of `bits` are set in `value`, and the remaining bits of `value`."""
     flags = {name: bool(value & bit) for name, bit in bits.items()}
     return flags, value & ~sum(bits.values())
 
@@ -151,7 +153,7 @@ class FormatParameter(NamedTuple):
 
     Attributes:
         value: Number of the format.
-        microseconds: Whether the second number of the parameter selects µs for the timestamp.
+        microseconds: Whether the parameter has a second number that selects µs for the timestamp.
     """
 
     value: int
@@ -159,8 +161,9 @@ class FormatParameter(NamedTuple):
 
 
 def parse_format_parameter(parameter: Variant) -> FormatParameter | None:
-    """Decode a parameter: a format, or an array of format and time unit. Return None for a parameter of any
-    other form."""
+    """Decode a parameter that is a format number, or an array of format number and time unit. Return None for
+    other parameters.
+    """
     value = parameter.value
     items = value if isinstance(value, tuple) else (value,)
     plain = [item.value if isinstance(item, Variant) else item for item in items[:2]]

@@ -1,8 +1,8 @@
 """Slave modes: the meaning of slvChangeMode's number, which depends on the controller's generation.
 
-For example, 0x001 selects Sync on RC7 but mode 0 on RC8, and these modes behave differently. Sources: DENSO
-Wave 2009, How to use the Slave mode (RC7); documentation of ShoheiKobata/orin_bcap_python_samples (table of
-slave modes) and DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later).
+For example, 0x001 selects Sync on RC7, but mode 0 on RC8, which behaves differently. Sources: DENSO Wave
+2009, How to use the Slave mode (RC7); documentation of ShoheiKobata/orin_bcap_python_samples (table of slave
+modes) and DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later).
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from enum import StrEnum
 from bcapscope.messages import Message
 
 PERIOD_MS = 8
-"""Cycle time of the controller, ms. In slave mode, the controller consumes one set point per cycle. All other
-modules derive their times from this constant."""
+"""Cycle time of the controller, ms. In slave mode, the controller consumes one set point per cycle. Other
+modules use this constant for all times that depend on the cycle time.
+"""
 
 PERIOD_NS = PERIOD_MS * 1_000_000
 
@@ -22,7 +23,7 @@ POSE_MASK, KIND_MASK = 0x000F, 0x0F00
 
 
 class Generation(StrEnum):
-    """A group of controllers on which the numbers of slave modes mean the same."""
+    """A group of controllers with the same numbers for slave modes."""
 
     RC7 = "RC7"
     RC8 = "RC8"
@@ -57,7 +58,7 @@ class SlaveMode:
 
     Attributes:
         value: Number of the mode in slvChangeMode, 0x000..0x203.
-        generation: Generation of controllers on which the number has this meaning.
+        generation: Generation of controllers to which the mode belongs.
         pose_type: Pose type of the set points in this mode; None for off.
         kind: How the controller buffers set points and when it replies to slvMove.
         buffer_slots: Number of set points that the controller buffers.
@@ -65,9 +66,9 @@ class SlaveMode:
         paces_client: Whether the controller sets the pace by replying to slvMove only when the buffer has
             room.
         underflow_is_error: Whether the controller leaves slave mode if a set point is missing during motion;
-            None if a setting on the pendant decides.
-        overflow_is_error: Whether the controller refuses an excess set point with 83201483, after the warning
-            S_BUF_FULL.
+            None if a setting on the pendant decides this.
+        overflow_is_error: Whether the controller warns with S_BUF_FULL, and refuses further set points with
+            83201483.
         text: Description of the mode in English.
     """
 
@@ -106,8 +107,8 @@ _BEHAVIOURS: dict[ModeKind, tuple[int, bool, bool, bool | None, bool, str]] = {
         False,
         None,
         False,
-        "slvMove is answered at once; a new set point replaces the waiting one; a setting on the pendant "
-        "decides whether a late set point is an error",
+        "slvMove is answered at once; a new set point replaces the waiting set point; a setting on the "
+        "pendant decides whether a late set point is an error",
     ),
     ModeKind.MODE_0: (
         3,
@@ -124,7 +125,8 @@ _BEHAVIOURS: dict[ModeKind, tuple[int, bool, bool, bool | None, bool, str]] = {
         False,
         False,
         False,
-        "slvMove is answered at once; a new set point replaces the waiting one; the robot holds the last one",
+        "slvMove is answered at once; a new set point replaces the waiting set point; the robot stays at the "
+        "last set point",
     ),
     ModeKind.MODE_2: (
         3,
@@ -136,8 +138,9 @@ _BEHAVIOURS: dict[ModeKind, tuple[int, bool, bool, bool | None, bool, str]] = {
         "error",
     ),
 }
-"""For each kind of mode: the fields of `SlaveMode` from `buffer_slots` to `overflow_is_error`, and a
-description."""
+"""For each kind of mode, the values of the fields `buffer_slots` to `overflow_is_error` of `SlaveMode`, and a
+description.
+"""
 
 _KINDS: dict[Generation, dict[int, ModeKind]] = {
     Generation.RC7: {0x000: ModeKind.SYNC, 0x100: ModeKind.ASYNC},
@@ -183,5 +186,5 @@ def slave_mode_by_number(value: int, generation: Generation = Generation.RC8) ->
 
 
 def pose_type_of_mode(value: int) -> PoseType | None:
-    """Return the pose type that the last digit of a mode number states; None for 0 and invalid numbers."""
+    """Return the pose type in the last digit of a mode number; None for 0 and invalid numbers."""
     return _POSE_TYPES.get(value & POSE_MASK) if value & ~(POSE_MASK | KIND_MASK) == 0 else None

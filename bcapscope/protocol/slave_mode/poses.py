@@ -1,7 +1,7 @@
 """Poses: rows of numbers with the names and units of their axes.
 
 Sources: DENSO Wave 2009, How to use the Slave mode, for P and J on RC7; DENSORobot/denso_robot_ros2
-denso_robot_control for poses of 7 (P), 8 (J) or 10 (T) numbers, and the number that its driver appends.
+denso_robot_control for poses of 7 (P), 8 (J) or 10 (T) numbers, and the number that the ROS driver appends.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.slave_mode.modes import PoseType
 
 USED_AXES_FLAG = 0x400000
-"""Number that the ROS driver appends to a pose; the driver also sets a bit in it for each axis in use. The
-purpose of the appended number is not known."""
+"""Number that the ROS driver appends to a pose, with a further bit set for each axis in use. The purpose of
+the appended number is not known.
+"""
 
 FLOAT_ARRAYS = frozenset((int(ARRAY | VT.R8), int(ARRAY | VT.R4)))
 """VARIANT types of a pose that is an array of numbers."""
@@ -25,7 +26,7 @@ FLOAT_ARRAYS = frozenset((int(ARRAY | VT.R8), int(ARRAY | VT.R4)))
 class Axis(NamedTuple):
     """Name and unit of one number of a pose.
 
-    The unit is `mm`, `deg`, or empty, as for Fig and direction cosines.
+    The unit is `mm`, `deg`, or empty; Fig and direction cosines have no unit.
     """
 
     name: str
@@ -43,11 +44,12 @@ AXES: Mapping[PoseType, tuple[Axis, ...]] = MappingProxyType(
         PoseType.T: (*_axes_named("X Y Z", "mm"), *_axes_named("Ox Oy Oz Ax Ay Az Fig", "")),
     }
 )
-"""Axes of each pose type, in order. In a J pose, a linear axis is in mm; the robot type decides which axes
-are linear."""
+"""Axes of each pose type, in order. If the robot has linear axes, these are in mm."""
 
 SHORTEST_POSE: Mapping[PoseType, int] = MappingProxyType({PoseType.P: 6, PoseType.J: 6, PoseType.T: 10})
-"""Minimum number of values in a pose of each type: Fig may be missing, and RC7 accepts six joints."""
+"""Minimum number of values in a pose of each type. In P type, Fig may be missing; in J type, RC7 accepts six
+joints.
+"""
 
 
 class Pose(NamedTuple):
@@ -56,7 +58,7 @@ class Pose(NamedTuple):
     Attributes:
         type: P, J or T; None if the number of values fits no pose type.
         values: One number per axis of `axes`, in order.
-        extra: Numbers after those of the axes. The ROS driver appends one number to each pose.
+        extra: Numbers after the values of the axes. The ROS driver appends one number to each pose.
         guessed: Whether the pose type is a guess from the number of values.
     """
 
@@ -72,7 +74,7 @@ class Pose(NamedTuple):
 
     @property
     def used_axes(self) -> int | None:
-        """Bits of the axes that the ROS driver marks as used, bit 0 for J1; None if the mark is missing."""
+        """Bits of the axes that the ROS driver marks as used. Bit 0 is J1. None if the mark is missing."""
         return (
             int(self.extra[0]) & 0xFF if len(self.extra) == 1 and is_used_axes_mark(self.extra[0]) else None
         )
@@ -101,7 +103,7 @@ def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
 
 
 def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
-    """Guess the pose type from the number of values, and from the mark that the ROS driver appends."""
+    """Guess the pose type from the number of values, with or without the mark that the ROS driver appends."""
     count = len(values)
     if count and is_used_axes_mark(values[-1]):
         return {8: PoseType.P, 9: PoseType.J, 11: PoseType.T}.get(count)
@@ -109,7 +111,7 @@ def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
 
 
 def build_pose(values: tuple[float, ...], pose_type: PoseType | None) -> tuple[Pose, tuple[Message, ...]]:
-    """Return a pose with these values, and its problems.
+    """Return a pose with these values, and the problems of the pose.
 
     Without `pose_type`, guess the pose type from the number of values.
     """

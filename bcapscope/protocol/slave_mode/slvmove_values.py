@@ -1,9 +1,9 @@
-"""Decode slvMove's parameter, the set point, and its result, the feedback of the robot.
+"""Decode the set point in slvMove's parameter, and the robot's feedback in slvMove's result.
 
-Sources: DENSO Wave 2009, How to use the Slave mode, for a value that is only a pose;
-DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp for the order of the elements. The client
-selects the elements with slvSendFormat and slvRecvFormat. If a capture begins after these calls, the decoder
-chooses the most likely order and marks the result as guessed.
+Sources: DENSO Wave 2009, How to use the Slave mode, for values that are only a pose;
+DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp for the order of elements. The client selects
+the elements with slvSendFormat and slvRecvFormat. If a capture begins after these calls, the decoder chooses
+the most likely order and marks this order as guessed.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ _ROW, _WORD, _DATA, _OTHER, _END = "numbers", "integer", "bytes", "other", "end"
 
 _Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each element
 
-# Types of the two poses in a result with receive format 4 or 5, by the number of values.
+# the types of the two poses in a result with receive format 4 or 5, by the total number of values
 _POSE_PAIRS = {15: (PoseType.P, PoseType.J), 18: (PoseType.T, PoseType.J)}
 
 _SIZES = {pose_type: len(axes) for pose_type, axes in AXES.items()}
 
 _POSE_ONLY = (
     POSE_ONLY_FORMAT,
-)  # a tuple: `in` compares identities first, which is faster than == of dataclasses
+)  # a tuple, because `in` first compares identities, which is faster than == of dataclasses
 
-_MAX_PARTS = 8  # maximum number of elements to examine; no format selects so many
+_MAX_PARTS = 8  # maximum number of elements to examine, more than any format selects
 
 
 class UserIO(NamedTuple):
@@ -76,11 +76,11 @@ class Feedback(NamedTuple):
     """The decoded result of slvMove.
 
     Attributes:
-        timestamp: Time since the controller's start, in ms or µs. It is a signed 32-bit number that wraps.
+        timestamp: Time since the controller's start, in ms or µs, as a signed 32-bit number that overflows.
         microseconds: Whether `timestamp` is in µs.
-        poses: The current pose, or two current poses of the requested types.
+        poses: The current pose in each requested pose type, at most two.
         mini_io: Word read from the mini I/O; bit 0 is IO0.
-        user_io: I/O bits that slvMove requested.
+        user_io: I/O bits that the set point requested.
         hand_io: Word read from the hand I/O; bit 0 is IO48.
         current: Motor current of each axis.
         guessed: Whether the pose type or the order of elements is a guess.
@@ -104,10 +104,11 @@ def parse_set_point(
     send: SendFormat | None = None,
     receive: ReceiveFormat | None = None,
 ) -> SetPoint:
-    """Decode slvMove's parameter. If it has an unexpected form, return the elements that fit, and problems.
+    """Decode slvMove's parameter. If the parameter has an unexpected form, return the elements that fit, and
+    problems.
 
-    `pose_type`, `send` and `receive` are the settings made by slvChangeMode, slvSendFormat and slvRecvFormat;
-    None for a call that was not captured.
+    `pose_type`, `send` and `receive` are what slvChangeMode, slvSendFormat and slvRecvFormat set; each is
+    None if its call was not captured.
     """
     bare = _bare_pose(parameter, pose_type)
     if bare and (send is None or send in _POSE_ONLY) and not (receive and receive.user_io):
@@ -132,10 +133,11 @@ def parse_set_point(
 def parse_feedback(
     result: Variant, pose_type: PoseType | None = None, receive: ReceiveFormat | None = None
 ) -> Feedback:
-    """Decode slvMove's result. If it has an unexpected form, return the elements that fit, and problems.
+    """Decode slvMove's result. If the result has an unexpected form, return the elements that fit, and
+    problems.
 
     A result of EMPTY is valid and gives an empty `Feedback`. If the receive format is unknown, an array of
-    numbers is decoded as a pose of the slave mode's `pose_type`.
+    numbers counts as a pose of the slave mode's `pose_type`.
     """
     microseconds = receive is not None and receive.microseconds
     if result.value is None:
@@ -161,7 +163,9 @@ def parse_feedback(
 
 
 def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
-    """Return the pose if the value is a float array of exactly the right length, as most are, or None."""
+    """Return the pose if the value is a float array of exactly the right length, which is the usual case;
+    otherwise None.
+    """
     if pose_type is None or variant.vt not in FLOAT_ARRAYS:
         return None
     row = variant.value
@@ -171,8 +175,8 @@ def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
 
 
 def _parts_of(variant: Variant) -> tuple[Variant, ...]:
-    """Return the elements of a VARIANT array. A value that is not a VARIANT array counts as one element, and
-    so does a VARIANT array that is a pose.
+    """Return the elements of a VARIANT array. Any other value, and a VARIANT array that is a pose, counts as
+    one element.
     """
     value = variant.value
     if not isinstance(value, tuple) or not value or not isinstance(value[0], Variant):
@@ -210,7 +214,9 @@ def _matching_arrangements(
 def _set_point_arrangements(
     send: SendFormat | None, receive: ReceiveFormat | None, kinds: tuple[str, ...]
 ) -> tuple[_Arrangement, ...]:
-    """Return the possible arrangements of elements in a set point, at least one, the most likely first."""
+    """Return the possible arrangements of elements in a set point, at least one arrangement, the most likely
+    first.
+    """
     sends = [send] if send else [SendFormat.parse(value) for value in (0, 0x20, 0x100, 0x120, 0x200, 0x220)]
     user_reads = (False, True) if receive is None else (receive.user_io,)
     return _matching_arrangements(
@@ -232,7 +238,9 @@ def _set_point_parts(form: SendFormat, user_read: bool) -> Iterator[tuple[str, s
 
 @lru_cache(maxsize=256)
 def _feedback_arrangements(receive: ReceiveFormat | None, kinds: tuple[str, ...]) -> tuple[_Arrangement, ...]:
-    """Return the possible arrangements of elements in a result, at least one, the most likely first."""
+    """Return the possible arrangements of elements in a result, at least one arrangement, the most likely
+    first.
+    """
     if receive is not None:
         return _matching_arrangements([tuple(_feedback_parts(receive))], kinds)
     bits = product((0x002,), (0, 0x010), (0, 0x020, 0x100, 0x120, 0x200, 0x220), (0, 0x040))
@@ -257,8 +265,9 @@ def _feedback_parts(form: ReceiveFormat) -> Iterator[tuple[str, str]]:
 
 
 def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Variant], list[Message]]:
-    """Name the elements by an arrangement, in order. Also return the problems: which elements are missing or
-    too many."""
+    """Name the elements in order, as in the arrangement `layout`. Also return problems: elements that are
+    missing or too many.
+    """
     named: dict[str, Variant] = {}
     problems: list[Message] = []
     for name, kind in layout:
@@ -281,8 +290,9 @@ def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[
 
 
 def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
-    """Return whether elements fit a guessed arrangement: user I/O must be valid, and if there is hand I/O but
-    no mini I/O, the upper 8 bits of the hand I/O must be 0."""
+    """Return whether elements fit a guessed arrangement. User I/O must be valid. If there is hand I/O without
+    mini I/O, the upper 8 bits of the hand I/O must be 0.
+    """
     named, problems = _name_parts(layout, parts)
     if not all(_is_valid_user_io(run) for run in (_user_io(named, "write"), _user_io(named, "read")) if run):
         return False
@@ -339,7 +349,7 @@ def _poses_of_part(
             first._replace(guessed=receive is None),
             second._replace(guessed=receive is None),
         ), problems + more
-    # With unknown format, assume the pose type of the slave mode if the number of values fits it. No source
+    # If the format is unknown, assume the pose type of the slave mode if the number of values fits. No source
     # documents the default format of slvMove's result.
     agrees = pose_type is not None and len(row) == len(AXES[pose_type])
     known = types[0] if types else (pose_type if agrees else None)

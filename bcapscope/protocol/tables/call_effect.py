@@ -1,8 +1,8 @@
 """The strongest effect that a call can have: read data, open or close something, change a state, energise the
 robot, or move it.
 
-The effects follow from the meaning of each function in orin_bcap C/include/bcap_funcid.h and of each command
-in `commands.tsv`. Calls that could start a motion, and unknown calls, have the effect `MOVES`.
+bcapscope derives the effects from the meanings of the functions in orin_bcap C/include/bcap_funcid.h and of
+the commands in `commands.tsv`. Calls that could start a motion, and unknown calls, have the effect `MOVES`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from bcapscope.protocol.tables.table_rows import table_rows
 
 
 class CallEffect(IntEnum):
-    """Strongest effect that a call can have on the robot, from weakest to strongest."""
+    """Strongest effect that a call can have on the robot. A larger number is a stronger effect."""
 
     READS = 0
     """Only reads data from the controller."""
@@ -24,15 +24,18 @@ class CallEffect(IntEnum):
     """Changes a state, a value or a setting of the controller."""
     ENERGISES = 3
     """Powers the motors, permits motion, or makes running programs faster, as ExtSpeed does. Robot_Speed only
-    sets the speed of the client's own motions, so its effect is `CHANGES`."""
+    sets the speed of the client's own motions, so its effect is `CHANGES`.
+    """
     MOVES = 4
-    """Moves the robot or a hand, starts a program, or may do one of these."""
+    """Moves the robot or a hand, starts a program, or may have such an effect."""
 
 
 FUNCTION_EFFECTS = MappingProxyType(
     {int(row["id"]): CallEffect[row["effect"].upper()] for row in table_rows("functions")}
 )
-"""Strongest effect that each function can have. `guard` derives the effect for given arguments."""
+"""Strongest effect that each function can have. `guard` derives the effect of a request from its
+arguments.
+"""
 
 
 def function_effect(function_id: int) -> CallEffect:

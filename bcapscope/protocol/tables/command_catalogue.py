@@ -1,5 +1,5 @@
-"""The catalogue of commands: the names that a call such as Robot_Execute may have in its argument bstrCommand
-(`commands.tsv`).
+"""The catalogue of commands (`commands.tsv`): names for the argument bstrCommand of calls such as
+Robot_Execute.
 
 Controllers and this catalogue ignore the case of command names. The slides of DENSO Wave 2009, How to use the
 Slave mode, show both `SLVMOVE` and `slvMove`.
@@ -23,8 +23,9 @@ COBOTTA, COBOTTA_PRO = "COBOTTA", "COBOTTA PRO"
 _POSE = "BSTR R8[] R4[] V[]"
 _LONGEST_COMPARED = 40
 _LEAST_SIMILARITY = 0.7
-"""Two names count as similar if difflib's ratio is at least this value. Two swapped letters in slvChangeMode
-give 0.92."""
+"""Two names count as similar if difflib's ratio is at least this value. For slvChangeMode with two letters
+swapped, the ratio is 0.92.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +39,7 @@ class CommandSpec:
         elements: Meaning of the parameter or of its elements in order; empty if unknown.
         result_types: Possible types of the result; `none` if the reply has no argument; () if unknown.
         returns: Meaning of the result; empty if unknown.
-        text: What the command does, one clause.
+        text: One clause that says what the command does.
         effect: Strongest effect that the command can have.
         in_slave_mode: Whether the controller accepts the command in slave mode; None if no source says.
         controllers: Controllers, providers or objects that have the command; empty if unknown.
@@ -62,8 +63,7 @@ def find_command(function_id: int, name: str) -> CommandSpec | None:
 
 
 def similar_command(function_id: int, name: str) -> str | None:
-    """Of a function's known commands, return the one most similar to `name`; None if no command is
-    similar."""
+    """Return the function's known command that is most similar to `name`; None if no command is similar."""
     return _similar_command(function_id, name[:_LONGEST_COMPARED].casefold())
 
 

@@ -21,11 +21,12 @@ INTERPOLATIONS = _numbers("interpolation")
 """lComp of Robot_Move."""
 
 POSE_TYPES = _numbers("pose type")
-"""Pose type: the second element of a pose that is a VARIANT array. Controllers also accept the letter of the
-pose type as text."""
+"""Pose type: the second element of a pose that is a VARIANT array. Controllers also accept the pose type's
+letter as text.
+"""
 
 PASS_MOTIONS = _numbers("pass motion")
-"""Pass motion: the third element of a pose that is a VARIANT array. A pass motion n that is not in this table
+"""Pass motion: the third element of a pose that is a VARIANT array. If a number n is not in this table, it
 means @n. Controllers also accept the pass motion as text.
 """
 
@@ -81,7 +82,7 @@ def pass_motion_text(value: int) -> str:
 
 
 def option_meanings(text: str, is_move: bool) -> dict[str, str]:
-    """Return the meanings of the known keys in an option string such as `SPEED=50,NEXT`, ignoring case."""
+    """Return the meanings of the known keys in an option string such as `SPEED=50,NEXT`; ignore case."""
     known = MOVE_OPTIONS if is_move else OBJECT_OPTIONS
     keys = {part.partition("=")[0].strip().casefold() for part in text.split(",")}
     return {key: meaning for key, meaning in known.items() if key.casefold() in keys}

@@ -1,6 +1,6 @@
 """The 137 functions of b-CAP: ids, arguments, results, and the handles that they create or release.
 
-Ids and the order of arguments are the same in all of DENSO's client libraries (orin_bcap
+All of DENSO's client libraries use the same ids and the same order of arguments (orin_bcap
 C/include/bcap_funcid.h and the C#, Java and Python clients). The names and types of the arguments come from
 the C client's prototypes (orin_bcap C/src/bCAPClient/bcap_client.c). orin_bcap
 C/include/bCAPServer/bcap_mapid.h shows which functions create and release handles.
@@ -32,7 +32,7 @@ class ObjectClass(StrEnum):
 
 
 class ResultKind(StrEnum):
-    """Kind of result in the only argument of a successful reply."""
+    """Kind of result in a successful reply, which has at most one argument."""
 
     NONE = "none"
     HANDLE = "handle"
@@ -40,7 +40,7 @@ class ResultKind(StrEnum):
     I4 = "I4"
     BSTR = "BSTR"
     VARIANT = "VARIANT"
-    """A VARIANT whose type depends on the command or the variable."""
+    """A VARIANT of a type that depends on the command or the variable."""
     NAMES = "names"
     """A VARIANT with an array of names."""
     DATE = "DATE"
@@ -67,14 +67,14 @@ class Function:
         id: Function id, 1..137, at offset 9 of a request.
         name: The vendor's name of the function: class, underscore and verb, such as `Robot_Execute`.
         owner: Class of the object to which the handle in the first argument must refer.
-        params: Arguments of the request in order, the handle first. Clients always send optional strings, as
-            empty strings if they have no value.
+        params: Arguments of the request in order, the handle first. Clients always send optional strings; a
+            string without a value is empty.
         result: Kind of result in a successful reply.
         result_name: The vendor's name of the result, such as `hRobot` or `pVal`; None if there is no result.
         creates: Class of the object that a successful call opens; None if the call opens no object. The
             object that Service_Start opens has no handle.
         releases: Class of the object that a successful call releases; None if the call releases no object.
-        note: How implementations of the function disagree, one clause; empty if they agree.
+        note: One clause that says how implementations of the function disagree; empty if they agree.
     """
 
     id: int
@@ -94,7 +94,7 @@ class Function:
 
 
 # The prefix of DENSO's name for an argument shows its type, as in `lAxis` or `bstrCommand`.
-# The name newVal has no prefix: its type is VT_I4 in function 115, and any type in other functions.
+# The argument newVal has no prefix: its type is VT_I4 in function 115, and any type elsewhere.
 _TYPE_BY_PREFIX = (("bstr", "VT_BSTR"), ("vnt", "VARIANT"), ("h", "VT_I4"), ("l", "VT_I4"), ("f", "VT_R4"))
 
 
@@ -143,8 +143,7 @@ _NAME_BY_ID = {function.id: function.name for function in _ALL}
 
 
 def signed_function_id(code: int) -> int:
-    """Convert the unsigned code of a request to a function id, which is a signed 32-bit integer on the
-    wire."""
+    """Convert the unsigned code of a request to the function id, which is a signed integer of 32 bits."""
     return code - 0x1_0000_0000 if 0x8000_0000 <= code <= 0xFFFF_FFFF else code
 
 
@@ -163,9 +162,8 @@ _RESULT_TYPES = {ResultKind.HANDLE: "VT_I4", ResultKind.I4: "VT_I4", ResultKind.
 
 
 def request_param(function_id: int | None, index: int) -> Param:
-    """Return the name and type of a request's argument, by its index from 0.
-
-    An argument that the function does not have is named by its number from 1, such as `arg4`.
+    """Return the name and type of a request's argument by its index, counted from 0. The name of an argument
+    that the function does not have is `arg` and a number from 1, such as `arg4`.
     """
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if function is not None and index < len(function.params):
@@ -174,7 +172,7 @@ def request_param(function_id: int | None, index: int) -> Param:
 
 
 def result_param(function_id: int | None, index: int) -> Param:
-    """Return the name and type of an argument in the reply to a function, by its index from 0."""
+    """Return the name and type of an argument in the reply to a function, by its index, counted from 0."""
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if index:
         return Param(f"arg{index + 1}", _ANY)

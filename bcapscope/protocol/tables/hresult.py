@@ -1,13 +1,13 @@
 """HRESULT: the meaning of a reply's result code. The digits of an unknown code show part of its meaning.
 
-A result is 32 bits at offset 9 of a reply. Clients print this number signed or unsigned; the functions in
-this module accept both.
+A result is 32 bits at offset 9 of a reply. Some clients print this number as signed, others as unsigned; the
+functions in this module accept both.
 
 Codes of RC8 and later controllers have the form 8 L S nnnnn. L is the error level, and S is the part of the
-controller. All 7687 codes of the list in nkawa/Denso_CobottaPro900_MQTT_Control
-(src/vendor/denso_cobotta/error_list.xlsx) have this form. No paper documents how RC7 puts its four-digit
-codes into 32 bits. This module decodes both 0000600B and 8000600B as RC7's 600B, and marks the meaning as a
-guess.
+controller that reports the error. All 7687 codes in the error list of nkawa/Denso_CobottaPro900_MQTT_Control
+(src/vendor/denso_cobotta/error_list.xlsx) have this form. No source documents how RC7 puts its four-digit
+codes into 32 bits. This module therefore decodes both 0000600B and 8000600B as RC7's 600B, and marks the
+meaning as a guess.
 """
 
 from __future__ import annotations
@@ -36,8 +36,9 @@ E_NOT_CONNECTED = 0x80000902
 E_MAX_OBJECT = 0x80000905
 E_TOO_MUCH_DATA = 0x80000909
 E_BUSY = 0x809100AA
-"""Reply of the C server while an earlier call of the same connection runs. DENSO gives this code no name, so
-the name is bcapscope's own."""
+"""The C server replies with this code while an earlier call of the same connection runs. The name is
+bcapscope's own, because DENSO has no name for this code.
+"""
 E_NOT_IN_SLAVE_MODE = 0x83500121
 E_REFUSED_IN_SLAVE_MODE = 0x83501032
 E_SLAVE_UNDERFLOW = 0x84201482
@@ -47,36 +48,40 @@ E_ARM_NOT_TAKEN = 0x83501024
 _UNLISTED = frozenset({"hresult.not-listed", "hresult.rc7", "hresult.failure", "hresult.success"})
 
 LEVELS = range(6)
-"""Error levels, whose names are in the message catalogue. DENSO's error list does not name levels 2 and 3;
-bcapscope infers these names from the texts of the errors."""
+"""Error levels. The message catalogue holds the names of the levels. DENSO's error list does not name levels
+2 and 3; bcapscope derives these names from the texts of the errors.
+"""
 
 _ENDS_SLAVE_MODE = 3
 
 _GUESSED_RC7_FORM = 0x80000000
-"""Upper 16 bits of the form 8000xxxx, in which RC7 may send a four-digit code. No document shows this
-form."""
+"""Upper 16 bits of the form 8000xxxx, which RC7 may use for its four-digit codes. No document shows this
+form.
+"""
 
 SUBSYSTEMS = frozenset((2, 4, 5, 6, 8))
-"""Values of the third hex digit that name a part of the controller: motion, servo, system, user programs,
-pendant."""
+"""Values of a code's third hex digit that stand for a part of the controller: motion, servo, system, user
+programs, pendant.
+"""
 
 
-@dataclass(frozen=True)  # no slots: `text` is cached, which makes the JSON of a million replies faster
+# No `__slots__`: the class caches `text`, which speeds up the JSON of a million replies.
+@dataclass(frozen=True)
 class HresultInfo:
     """Everything known about a result code.
 
     Attributes:
         code: The result code, unsigned, 32 bits.
         name: DENSO's symbol for the code; None if there is no symbol.
-        meaning: What the code means, one clause.
-        advice: What to do about the code, one clause; None if there is no advice.
+        meaning: One clause that says what the code means.
+        advice: One clause that says what to do about the code; None if there is no advice.
         level: Error level 0..5; None if the code has no level.
         subsystem: Part of the controller that reports the code; None if unknown.
         axis: Axis 1..8; None if the code names no axis.
         rc7: The four-digit code of RC7 with the same meaning; None if unknown.
-        is_listed: Whether the code is in the tables; False if the meaning was derived from the code's digits
-            or range.
-        is_guess: Whether `meaning` is based on an assumption that no paper confirms.
+        is_listed: Whether a table lists the code; False if bcapscope derived the meaning from the code's
+            digits or range.
+        is_guess: Whether `meaning` depends on an assumption that no paper confirms.
     """
 
     code: int
@@ -96,11 +101,9 @@ class HresultInfo:
 
 
 def is_failure(code: int) -> bool:
-    """Return whether a result code, signed or unsigned, reports a failure.
-
-    The code of a failure has the top bit set, or is a four-digit number such as 0000600B. On RC7, any code
-    other than S_OK is an error (DENSO Wave 2009, How to use the Slave mode). A code of success is never a
-    four-digit number.
+    """Return whether a result code, signed or unsigned, reports a failure. A failure has the top bit set, or
+    is a four-digit number such as 0000600B. On RC7, any code other than S_OK is an error (DENSO Wave 2009,
+    How to use the Slave mode). Four-digit numbers never report success.
     """
     return bool(code & 0x80000000) or 0x1000 <= code & 0xFFFFFFFF <= 0xFFFF
 
@@ -121,14 +124,14 @@ def ends_slave_mode(code: int) -> bool:
 
 @lru_cache(maxsize=4096)
 def is_rc7_code(code: int) -> bool:
-    """Return whether bcapscope takes a result code, 0000xxxx or 8000xxxx, for a four-digit code of RC7."""
+    """Return whether bcapscope treats a result code, 0000xxxx or 8000xxxx, as a four-digit code of RC7."""
     code &= 0xFFFFFFFF
     in_range = any(first <= code <= last for first, last, _ in _RANGES)
     return _has_rc7_form(code) and code not in _KNOWN and not in_range
 
 
 def with_rc7_forms(codes: Iterable[int]) -> frozenset[int]:
-    """Add RC7's codes of the same meaning to `codes`, in both 32-bit forms: 0000xxxx and 8000xxxx. A
+    """Return `codes` together with RC7's codes of the same meaning, in the forms 0000xxxx and 8000xxxx. A
     four-digit code in `codes` counts as a code of RC7.
     """
     plain = frozenset(codes)
@@ -138,8 +141,9 @@ def with_rc7_forms(codes: Iterable[int]) -> frozenset[int]:
 
 
 def rc7_digits_guessed(code: int) -> str | None:
-    """Return the four digits of a code of the form 8000xxxx; None for any other code. It is only a guess that
-    RC7 sends its codes in the form 8000xxxx."""
+    """Return the four digits of a code of the form 8000xxxx; None for any other code. bcapscope only guesses
+    that RC7 sends codes in this form.
+    """
     guessed = code >> 16 << 16 == _GUESSED_RC7_FORM and is_rc7_code(code)
     return f"{code & 0xFFFF:04X}" if guessed else None
 
@@ -150,7 +154,7 @@ def is_success(code: int) -> bool:
 
 
 def is_known_code(code: int) -> bool:
-    """Return whether a table lists this code, or a family or range that contains the code."""
+    """Return whether a table lists this code, alone or as part of a family or range."""
     return describe_hresult(code).meaning.id not in _UNLISTED
 
 
@@ -162,10 +166,9 @@ def hresult_name(code: int) -> str:
 
 @lru_cache(maxsize=4096)
 def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
-    """Return the meaning of a result code, signed or unsigned; bits above the low 32 are ignored.
+    """Return the meaning of a result code, signed or unsigned. Only the low 32 bits count.
 
-    `rc7` says that the controller is an RC7. With `rc7`, the low 16 bits of an unknown code may be a
-    four-digit code.
+    If the controller is an RC7 (`rc7`), the low 16 bits of an unknown code may be a four-digit code.
     """
     code &= 0xFFFFFFFF
     known = _KNOWN.get(code)
@@ -184,7 +187,7 @@ def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
 
 
 def listed_results() -> Iterable[HresultInfo]:
-    """Return the result codes that the table lists one by one, not in a range."""
+    """Return the result codes that the table lists individually, not in a range."""
     return _KNOWN.values()
 
 
@@ -211,8 +214,9 @@ def level_name(level: int) -> Message:
 
 
 def _level_and_subsystem(code: int) -> tuple[int | None, Message | None]:
-    """Return the error level and the subsystem of a code. The level or the subsystem is None if the digits do
-    not show it."""
+    """Return the error level and the subsystem of a code. The level or the subsystem is None if the code does
+    not show it.
+    """
     if not _has_level_digits(code):
         return None, None
     part = code >> 20 & 0xF
@@ -263,8 +267,9 @@ def _info_as_rc7(code: int) -> HresultInfo:
 
 
 def _info_from_row(code: int, row: dict[str, str], axis: int | None = None) -> HresultInfo:
-    """Return the meaning of a listed code. `row` describes this code alone, or the codes of all eight
-    axes."""
+    """Return the meaning of a listed code. `row` is the table's row for this code, or the common row for the
+    codes of all eight axes.
+    """
     level, subsystem = _level_and_subsystem(code)
     key = f"hresult.{code:08X}" if axis is None else f"hresult.axis.{code & ~0xF:08X}"
     meaning = Message.from_table(key, row["text"])
@@ -294,7 +299,9 @@ def _build_table() -> dict[int, HresultInfo]:
 
 
 def _build_rc7_table() -> dict[int, HresultInfo]:
-    """Map RC7's four-digit codes to their meanings. If several RC8 codes match, use the first of them."""
+    """Map RC7's four-digit codes to their meanings. If several RC8 codes have the same RC7 code, use the
+    first RC8 code.
+    """
     table: dict[int, HresultInfo] = {}
     for row in _ROWS:
         if len(row["code"]) == 4:
@@ -318,4 +325,4 @@ _KNOWN = _build_table()
 _RC7 = _build_rc7_table()
 
 CODE_BY_NAME = {row["name"]: int(row["code"], 16) for row in _ROWS if row["name"]}
-"""Result codes by their symbol; codes without a symbol are left out."""
+"""Result codes by symbol, without the codes that have no symbol."""

@@ -1,4 +1,4 @@
-"""The variable by which bcapscope's simulator identifies itself.
+"""The variable that identifies bcapscope's simulator.
 
 An address does not prove that a controller is simulated: a proxy to a real robot may listen on a loopback
 address. A real controller refuses to open an unknown variable (ShoheiKobata/orin_bcap_python_samples lists
@@ -8,7 +8,7 @@ the variables of RC8).
 from __future__ import annotations
 
 SIMULATOR_VARIABLE = "@BCAPSCOPE_SIMULATOR"
-"""Name of a variable of the controller object that only bcapscope's simulator has."""
+"""Name of a variable that only bcapscope's simulator has. Its owner is the controller object."""
 
 SIMULATOR_TEXT = "bcapscope simulator: no robot moves"
 """Value of the variable `SIMULATOR_VARIABLE`; its type is VT_BSTR."""

@@ -12,5 +12,5 @@ _SEPARATORS = re.compile(r"[^a-z0-9]+")
 
 @lru_cache(1024)
 def table_message(english: str) -> Message:
-    """Return the message for a table's English text; the message id is derived from the text."""
+    """Return the message for a table's English text. The function derives the message id from the text."""
     return Message.from_table(f"table.{_SEPARATORS.sub('-', english.lower()).strip('-')}", english)

@@ -1,7 +1,7 @@
 """Variables of controller, robot and task objects (`variables.tsv`), and the effect of writing them.
 
-The name of a numbered variable is a letter and a number (`I5`). The name may also be a letter and `*`, with
-the number of the variable in the option.
+The name of a numbered variable is a letter and a number (`I5`). The name may also be a letter and `*`; the
+option string then holds the number of the variable.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class VariableKind:
         name: DENSO's name of the variable; for a family, without the number.
         is_numbered: Whether clients append a number or `*` to the name.
         types: Possible types of the value, such as `VT_R4|VT_ARRAY`; () if no source says.
-        text: Meaning of the value, one clause.
+        text: One clause that says what the value means.
     """
 
     owner: ObjectClass
@@ -51,7 +51,9 @@ _NUMBERED_NAME = re.compile(r"([a-z]+)(?:[0-9]+|\*)")
 
 
 def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
-    """Find a variable by its object's class and its name, ignoring case; return None if it is unknown."""
+    """Find a variable by its object's class and its name, ignoring case; return None if the variable is
+    unknown.
+    """
     folded = name.casefold()
     match = _NUMBERED_NAME.fullmatch(folded)
     if match:
@@ -62,9 +64,9 @@ def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
 def write_effect(name: str, value: Variant) -> CallEffect:
     """Return the strongest effect that writing a variable can have.
 
-    `name` may be in upper or lower case; "" if unknown. A running program may wait for any variable, so every
-    write has the effect `MOVES`. The exceptions are @SERVO_ON, which switches the motor, and @STOP, which
-    stops a task.
+    `name` is the variable's name in upper or lower case, or "" if the name is unknown. A program on the
+    controller may wait for any variable, so a write has the effect `MOVES`. The exceptions are @SERVO_ON,
+    which switches the motor, and @STOP, which stops a task.
     """
     folded = name.casefold()
     if folded == SERVO_ON.casefold():

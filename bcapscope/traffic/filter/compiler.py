@@ -45,15 +45,15 @@ On the right is one of
 Text comparisons ignore case, as controllers do. Regular expressions ignore
 case, too, unless they contain (?-i). With < <= > >= an HRESULT is unsigned if
 the other side is hexadecimal or a name, and signed if it is decimal. Therefore
-hresult >= 0x80000000 and hresult < 0 select the same, as in C. A VT_R4
-seldom equals a decimal exactly; compare it with a range.
+hresult >= 0x80000000 selects the same replies as hresult < 0. A VT_R4 seldom
+equals a decimal exactly; compare it with a range.
 
 A comparison is false, even with != and not in, if the record has no such
 value or a value of another type. Examples are the hresult of a request, an
-argument that does not exist, and a text compared with a number. So
-hresult != S_OK selects replies that are not S_OK, and not (hresult == S_OK)
-selects requests too. field == null is true if a value is missing,
-field != null if it is present.
+argument that does not exist, and a text compared with a number. Therefore
+hresult != S_OK selects only replies, but not (hresult == S_OK) also selects
+requests. field == null is true if a value is missing, and field != null if it
+is present.
 """
 
 from __future__ import annotations
@@ -80,7 +80,9 @@ from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, token
 __all__ = ["Filter", "FilterError", "compile_filter"]
 
 DEEPEST_PARENTHESES = 40
-"""Maximum depth of nested parentheses. People write far fewer, and Python's recursion limit is far higher."""
+"""Maximum depth of nested parentheses. Real expressions are nested far less deeply, and Python's recursion
+limit is far higher.
+"""
 
 R = TypeVar("R")
 Getters: TypeAlias = Mapping[str, Callable[[Any], object]]
@@ -90,13 +92,14 @@ Binder: TypeAlias = Callable[[Getters], Test]
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """A compiled filter expression. `bind` makes a test from the expression and getters for its fields.
+    """A compiled filter expression. `bind` turns the expression into a test that reads the fields with
+    getters.
 
     Attributes:
         getter_names: Names of the getters that must be passed to `bind`.
         warnings: Comparisons that are valid, but probably a mistake.
-        unknown_values: Values in the expression that bcapscope's tables do not contain. An unknown value can
-            be right, but may also be the reason why a filter selects nothing.
+        unknown_values: Values in the expression that are missing from bcapscope's tables. An unknown value
+            may be valid, or a typing mistake that makes the filter select nothing.
     """
 
     expression: str
@@ -109,15 +112,14 @@ class Filter:
     def bind(
         self, getters: Mapping[str, Callable[[R], object]], first_time: Callable[[], int] | None = None
     ) -> Callable[[R], bool]:
-        """Return a function that tests a record. The function raises no exception except those that a getter
-        raises.
+        """Return a function that tests a record. The function raises only exceptions that a getter raises.
 
         Args:
             getters: One getter for each name in `getter_names`. A getter takes a record and returns a value
                 as `FieldType` specifies. Additional getters are ignored. If the getter of `t` is missing,
                 `bind` creates it.
-            first_time: Returns the time from which `t` counts, ns since 1970; None if `t` counts from the
-                first record that is tested.
+            first_time: Function that returns the start of `t`, ns since 1970; None if `t` starts at the first
+                tested record.
 
         Raises:
             KeyError: A getter in `getter_names` is missing.
@@ -138,7 +140,7 @@ class _ElapsedTime:
         self._noted: int | None = None
 
     def note(self, record: object) -> bool:
-        """Count `t` from this record if it is the first one. Return True."""
+        """Count `t` from this record if it is the first record. Return True."""
         time = self._time_of(record)
         if self._noted is None and isinstance(time, int):
             self._noted = time
@@ -163,8 +165,9 @@ def compile_filter(expression: str, kind: RecordKind) -> Filter:
 
 
 class _Parser:
-    """Recursive-descent parser. Each method `parse_...` consumes the tokens of one construct, and returns the
-    binder of this construct."""
+    """Recursive-descent parser. Each method `parse_...` consumes the tokens of one construct, such as a
+    comparison, and returns its binder.
+    """
 
     def __init__(self, expression: str, kind: RecordKind) -> None:
         self.expression = expression
@@ -280,7 +283,9 @@ class _Parser:
         return with_nearest(Message("input.no-such-field", name=f"{name!r}"), name, self.fields)
 
     def parse_other_field(self, subject: ComparedField) -> tuple[str, str] | None:
-        """Consume a sign and a second field of the same type; return the sign and the field's getter name."""
+        """Consume a sign and a second field of the same type; return the sign and the name of the field's
+        getter.
+        """
         sign = self.peek()
         if not (sign.is_sign(*COMPARISONS) and subject.type in operands.NUMERIC):
             return None
@@ -293,8 +298,8 @@ class _Parser:
         return sign.text, found.getter_name
 
     def parse_match(self, subject: ComparedField) -> Match:
-        """Consume a comparison sign and its operand. Without a sign, the filter selects records whose field
-        is true.
+        """Consume a comparison sign and its operand. If there is no comparison sign, the filter selects
+        records whose field is true.
         """
         sign = self.peek()
         if sign.is_sign("==", "!="):

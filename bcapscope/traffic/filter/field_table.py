@@ -1,7 +1,7 @@
 """Table of all fields of the filter syntax, for the compiler and for the help.
 
-The field names are the same as in the JSON of `decode` and `calls`. A getter returns a value of the field's
-`FieldType`, or None if the record has no such value.
+The field names are the same as in the JSON of `decode` and `calls`. The getter of a field returns a value of
+the field's type, or None if the record has no such value.
 """
 
 from __future__ import annotations
@@ -68,10 +68,10 @@ class FilterField(NamedTuple):
     Attributes:
         type: Type of the field's values. The type determines which comparisons are permitted.
         applies_to: Kinds of record that have the field.
-        meaning: Description of the field for the help.
-        unit: Unit of a number without a unit that is compared with the field; "" if there is none.
+        meaning: Description of the field in the help.
+        unit: Unit assumed for a number that is written without a unit; "" if the field has no unit.
         values: All words that the field can have as its value; () if it can have any word.
-        known: Function that returns the usual words of the field. The field's value can also be another word.
+        known: Function that returns the usual values of the field; other words are also permitted.
         reads_as: Name of the field whose getter this field uses; "" if the field has its own getter.
     """
 
@@ -94,7 +94,7 @@ SINCE_FIRST = "t"
 
 
 def _known_commands() -> frozenset[str]:
-    # Filters rarely compare commands with unknown words, and the catalogue of commands takes 10 ms to load.
+    # Load the catalogue of commands only when a filter needs it, because loading takes 10 ms.
     from bcapscope.protocol.tables.command_catalogue import commands_of  # noqa: PLC0415
 
     return frozenset(command.name for id in FUNCTIONS for command in commands_of(id))

@@ -133,8 +133,8 @@ FRAME_GETTERS: Mapping[str, Callable[[AnnotatedFrame], object]] = {
 
 
 def _clients(call: Call) -> Endpoint | tuple[Endpoint, Endpoint]:
-    """Return the address of the client. For a call that was captured on both legs of a proxy, return the
-    client of each leg.
+    """Return the address of the client. If the call was captured on both legs of a proxy, return the client
+    of each leg.
     """
     near, far = call.conversation, call.conversation.controller_leg
     return near.client if far is None else (near.client, far.client)

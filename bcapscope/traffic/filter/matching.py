@@ -31,8 +31,9 @@ _SIGN_BIT = 0x80000000
 _LARGEST_BYTE = 0xFF
 _REMEMBERED = 1024
 _LONGEST_REMEMBERED = 128
-"""Maximum length in characters of a text whose test result is cached. Names, commands and endpoints are
-shorter than this length, and recur. A hostile client could fill the memory with longer texts.
+"""Maximum length in characters of a text whose test result is cached. Names, commands and endpoints recur,
+and are shorter than this length. Longer texts are not cached, so that a hostile client cannot fill the
+memory.
 """
 
 
@@ -138,8 +139,9 @@ def code(wanted: int) -> LiteralMatch:
 
 
 def endpoint(address: Address, port: int | None) -> LiteralMatch:
-    """Match an address with this port, or with any port if `port` is None. A call through a proxy has a tuple
-    of addresses, one for each leg; one of them has to match."""
+    """Match an address with this port, or with any port if `port` is None. A call through a proxy has one
+    address per leg in a tuple; one of these addresses must match.
+    """
 
     def equal(value: object) -> bool:
         if type(value) is tuple:
@@ -183,8 +185,8 @@ def _parse_port(written: str) -> int | None:
 
 
 def equality(wanted: Sequence[LiteralMatch], negated: bool) -> Match:
-    """Match a value that equals one of the `wanted` literals. If `negated`, match a value that can be
-    compared with a literal, but equals none of them.
+    """Match a value that equals one of the `wanted` literals. If `negated`, match a value that equals none of
+    the literals, but can be compared with one of them.
     """
     same_kind = any_of([one.same_kind for one in wanted])
     equal = any_of([one.equal for one in wanted])
@@ -231,7 +233,7 @@ def _has_number(wanted: int | float) -> Match:
     """Return a test that matches a list with the number `wanted` as an element.
 
     A frame can contain 260,000 numbers, and the proxy forwards nothing during the search. The search
-    therefore runs in the interpreter's C code, which takes a millisecond for 65,536 numbers. All elements of
+    therefore uses C code of the interpreter, which searches 65,536 numbers in a millisecond. All elements of
     a list in a frame have the same type.
     """
     equal = number(wanted).equal
@@ -251,10 +253,10 @@ def _has_number(wanted: int | float) -> Match:
 def search(pattern: str) -> Match:
     """Match a text, or a list with a text element, that matches a regular expression at any place.
 
-    RE2 needs a time proportional to the length of the text, whatever the regular expression.
+    With any regular expression, RE2 needs a time proportional to the length of the text.
 
     Raises:
-        ValueError: RE2 rejects the expression. The exception's arguments are RE2's reason and the invalid
+        ValueError: RE2 rejects the expression. The exception has two arguments: RE2's reason and the invalid
             part of the expression.
     """
     import re2  # noqa: PLC0415  # slow to import, and most filters have no regular expression

@@ -1,6 +1,6 @@
 """Compile the right side of a comparison: convert its tokens to a test that fits the field's type.
 
-Every function raises a `FilterError` if the field cannot be compared with the token.
+Every function raises a `FilterError` if the field of the comparison cannot be compared with the token.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from bcapscope.traffic.filter.matching import LiteralMatch, Match, Number
 from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, with_nearest
 
 UNITS = {"ns": 1, "us": 10**3, "µs": 10**3, "μs": 10**3, "ms": 10**6, "s": 10**9}
-"""Nanoseconds per unit. The prefix micro can be written as u, as the micro sign or as the Greek letter."""
+"""Nanoseconds per unit. The prefix micro can be written as u, as the micro sign or as the Greek letter mu."""
 
 NUMERIC = frozenset({FieldType.NUMBER, FieldType.TIME, FieldType.DURATION})
 
@@ -119,7 +119,7 @@ def search(compared: ComparedField, literal: Token) -> Match:
 
 
 def doubts(compared: ComparedField, sign: str, literal: Token) -> Iterator[Message]:
-    """Yield a warning if a valid comparison compares a time with a time shortly after 1970."""
+    """Yield a warning if a time is compared with a time shortly after 1970, which is probably a mistake."""
     if compared.type is not FieldType.TIME or literal.kind is not TokenKind.NUMBER:
         return
     if -_EARLIEST_TIME < _nanoseconds(compared, literal) < _EARLIEST_TIME:
@@ -128,8 +128,8 @@ def doubts(compared: ComparedField, sign: str, literal: Token) -> Iterator[Messa
 
 
 def unknown_value(compared: ComparedField, literal: Token) -> Iterator[Message]:
-    """Yield a message about a value that the field's table does not contain, with the most similar value of
-    the table.
+    """Yield a message if the field's table lacks a value. The message names the most similar value of the
+    table.
     """
     if compared.type is FieldType.HRESULT and literal.kind is TokenKind.NUMBER:
         if not is_known_code(int_of(literal)):

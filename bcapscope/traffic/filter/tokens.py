@@ -17,7 +17,7 @@ LONGEST_EXPRESSION = 8192
 """Maximum length of a filter expression in characters. Real expressions are a hundred times shorter."""
 
 _SHOWN_AROUND = 60
-# characters; longer words are not compared, because the comparison takes quadratic time
+# maximum length in characters of a word that is compared, because the comparison takes quadratic time
 _LONGEST_MISSPELT = 60
 
 
@@ -26,9 +26,8 @@ class FilterError(InputError):
 
     Attributes:
         expression: The whole filter expression.
-        position: Index of the invalid character; the length of the expression if the expression ends too
-            early.
-        reason: What is wrong, as one clause.
+        position: Index of the invalid character; the length of the expression if it ends too early.
+        reason: Reason why the expression is invalid, as one clause.
     """
 
     def __init__(self, expression: str, position: int, reason: Message) -> None:
@@ -37,7 +36,7 @@ class FilterError(InputError):
         after = _printable(expression[position:stop]) + ("…" if stop < len(expression) else "")
         caret = f"{' ' * display_width(before)}^"
         super().__init__(Message("filter.located", reason=reason, excerpt=f"{before}{after}", caret=caret))
-        self.args = expression, position, reason  # the arguments that pickle passes to this method
+        self.args = expression, position, reason  # the arguments with which pickle calls `__init__`
         self.expression = expression
         self.position = position
         self.reason = reason
@@ -51,9 +50,7 @@ def _printable(text: str) -> str:
 
 
 def with_nearest(reason: Message, word: str, candidates: Iterable[str]) -> Message:
-    """Add the candidate that is most similar to a misspelt word, if there is one: ``, did you mean
-    'retries'?``.
-    """
+    """Add to a reason the candidate most similar to a misspelt word: ``, did you mean 'retries'?``."""
     if len(word) > _LONGEST_MISSPELT:
         return reason
     by_folded = {candidate.casefold(): candidate for candidate in candidates}

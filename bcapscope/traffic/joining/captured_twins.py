@@ -1,4 +1,4 @@
-"""What is known about a conversation in two captures before the captures are joined."""
+"""Facts about a conversation in two captures, known before the captures are joined."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bcapscope.traffic.joining.place_merger import Coverage
 
 
 class CapturedTwins:
-    """One conversation that two captures, taken at different places, both contain.
+    """One conversation that two captures from different places contain.
 
     Objects of this class are compared by identity.
 
@@ -26,9 +26,7 @@ class CapturedTwins:
 
 
 class CaptureSide(NamedTuple):
-    """The place of the capture that a conversation comes from, if another capture holds the same
-    conversation.
-    """
+    """Place at which a conversation was captured, if another capture holds the same conversation."""
 
     twins: CapturedTwins
     place: CapturePlace

@@ -1,8 +1,8 @@
 """Estimate the difference between the clocks at two places, from the frames that both places captured.
 
-A frame cannot arrive before it was sent. A request therefore gives an upper bound for the time by which the
-controller's clock is ahead, and a reply gives a lower bound. The estimate is between the lowest upper bound
-and the highest lower bound.
+A frame cannot arrive before it was sent. A request therefore gives an upper bound for the lead of the
+controller's clock, and a reply gives a lower bound. The estimated lead is between the lowest upper bound and
+the highest lower bound.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _STEPS = 60
 """Number of steps of a numerical search. Each step narrows the searched range by at least a third."""
 
 UNKNOWN_ERROR_NS = 1_000_000_000
-"""Uncertainty in ns if the traffic gives only an upper or only a lower bound of the offset."""
+"""Uncertainty in ns of an offset for which the traffic gives only one bound."""
 
 
 class ClockEstimate(NamedTuple):
@@ -31,10 +31,10 @@ class ClockEstimate(NamedTuple):
 
     Attributes:
         points: Times by the controller-side clock, ns since 1970, each with the offset at that time, ns.
-            Between the points, and beyond them, the offset follows a straight line.
+            Between and beyond the points, the offset changes linearly.
         error: Uncertainty of the offset, ns: half the distance between its bounds.
-        drift: How much faster the controller-side clock runs, as a ratio: 1e-6 is one microsecond per second.
-            None if the traffic does not show the drift.
+        drift: How much faster the controller-side clock runs, as a ratio: 1e-6 is a lead of one microsecond
+            per second. `drift` is None if the traffic does not show it.
     """
 
     points: tuple[tuple[int, int], ...]
@@ -56,7 +56,9 @@ class ClockEstimate(NamedTuple):
 
 
 class _Segment:
-    """Lower and upper bound of the offset in one segment of time, each with the time of its frame."""
+    """Lower and upper bound of the offset in one time segment, each with the time of the frame that sets
+    it.
+    """
 
     def __init__(self) -> None:
         self.most: tuple[int, int] | None = None
@@ -64,7 +66,7 @@ class _Segment:
 
     @property
     def middle(self) -> tuple[int, int] | None:
-        """Middle of the bounds, with its time; None if a bound is unknown."""
+        """Middle of the two bounds, as time and offset; None if a bound is unknown."""
         if self.most is None or self.least is None:
             return None
         return (self.most[1] + self.least[1]) // 2, (self.most[0] + self.least[0]) // 2
@@ -79,7 +81,7 @@ class ClockEstimator:
         self._least = _LowerHull()
 
     def add_frame(self, at_client: int, at_controller: int, *, is_request: bool) -> None:
-        """Add a frame with its time at each place, each by the clock of that place, ns since 1970."""
+        """Add a frame with its time at each place, in ns since 1970 by the clock of that place."""
         ahead = at_controller - at_client
         segment = self._segments.setdefault(at_controller // SEGMENT_NS, _Segment())
         if is_request:
@@ -102,7 +104,9 @@ class ClockEstimator:
         return _OffsetBounds(most, least).straight_line() or self._curve()
 
     def _curve(self) -> ClockEstimate:
-        """Return the middle of the bounds of each segment, for clocks whose drift changes."""
+        """Return an estimate through the middle of the bounds of each segment, for clocks whose drift
+        changes.
+        """
         segments = [segment for _, segment in sorted(self._segments.items())]
         middles = dict(middle for segment in segments if (middle := segment.middle) is not None)
         widths = [
@@ -110,16 +114,15 @@ class ClockEstimator:
             for segment in segments
             if segment.most is not None and segment.least is not None
         ]
-        if not middles:  # the requests and the replies of this segment are far apart in time
+        if not middles:  # no segment has both requests and replies
             time, ahead = self._most.corners[0]
             return ClockEstimate(((time, ahead),), UNKNOWN_ERROR_NS)
         return ClockEstimate(tuple(sorted(middles.items())), (max(widths) + 1) // 2)
 
 
 class _LowerHull:
-    """The corners of the lower convex hull of points in order of time.
-
-    A point that is not later than the previous point is left out.
+    """The corners of the lower convex hull of points that are added in order of time. A point is left out
+    unless it is later than the previous point.
     """
 
     def __init__(self) -> None:
@@ -138,7 +141,7 @@ class _LowerHull:
 
 
 class _OffsetBounds:
-    """Bounds of the offset over time, and the straight lines between them.
+    """Bounds of the offset between two clocks over time, and the straight lines between these bounds.
 
     A line is described by its offset at the first point, and by its drift. Times and offsets are relative to
     the first point.
@@ -167,7 +170,7 @@ class _OffsetBounds:
         return ClockEstimate(tuple(points), round(error) + 1, (slowest + fastest) / 2 if is_known else None)
 
     def _limits_at(self, time: int, slowest: float, fastest: float) -> tuple[float, float]:
-        """Return the highest and the lowest offset that a line between the bounds has at a time."""
+        """Return the highest and the lowest offset at `time` of all lines between the bounds."""
 
         def top(drift: float) -> float:
             return self._top(drift) + drift * time
@@ -188,7 +191,7 @@ class _OffsetBounds:
 
 
 def _highest(value: Callable[[float], float], low: float, high: float) -> float:
-    """Return the argument between `low` and `high` at which a concave function is highest."""
+    """Return the number between `low` and `high` at which the concave function `value` is highest."""
     for _ in range(_STEPS):
         third = (high - low) / 3
         if value(low + third) < value(high - third):
@@ -199,8 +202,8 @@ def _highest(value: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _last_sound(value: Callable[[float], float], sound: float, bound: float) -> float:
-    """Search from `sound` towards `bound`, and return the last argument at which a concave function is not
-    negative.
+    """Return the number nearest to `bound`, searched from `sound`, at which the concave function `value` is
+    not negative.
     """
     if value(bound) >= 0:
         return bound

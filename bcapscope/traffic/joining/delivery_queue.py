@@ -8,7 +8,9 @@ from bcapscope.traffic.observation import Conversation, Observation
 
 
 class DeliveryQueue:
-    """Observations, ordered by time, then by number. An observation waits until no earlier one can follow."""
+    """A queue of observations, ordered by time, then by number. An observation waits until no earlier
+    observation can follow.
+    """
 
     def __init__(self) -> None:
         self._waiting: list[tuple[int, int, Observation]] = []

@@ -17,16 +17,16 @@ FEWEST_SHARED = 4
 """Minimum number of equal frames in two samples of the same conversation."""
 
 _SAME_OFFSET_NS = 500_000_000
-"""Maximum deviation in ns of a frame's offset from the median offset. The offset is the time from the frame
-in the first capture to the same bytes in the second. If two frames have the same bytes by coincidence, such
-as polls with a reused serial, their offset deviates more.
+"""Maximum deviation in ns of a frame's offset from the median offset. The offset is the time from a frame in
+the first capture to the same bytes in the second capture. Frames with the same bytes by coincidence, such as
+polls with a reused serial, deviate more.
 """
 
 SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
-"""Conditions for captures that did not run at the same time by their clocks. The numbers are the minimum
-number of equal frames, their minimum share, and the maximum median deviation in ns. Either one clock was
-wrong, or the client ran the same program twice. A second run of the program has another client port, other
-values, or other pauses.
+"""Conditions for joining two captures that, according to their clocks, did not run at the same time. The
+values are the minimum number of equal frames, the minimum share of equal frames, and the maximum median
+deviation in ns. In such captures, either a clock was wrong, or the client ran the same program twice. A
+second run has another client port, other values or other pauses.
 """
 
 ConversationEnds: TypeAlias = tuple[Endpoint, Endpoint, Transport]
@@ -41,10 +41,10 @@ class SharedConversation(NamedTuple):
     Attributes:
         ends: Ends of the conversation in the first and in the second capture. The ends differ if a proxy or a
             router is between the two capture points.
-        offset: Rough time from a frame in the first capture to the same frame in the second, ns.
+        offset: Rough time in ns from a frame in the first capture to the same frame in the second capture.
         request_offset: The offset of the requests only; None without a common request.
         reply_offset: The offset of the replies only; None without a common reply.
-        is_sure: Whether the captures hold the same conversation even if, by their clocks, they did not run at
+        is_sure: Whether the evidence suffices even if the captures, according to their clocks, did not run at
             the same time.
     """
 
@@ -60,8 +60,7 @@ class FrameSample:
 
     Attributes:
         count: Number of frames in the sample.
-        frames: Time of each frame, by conversation, direction and bytes. If several frames are equal, the
-            time is that of the first one.
+        frames: For each conversation, direction and bytes, the time of the first frame that has them.
     """
 
     def __init__(self) -> None:

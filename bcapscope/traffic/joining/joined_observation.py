@@ -21,17 +21,17 @@ class CapturePlace(IntEnum):
 
 class JoinedObservation(Observation):
     """A frame of a conversation that was captured at two places, with its sighting at each place. A sighting
-    is the frame as captured at one place. The inherited fields are those of the sighting at the client's
-    side. If the client's side has no sighting, the fields are those of the controller's side, but `flow` is
-    still that of the client's side.
+    is the frame as captured at one place. The inherited fields have the values of the sighting at the
+    client's side or, if there is none, at the controller's side. `flow` is always the flow at the client's
+    side.
 
     Attributes:
         at_client: Sighting at the client's side; None if the frame was not captured there.
         at_controller: Sighting at the controller's side; None if the frame was not captured there.
-        is_missed: Whether the place that lacks the frame was capturing at that time, so the frame did not
-            pass there. False if both places captured the frame.
+        is_missed: Whether the frame did not pass one of the places, because this place was capturing but
+            lacks the frame.
         is_relayed: Whether a proxy is between the two places.
-        note: What a proxy did to the frame, from the comment on its packet; "" if the proxy did not change
+        note: What a proxy did to the frame, from the comment on the packet; "" if the proxy did not change
             the frame.
         delay_error: Uncertainty of `delay`, ns; 0 if both places have the same clock.
     """
@@ -89,7 +89,7 @@ def join_sightings(
     note: str = "",
     delay_error: int = 0,
 ) -> JoinedObservation:
-    """Return the joined observation of one or two sightings. `flow` is the flow at the client's side."""
+    """Join one or two sightings into one observation. `flow` is the flow at the client's side."""
     base = at_client or at_controller
     assert base is not None
     joined = JoinedObservation(base.number, base.time, base.first_byte_time, flow, base.item, base.packet)

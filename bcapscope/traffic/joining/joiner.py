@@ -29,8 +29,8 @@ requests, and the client retries within this time (`pairing_windows.RETRY_WITHIN
 """
 
 MAX_WAITING = 32768
-"""Maximum number of observations that wait because earlier observations may follow. Beyond this limit,
-bcapscope decides about all held conversations at once.
+"""Maximum number of observations that wait because earlier observations may follow. Beyond this
+limit, bcapscope stops waiting for counterparts of the held conversations.
 """
 
 HELD_FRAMES = 512
@@ -38,8 +38,8 @@ HELD_FRAMES = 512
 
 OWN_CALLS = 2
 """If no other conversation has the same requests, a conversation with this number of answered calls is
-assumed not to be the leg of a proxy. A proxy forwards a request before it receives the reply. If there were a
-proxy, the request would have been captured twice by then.
+assumed not to be the leg of a proxy. A proxy forwards a request before it receives the reply. With a proxy,
+the request would have been captured twice before the reply.
 """
 
 MAX_NEW = 1024
@@ -50,25 +50,24 @@ MAX_SUSPECTS = 32
 
 MAX_CONVERSATIONS = 4096
 """Maximum number of conversations that the joiner remembers. Beyond this limit, the joiner forgets all
-conversations, and recognises them again.
+conversations, and must recognise them again.
 """
 
 MAX_JOINED = 256
-"""Maximum number of joined conversations. Beyond this limit, bcapscope no longer joins the oldest
-conversation.
+"""Maximum number of joined conversations. Beyond this limit, bcapscope stops joining the oldest conversation.
 """
 
 MAX_SENDERS = 16
-"""Maximum number of conversations that are compared because they have the same request."""
+"""Maximum number of conversations with the same request that are compared with each other."""
 
 MAX_REQUESTS = 65536
-"""Maximum number of requests of new conversations that are remembered for comparison."""
+"""Maximum number of requests that the joiner remembers, to find the same request in new conversations."""
 
 _REQUEST = Direction.REQUEST
 
 
 class _NewConversation:
-    """A conversation, with its traffic so far, that may still turn out to be the leg of a proxy."""
+    """A conversation that may turn out to be the leg of a proxy, with its traffic so far."""
 
     def __init__(self, first: Observation) -> None:
         self.conversation = first.flow.conversation
@@ -97,22 +96,22 @@ class _NewConversation:
             self.suspects[conversation] = None
 
     def drop_before(self, client_side: _NewConversation) -> None:
-        """Drop the first frames, up to the first frame that the client's side still holds."""
+        """Drop the frames before the first frame that the client's side still holds."""
         waiting = {each.item.raw for each in client_side.held}
         while self.held and self.held[0].item.raw not in waiting:
             del self.held[0]
 
 
 class Joiner:
-    """Joins the two legs of a conversation through a proxy, which are captured as two conversations.
+    """Joins the two legs of a proxied conversation, which a capture holds as two conversations.
 
     The joiner holds a new conversation, for at most `HELD_NS`, until it knows whether another conversation is
     the second leg. The joiner returns observations of joined conversations as `JoinedObservation`, and all
-    others unchanged.
+    other observations unchanged.
 
     Attributes:
-        passing: Flows that are not the leg of a proxy. Their observations need not be added, because no
-            observation waits.
+        passing: Flows whose observations never wait, because their conversation is not the leg of a proxy.
+            Callers need not add the observations of the flows in `passing`.
         delivered_until: Time up to which all observations were returned, ns since 1970.
     """
 
@@ -122,9 +121,9 @@ class Joiner:
         """Start without conversations.
 
         Args:
-            comments: Comments on the latest packets, by packet number.
-            only: Place whose observations are returned instead of joined observations; None to join. If a
-                conversation has no second leg, its observations are always returned.
+            comments: For each of the latest packet numbers, the comments on the packet.
+            only: Place from which observations are returned without joining; None to join. If a conversation
+                has no second leg, its observations are always returned.
         """
         self.passing: set[Flow] = set()
         self.delivered_until = 0
@@ -147,7 +146,7 @@ class Joiner:
         """Add the next observation; return the observations that are due, in order of time."""
         time = observation.time
         due: list[Observation] = []
-        if time < self._now - JOIN_WITHIN_NS:  # the clock of the capture was set back
+        if time < self._now - JOIN_WITHIN_NS:  # the clock of the capturing computer was set back
             due = self.close()
             self._now = time
         self._now = max(self._now, time)
@@ -234,7 +233,7 @@ class Joiner:
             self._decide(new)
 
     def _find_suspects(self, new: _NewConversation, request: Observation) -> None:
-        """Record which other conversations have the same request."""
+        """Record which other conversations have the same request as the new conversation."""
         for sender in self._note_sender(request):
             if not may_be_twins(sender, new.conversation):
                 continue
@@ -245,9 +244,7 @@ class Joiner:
                 new.add_suspect(sender)
 
     def _note_recent(self, observation: Observation) -> None:
-        """Remember an observation of a conversation that has no second leg, while new conversations are
-        held.
-        """
+        """Remember an observation of a conversation without a second leg while new conversations are held."""
         if self._recent_count >= MAX_WAITING:
             self._forget_recent()
         self._recent_count += 1
@@ -277,8 +274,8 @@ class Joiner:
             self._join(*twins)
 
     def _decide(self, new: _NewConversation) -> None:
-        """Join a conversation with its second leg. If there is no second leg, release the conversation
-        alone.
+        """Join a conversation with its second leg. If there is no second leg, return the observations of the
+        conversation unjoined.
         """
         twins = self._best_twins(new)
         if twins is None:
@@ -309,8 +306,7 @@ class Joiner:
         self._busy[merger] = None
 
     def _take_over(self, twin: _NewConversation) -> None:
-        """Remove a conversation, and its observations that were not returned yet, from all other
-        collections."""
+        """Remove a conversation and its pending observations from all other collections."""
         conversation = twin.conversation
         if conversation in self._single:
             self._single.remove(conversation)
@@ -322,11 +318,12 @@ class Joiner:
     def _best_twins(
         self, new: _NewConversation, calls: int = 0
     ) -> tuple[_NewConversation, _NewConversation] | None:
-        """Return a conversation and its second leg, the client's leg first; None if there is no second leg.
+        """Return the two legs that include the new conversation, the client's leg first; None if there is no
+        second leg.
 
         Args:
-            calls: Minimum number of nested calls; by default the number that proves a second leg when the
-                holding time ends.
+            calls: Minimum number of nested calls that proves a second leg; 0 to use the result of
+                `fewest_calls`.
         """
         found: list[tuple[NestedCalls, _NewConversation, _NewConversation]] = []
         for suspect in new.suspects:
@@ -344,7 +341,7 @@ class Joiner:
         return outer, inner
 
     def _waiting_traffic(self, conversation: Conversation) -> _NewConversation | None:
-        """Return the waiting traffic of a conversation that has no second leg yet; None if none waits. The
+        """Return the waiting traffic of a conversation without a second leg; None if no traffic waits. The
         traffic waits because a newer conversation may be the second leg.
 
         If the proxy dropped the client's first request, the client's leg begins long before the controller's
@@ -408,7 +405,7 @@ class Joiner:
         self._next_due = min((each.due_at for each in self._new.values()), default=now)
 
     def _decide_all(self) -> None:
-        """Decide about all held conversations and frames now, without waiting for further traffic."""
+        """Join or release all held conversations now, without waiting for further traffic."""
         while self._new:
             self._decide(next(iter(self._new.values())))
         for merger in self._distinct_mergers():

@@ -1,4 +1,4 @@
-"""Merge the captures of one conversation from two places. The result has each frame once, with its
+"""Merge the captures of one conversation from two places. Each frame occurs once in the result, with its
 sightings.
 """
 
@@ -24,11 +24,11 @@ frame is delivered without its second sighting.
 """
 
 MAX_COMPARED = 1024
-"""Maximum number of waiting frames that are compared with a frame, because a proxy may have changed it."""
+"""Maximum number of waiting frames that are compared with a frame that a proxy may have changed."""
 
 MAX_OVERDUE = 256
-"""Maximum number of lost frames that are remembered. If the other place captures a lost frame later, the
-merger recognises the frame. An example is a held message that the proxy's user released.
+"""Maximum number of lost frames that are remembered. The merger can then recognise a lost frame that the
+other place captures later, such as a held message that the proxy's user released.
 """
 
 
@@ -76,8 +76,8 @@ class PlaceMerger:
         """Start without observations.
 
         Args:
-            deliver: Function that receives each joined observation, not in order of time; see
-                `earliest_pending`.
+            deliver: Function that receives each joined observation. The observations are not in order of
+                time; see `earliest_pending`.
             is_relayed: Whether a proxy is between the places.
             coverage: When the capture of each place began and ended.
             clock_error: Uncertainty of the difference between the clocks of both places, ns.
@@ -160,7 +160,7 @@ class PlaceMerger:
         )
 
     def _give_up(self, waiting: _Waiting, *, is_at_end: bool) -> None:
-        """Deliver a frame that the other place did not capture with the same bytes in time."""
+        """Deliver a frame although the other place did not capture the same bytes in time."""
         observation, place = waiting.observation, waiting.place
         direction = observation.flow.direction
         key = direction, observation.item.raw
@@ -194,9 +194,9 @@ class PlaceMerger:
         self._deliver(joined)
 
     def _is_missed(self, observation: Observation, place: CapturePlace, is_at_end: bool) -> bool:
-        """Return whether the other place was capturing when this frame would have passed there."""
+        """Return whether the other place was capturing at the time when this frame should have passed it."""
         if not self._is_relayed and self.conversation.transport is Transport.TCP:
-            return False  # TCP retransmits lost bytes, so the other capture has a gap
+            return False  # TCP retransmits lost bytes, so the missing frame is a gap in the other capture
         other, time = self._coverage[1 - place], observation.time
         if other.begins is not None and time < other.begins:
             return False
@@ -204,7 +204,7 @@ class PlaceMerger:
             observation.flow.direction is Direction.REQUEST
         )
         if is_sender_side or _serial_of(observation) in self._own_serials:
-            return True  # a frame passes the sender's side first, so the other place had time to capture it
+            return True  # the frame passed the sender's side first, so the other place had time to capture it
         closing = self.conversation.connection_end
         if self._is_relayed and closing is not None and closing.ends_replies:
             return True  # the connection has ended, so no further frame can pass
@@ -240,8 +240,8 @@ class PlaceMerger:
     def _complete_overdue(
         self, key: tuple[Direction, bytes], place: CapturePlace, observation: Observation
     ) -> bool:
-        """Add the second sighting of a request that already counted as lost. Return whether there was such a
-        request.
+        """Return whether a sighting belongs to a request that already counted as lost, and add the sighting
+        to this request.
         """
         joined = self._overdue.get(key)
         if joined is None or not joined.is_request or place is not CapturePlace.CONTROLLER_SIDE:

@@ -10,14 +10,14 @@ from typing import NamedTuple
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 ENOUGH_CALLS = 8
-"""Number of nested calls that prove, in the middle of the traffic, that two conversations are the legs of a
-proxy. Two clients that start the same program at the same time send the same bytes. However, eight nested
-calls in a row are very unlikely.
+"""Number of nested calls that prove that two conversations are the legs of a proxy, while further calls may
+follow. Two clients that start the same program at the same time send the same bytes. However, eight nested
+calls in a row are very unlikely without a proxy.
 """
 
 FEWEST_CALLS = 2
-"""If the traffic holds no further calls, this number of nested calls proves that two conversations are the
-legs of a proxy.
+"""If no further calls follow, this number of nested calls proves that two conversations are the legs of a
+proxy.
 """
 
 CLIENT_LEG, CONTROLLER_LEG = "clients of ", "controller "
@@ -27,10 +27,10 @@ _REQUEST = Direction.REQUEST
 
 
 class NestedCalls(NamedTuple):
-    """How well the calls of one conversation are nested in those of another.
+    """How well the calls of one conversation are nested in the calls of another conversation.
 
-    A call is nested if its request comes after the same request of the outer conversation, and its reply
-    comes before the same reply.
+    A call is nested if its request follows the same request of the outer conversation, and its reply precedes
+    the same reply of the outer conversation.
 
     Attributes:
         calls: Number of nested calls.
@@ -48,7 +48,7 @@ class NestedCalls(NamedTuple):
 
 
 def nested_calls(outer: Iterable[Observation], inner: Iterable[Observation]) -> NestedCalls:
-    """Return how well the calls of `inner` are nested in those of `outer`."""
+    """Return how well the calls of `inner` are nested in the calls of `outer`."""
     requests, replies = _first_times(outer)
     inner_requests, inner_replies = _first_times(inner)
     lags = [time - requests[raw] for raw, time in inner_requests.items() if raw in requests]

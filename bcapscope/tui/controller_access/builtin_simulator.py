@@ -32,7 +32,9 @@ START_JOINTS: Joints = (
     0.0,
     0.0,
 )
-"""Joint angles in degrees at the start, as VT_R4 values. DENSO Wave 2009 shows these values after slvMove."""
+"""Joint angles in degrees at the start, as VT_R4 values. The values are those that DENSO Wave 2009 shows
+after slvMove.
+"""
 
 END_TIMEOUT = 2.0
 """Maximum time in seconds that the simulator may take to end. After this time, bcapscope kills the
@@ -63,7 +65,7 @@ def run_builtin_simulator(profile: str = DEFAULT_PROFILE) -> Iterator[BuiltInSim
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        start_new_session=True,  # the screen uses Ctrl-C as a key
+        start_new_session=True,  # Ctrl-C must not end the simulator, because the screen uses Ctrl-C as a key
     )
     with process:
         assert process.stdin is not None
@@ -95,7 +97,7 @@ def serve(profile: str) -> None:
     threading.Thread(target=end_with_stdin, daemon=True).start()
     sys.stdout.write(f"{server.address[1]}\n")
     sys.stdout.flush()
-    with realtime_priority():  # a controller must keep its cycle of 8 ms under any load
+    with realtime_priority():  # a simulated controller must keep its cycle of 8 ms under any load
         while True:
             server.step(_STEP)
 

@@ -39,7 +39,7 @@ _MAX_ARGUMENT_TEXT, _MAX_SUBJECT_TEXT = 18, 24
 _UNNAMED_SUBJECTS = (ObjectClass.CONTROLLER, ObjectClass.ROBOT)
 """Classes of objects whose names are omitted, because usually only one object of each class is in use.
 
-With these names, a line would be so long that its result would not be visible.
+If a line contained these names, its result would no longer fit on the screen.
 """
 
 RecordFilter: TypeAlias = Callable[[HistoryRecord], bool]
@@ -66,7 +66,9 @@ def history_line(record: HistoryRecord, palette: Palette) -> str:
 
 
 def _subject_text(record: HistoryRecord) -> str:
-    """Return the name of the call's object; "" for a controller or robot, as `_UNNAMED_SUBJECTS` explains."""
+    """Return the name of the call's object; "" for a controller or robot, whose name is omitted (see
+    `_UNNAMED_SUBJECTS`).
+    """
     subject = record.subject
     if subject is None or subject.kind in _UNNAMED_SUBJECTS:
         return ""
@@ -104,7 +106,9 @@ def history_filter(text: str) -> RecordFilter:
 
 
 def call_of_record(record: HistoryRecord) -> Call | None:
-    """Convert a record to the `Call` that a capture would contain; None if no intact request was sent."""
+    """Convert a record of the history to a `Call`, as if it had been captured; None if no intact request was
+    sent.
+    """
     calls = CallCollector()
     pipeline = Pipeline(calls)
     for observation in record.packets:
@@ -127,7 +131,9 @@ def copy_text(record: HistoryRecord, copy_format: str, target: ControllerTarget)
 
 
 def reason_text(reason: Reason) -> str:
-    """Return the reason of a failure in one line; for a time-out, it includes the number of attempts."""
+    """Return the reason of a failure in one line. The reason of a time-out includes the number of
+    attempts.
+    """
     texts = (part if isinstance(part, str) else reader_words().text(part) for part in reason)
     return ", ".join(filter(None, texts)).partition("\n")[0]
 

@@ -1,6 +1,7 @@
-"""The Option field of the connection: ``Timeout=300`` and similar, as in b-CAP Tester.
+"""The Option field of the connection, as in b-CAP Tester, with text such as ``Timeout=300``.
 
-The key of each pair decides whether bcapscope, Service_Start or Controller_Connect uses the pair.
+The field has pairs of key and value. The key decides whether bcapscope, Service_Start or Controller_Connect
+uses the pair.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ from bcapscope.tui.reader_language import label
 _SERVICE_KEYS = ("wdt", "invoketimeout")
 
 AUTOMATIC_PROVIDERS = ("CaoProv.DENSO.VRC", "CaoProv.DENSO.VRC9", "")
-"""Names of the providers that bcapscope tries in this order if the user names none. The first is for RC8 and
-COBOTTA, the second for RC9 and COBOTTA PRO.
+"""Names of the providers that bcapscope tries in this order if the user names no provider. The first provider
+is for RC8 and COBOTTA, the second for RC9 and COBOTTA PRO.
 
 An RC7 accepts the first provider, because it ignores the name.
 """

@@ -1,5 +1,5 @@
-"""Play a trajectory: read and check it, run the player process, and prepare what the screen shows of a
-run.
+"""Play a trajectory: read and check the file, run the player process, and collect what the screen shows about
+a run.
 """
 
 from __future__ import annotations
@@ -64,7 +64,9 @@ class PlaybackSettings:
 
 @dataclass(frozen=True, slots=True)
 class PreparedTrajectory:
-    """A trajectory that is ready to play. The pre-flight check does not yet know the robot's position."""
+    """A trajectory that is ready to play. The pre-flight check ran before the player connected, so the check
+    does not know the robot's position.
+    """
 
     settings: PlaybackSettings
     all_trajectories: tuple[Trajectory, ...]
@@ -72,7 +74,9 @@ class PreparedTrajectory:
     preflight: PreflightResult
 
     def summary_lines(self, palette: Palette, width: int) -> Iterator[str]:
-        """Yield lines on how the file was read, its content, and problems with playing it."""
+        """Yield lines on how bcapscope read the file, what the file contains, and which problems prevent
+        playing it.
+        """
         yield from source_lines(self.trajectory, reader_words(), width)
         if len(self.all_trajectories) > 1:
             yield from (
@@ -126,7 +130,7 @@ def prepare_trajectory(settings: PlaybackSettings, type_name: str) -> PreparedTr
 
 
 POLL_SECONDS = 0.1
-"""Maximum time in seconds of one poll for the player's messages."""
+"""Maximum time in seconds that `next_messages` waits for messages from the player."""
 
 
 class PlayerSlot:
@@ -145,12 +149,19 @@ class PlayerSlot:
         """Start a player; raises `OSError` if its process cannot be started."""
         assert self._player is None
         self._ended = None
-        self._player = await asyncio.to_thread(PlayerProcess, plan)
+        starting = asyncio.ensure_future(asyncio.to_thread(PlayerProcess, plan))
+        try:
+            self._player = await asyncio.shield(starting)
+        except asyncio.CancelledError:  # the screen is closed while the process starts
+            player = await starting
+            await asyncio.to_thread(player.close)
+            raise
 
     async def next_messages(self) -> list[PlayerMessage]:
-        """Wait at most `POLL_SECONDS` seconds for messages of the player, and return those that arrived.
+        """Wait at most `POLL_SECONDS` seconds for messages from the player, and return the messages that
+        arrived.
 
-        The last message of a player says how the run ended, whoever ended it.
+        The last message of a player always says how the run ended.
         """
         async with self._read_lock:
             if self._player is not None:
@@ -163,7 +174,7 @@ class PlayerSlot:
             self._player.answer(choice)
 
     def stop(self) -> None:
-        """Order the player to bring the robot to rest on its path, and then to end."""
+        """Tell the player to bring the robot to rest on its path, and then to end."""
         if self._player is not None:
             self._player.stop()
 
@@ -175,7 +186,7 @@ class PlayerSlot:
         return player is not None
 
     async def end_player(self) -> None:
-        """If a player is running, stop it in order and wait until it has ended."""
+        """If a player is running, stop it cleanly and wait until it has ended."""
         player, self._player = self._player, None
         if player is not None:
             player.stop()
@@ -194,7 +205,8 @@ class PlaybackRun:
     Attributes:
         samples: Latest readings, each as elapsed seconds, set point and returned pose.
         preflight: Pre-flight check against the connected controller; None before the connection.
-        readiness: Text on the real-time settings that the system allows; None until the player reports it.
+        readiness: Text on the real-time settings that the system allows; None until the player sends this
+            text.
     """
 
     plan: PlayPlan
@@ -211,8 +223,8 @@ class PlaybackRun:
     ended: PlayEnded | None = None
 
     def on_message(self, message: PlayerMessage) -> str | None:
-        """Store a message of the player. If the message is a question that needs no decision of the user,
-        return the answer.
+        """Store a message of the player. If the message is a question that the screen can answer without the
+        user, return the answer.
         """
         if isinstance(message, PlayProgress):
             if message.of or self.progress is None:
@@ -238,16 +250,17 @@ class PlaybackRun:
 
     @property
     def mode(self) -> SlaveMode | None:
-        """Slave mode in which the player plays; None until the player has connected to the controller."""
+        """Slave mode that the player uses; None until the player has connected to the controller."""
         return None if self.peer is None else self.peer.slave_mode
 
     @property
     def buffer_margin(self) -> tuple[int, float, float] | None:
-        """Number of slots in the controller's buffer, time in ms that a full buffer lasts, and time in ms
-        that remained at the longest pause.
+        """Margin of the controller's buffer, according to a model.
 
-        In the model, the controller takes one set point every 8 ms. The margin is None before the first set
-        point, and in a mode in which an empty buffer is not an error.
+        The margin consists of the number of buffer slots, the time in ms that a full buffer lasts, and the
+        part of this time that was left after the longest pause. The controller in the model takes one set
+        point every 8 ms. The margin is None before the first set point, and in a mode in which an empty
+        buffer is not an error.
         """
         mode, progress = self.mode, self.progress
         if mode is None or progress is None or not progress.cycle or mode.underflow_is_error is False:

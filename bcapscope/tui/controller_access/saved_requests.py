@@ -6,7 +6,8 @@
     - i4:2
     note: slave mode with joints
 
-The file omits the handle: a request goes to the object of its class that is selected when it is sent.
+The file omits the handle, because the request uses the object that is selected when the user sends the
+request.
 """
 
 from __future__ import annotations
@@ -128,7 +129,8 @@ def save_request(
 
     Args:
         name: Name of the request, from which bcapscope makes the file name.
-        arguments: All arguments of the request; if the function takes a handle, the handle is the first.
+        arguments: All arguments of the request. If the function takes a handle, the handle is the first
+            argument.
 
     Raises:
         SavedRequestError: An argument has no text notation, the name is empty, or the file cannot be written.

@@ -1,4 +1,4 @@
-"""Read the watched variables in turn, and keep their latest readings."""
+"""Read the watched variables one after the other, and keep their latest readings."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _FRACTIONAL_TYPES = frozenset({VT.R4, VT.R8, VT.DATE})
 
 @dataclass(slots=True)
 class WatchSeries:
-    """Readings of one number over time: of a variable, or of one element of an array."""
+    """Readings of one number over time. The number is the value of a variable, or one element of an array."""
 
     readings: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=MAX_READINGS))
     minimum: float | None = None
@@ -68,7 +68,7 @@ class WatchedVariable:
 
     @property
     def decimals(self) -> int:
-        """Number of decimal places: five, as in b-CAP Tester, or none for integers."""
+        """Number of decimal places to show: five, as in b-CAP Tester, or none for integers."""
         return 5 if self.value is not None and self.value.vt & ~ARRAY in _FRACTIONAL_TYPES else 0
 
     def add_reading(self, value: Variant, time: int) -> None:
@@ -96,7 +96,9 @@ READ_INTERVAL = 0.5
 
 
 class VariableWatcher:
-    """Watches variables through one session; only the session's thread changes `variables`."""
+    """Watches variables through one `ControllerSession`; only the thread of this object changes
+    `variables`.
+    """
 
     def __init__(self, session: ControllerSession) -> None:
         self._session = session
@@ -130,8 +132,8 @@ class VariableWatcher:
         self._session.report(WatchUpdate())
 
     async def _read_variable(self, variable: WatchedVariable) -> None:
-        """Read one variable. In slave mode, read nothing, because any call except a set point may end slave
-        mode.
+        """Read one variable. In slave mode, this method reads nothing, because any call except a set point
+        may end slave mode.
         """
         if self._session.polling_paused:
             variable.problem = label("controller.not-read")

@@ -59,14 +59,16 @@ class HelpScreen(ModalScreen[None]):
         table = Table.grid(padding=(0, 2))
         table.add_column(no_wrap=True)
         table.add_column(no_wrap=True)
-        table.add_column(overflow="fold")  # Japanese text has no spaces at which a line could break
+        table.add_column(overflow="fold")  # Japanese text has no spaces, so a line may break anywhere
         for each in self._keys:
             table.add_row(Text(each.key, inks["number"]), Text(each.name, inks["name"]), Text(each.tip))
         yield table
 
 
 class ScreenCommand(NamedTuple):
-    """An action in the command palette. `key` is the action's key as the documentation writes it, or ""."""
+    """An action in the command palette. `key` is the action's key as the documentation writes it; "" if the
+    action has no key.
+    """
 
     name: str
     tip: str
@@ -76,7 +78,7 @@ class ScreenCommand(NamedTuple):
 
 
 def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
-    """Yield the commands for the key bindings of a widget, a screen or the application; each action once."""
+    """Yield one command for each action that has a key binding in a widget, a screen or the application."""
     for kind in type(node).__mro__:
         for binding in vars(kind).get("BINDINGS", ()):
             if isinstance(binding, Binding) and has_message(binding.description):
@@ -135,7 +137,7 @@ class ScreenCommandProvider(Provider):
 class BaseScreen(Screen[None], PlainContainer):
     """A screen that the user can open; the method `content` yields the screen's widgets.
 
-    `NAME` and `ABOUT` are the catalogue ids of the screen's name and description.
+    `NAME` and `ABOUT` are the message ids of the screen's name and description.
     """
 
     NAME: ClassVar[str]
@@ -148,8 +150,8 @@ class BaseScreen(Screen[None], PlainContainer):
     ]
 
     def compose(self) -> ComposeResult:
-        """Put the content between the bars. Set the style classes for the terminal size before the first
-        layout.
+        """Put the content between the top bar and the key bar. Set the style classes for the terminal width
+        before the first layout.
         """
         classes = [name for width, name in self.HORIZONTAL_BREAKPOINTS or () if width <= self.app.size.width]
         self.set_class(True, *classes[-1:], update=False)
@@ -158,11 +160,15 @@ class BaseScreen(Screen[None], PlainContainer):
         yield KeyBar()
 
     def on_mount(self) -> None:
-        """Exclude the mounted widgets from garbage collection, because scanning them would delay keys."""
+        """Exclude the mounted widgets from garbage collection, because a collection that scans them would
+        delay keys.
+        """
         self.call_after_refresh(gc.freeze)
 
     def on_screen_resume(self, event: ScreenResume) -> None:
-        """Skip Textual's style update: each widget already has its styles, also after a change of theme."""
+        """Skip Textual's style update, because each widget already has its styles, even after a change of
+        theme.
+        """
         event.refresh_styles = False
 
     def call_in_screen(self, function: Callable[..., object], *arguments: object) -> None:
@@ -186,8 +192,8 @@ class BaseScreen(Screen[None], PlainContainer):
 
 
 def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
-    """Yield a key binding for each view of a screen, with number keys. `tip` is the label id of the
-    explanation.
+    """Yield one key binding per view of a screen: 1 for the first view, and so on. `tip` is the label id of
+    the explanation.
     """
     for number, (view, name) in enumerate(views.items(), 1):
         yield Binding(f"{number}", f"view('{view}')", name, show=False, tooltip=tip)
@@ -196,11 +202,11 @@ def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
 class ViewsScreen(BaseScreen):
     """A screen that shows one of its lists at a time. Number keys and the view bar switch between the lists.
 
-    The content of a subclass has a `ViewBar`, and a `Switcher` with a list for each of `VIEWS`. The id of a
-    list is the name of its view.
+    A subclass puts into its content a `ViewBar`, and a `Switcher` with one list for each view in `VIEWS`.
+    Each list has the name of its view as its id.
 
     Attributes:
-        VIEWS: Label id of each view, by the view's name. The screen starts with the first view.
+        VIEWS: For each view name, the label id of the view. The screen starts with the first view.
     """
 
     VIEWS: ClassVar[Mapping[str, str]]
@@ -236,7 +242,7 @@ class ViewsScreen(BaseScreen):
 
 
 class Prompt(ModalScreen[str | None]):
-    """Asks for a text. The dialog returns the text that the user typed, or None if the user cancels."""
+    """Asks the user for a text. The dialog returns the typed text, or None if the user cancels."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "cancel", "prompt.cancel", key_display="esc")]
 

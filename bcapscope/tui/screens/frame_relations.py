@@ -31,7 +31,7 @@ def call_frames(settled: PairingResult | None) -> frozenset[int]:
 
 
 def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note: str | None) -> str:
-    """Return one line that describes a frame and its role in a call."""
+    """Return one line that describes a frame and its role in its call."""
     number = frame.observation.number
     parts = []
     if isinstance(settled, Call):
@@ -57,8 +57,8 @@ def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note
 
 
 def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None, str]:
-    """Return the number of a frame's partner. The partner of a request is its reply, and that of a reply its
-    request.
+    """Return the number of a frame's partner. The partner of a request is its reply, and the partner of a
+    reply is its request.
 
     If there is no partner, return None and the label id of the reason.
     """
@@ -72,13 +72,12 @@ def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None
 
 
 def related_filter(relation: str, frame: AnnotatedFrame, settled: PairingResult | None) -> str | None:
-    """Return the filter expression that selects the frames related to a frame; None if there are no such
-    frames.
+    """Return a filter expression that selects the frames related to a frame; None if no frames are related.
 
     Args:
         relation: Kind of relation: ``client``, ``handle``, ``chain`` (same call) or ``kind`` (same function).
-        frame: Frame whose relations are wanted.
-        settled: Call or stray reply that contains the frame; None if it is not known yet.
+        frame: Frame whose related frames the filter selects.
+        settled: Call or stray reply that contains the frame; None if the call is not complete yet.
     """
     client = f"client == {frame.observation.flow.conversation.client}"
     if relation == "client":
@@ -114,11 +113,11 @@ def _handle_of(settled: PairingResult | None) -> int | None:
 
 
 def find_frame(text: str, journal: ObservationStore) -> int | None:
-    """Return a frame by its number, or by a time in seconds after the start such as ``12.5s``.
+    """Find a frame by its number, or by a time in seconds after the start, such as ``12.5s``.
 
     Returns:
-        Number of the frame. If the text is a time, it is the first frame at or after this time. A number or
-        time that is too large gives the last frame. None if the text is neither a number nor a time.
+        Number of the frame; None if the text is neither a number nor a time. For a time, the result is the
+        first frame at or after the time. If the number or time is too large, the result is the last frame.
     """
     text = text.strip()
     number = parse_integer(text, 0, 1 << 63)
@@ -134,8 +133,8 @@ def find_frame(text: str, journal: ObservationStore) -> int | None:
 
 
 def notes_by_packet(marks: Mapping[int, str], read_frame: Callable[[int], AnnotatedFrame]) -> dict[int, str]:
-    """Return the notes on frames by packet number. The note on a frame has the number of the packet that
-    completed the frame.
+    """Return the notes for each packet number. A note on a frame belongs to the packet that completed the
+    frame.
     """
     notes: dict[int, str] = {}
     for number, note in sorted(marks.items()):

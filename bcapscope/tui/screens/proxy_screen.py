@@ -62,7 +62,7 @@ _HELD_ACTIONS = frozenset({"forward", "drop", "edit", "bytes"})
 
 
 class ProxyScreen(ViewsScreen):
-    """Shows the state of a proxy, and sends orders to the proxy."""
+    """Shows the state of a proxy, and controls the proxy."""
 
     NAME = "proxy"
     ABOUT = "proxy.about"
@@ -99,9 +99,9 @@ class ProxyScreen(ViewsScreen):
         Args:
             address: Address of the proxy's control socket.
             route: Text with the proxy's listening address and the controller's address.
-            feed: Traffic that the traffic screen shows; None if there is no traffic screen.
-            child: Process of the proxy; None for a proxy that was running before.
-            note: Warning that the screen shows at the start; "" for none.
+            feed: Traffic of the proxy that the traffic screen shows; None if there is no traffic screen.
+            child: Process of the proxy; None if bcapscope did not start the proxy.
+            note: Warning to show at the start; "" for no warning.
         """
         super().__init__()
         self._control_client = ControlClient(address)
@@ -147,7 +147,9 @@ class ProxyScreen(ViewsScreen):
         self._control_client.close()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer an action on a rule or a held message only if the cursor is on a rule or a held message."""
+        """Offer actions on rules only while the cursor is on a rule. Offer actions on held messages only
+        while the cursor is on a held message.
+        """
         if action in _RULE_ACTIONS:
             return self.view == "rules" and self.rules.current_item is not None
         if action in _HELD_ACTIONS:
@@ -162,7 +164,7 @@ class ProxyScreen(ViewsScreen):
             self._query_state()
 
     def _query_state(self) -> None:
-        """Query the proxy's state in a thread, because the query blocks."""
+        """Query the proxy's state. Call this method in a thread, because the query blocks."""
         try:
             self.call_in_screen(self._update_state, self.read_state())
         except BcapError as error:
@@ -181,7 +183,9 @@ class ProxyScreen(ViewsScreen):
 
     @work(thread=True, group="order")
     def _send_order(self, order: control.ControlRequest, done: Callable[[], None] = lambda: None) -> None:
-        """Send an order to the proxy, and call `done` after the proxy has carried out the order."""
+        """Send a control request to the proxy, and call `done` after the proxy has carried out the
+        request.
+        """
         try:
             with self._control_lock:
                 self._control_client.request(order, control.DoneResponse)
@@ -217,7 +221,7 @@ class ProxyScreen(ViewsScreen):
         self.show_state()
 
     def _report_source_problem(self, reason: str) -> None:
-        """Show on the traffic screen the reason why no further traffic might come from the proxy."""
+        """Tell the traffic screen why no further traffic may come from the proxy."""
         if self._feed is not None:
             self._feed.report_source_problem(reason)
 
@@ -262,7 +266,7 @@ class ProxyScreen(ViewsScreen):
             self.query_one("#intercepts", InkedText).show_text(intercept_line(self._state.figures))
         if self._problem:
             lines.append(f"{INK.problem} {printable(self._problem)}{INK.reset}")
-        # lines are compared first, because showing new lines can cause a new layout
+        # unchanged lines are not shown again, because showing lines can cause a new layout
         if lines != self._summary_lines:
             self._summary_lines = lines
             self.query_one("#summary", InkedText).show_text("\n".join(lines))
@@ -285,7 +289,7 @@ class ProxyScreen(ViewsScreen):
                 self._show_bytes(held, held.data)
 
     def _show_bytes(self, held: control.HeldStatus, data: bytes) -> None:
-        """Show the first frame of a held message, in its present or edited form."""
+        """Show the first frame of a held message; `data` is the present or the edited message."""
         first = next(iter(parse_datagram(data)), None)
         frame = Observation(held.number, 0, 0, held.flow, first, 0) if first is not None else None
         self.query_one(PacketView).show_packet(frame, held.call_kind)
@@ -360,7 +364,7 @@ class ProxyScreen(ViewsScreen):
         self.set_focus(self.shown_list)
 
     def action_edit(self) -> None:
-        """Propose an edit of the held message's argument under the tree's cursor."""
+        """Propose an edit of the argument under the tree's cursor, in the held message."""
         held = self.held.current_item
         if held is not None:
             self._propose_change(proposed_edit(held.data, self.query_one(FieldTree).offset_in_frame))

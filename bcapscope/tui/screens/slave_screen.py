@@ -56,8 +56,7 @@ _MODES: tuple[tuple[str, SlaveModePacing | int], ...] = (
     *((f"0x{number:03X} {pose_type_of_mode(number)}", number) for number in _MODE_NUMBERS),
 )
 _CHECK_DELAY = 0.4
-"""Time in seconds that the screen waits after the last change of a field before it reads the trajectory
-file.
+"""Time in seconds from the last change of a field until the screen reads the trajectory file.
 """
 
 _MAX_ROUNDS = 1_000_000_000
@@ -140,7 +139,7 @@ class SlaveScreen(BaseScreen):
         self._schedule_check()
 
     def _schedule_check(self) -> None:
-        """Schedule a check of the trajectory; further typing postpones the check."""
+        """Schedule a check of the trajectory; the check runs later if the user goes on typing."""
         self._prepared = None
         self.query_one("#start", Button).disabled = True
         self._show_state("")
@@ -179,7 +178,7 @@ class SlaveScreen(BaseScreen):
         app.save_settings()
 
     def _read_fields(self) -> PlaybackSettings | str:
-        """Return the settings in the fields, or a text that says what is wrong with them."""
+        """Return the settings in the fields, or a text that says what is wrong with the fields."""
         path = self._field_text("file").strip()
         if not path:
             return label("tester.file.missing")
@@ -260,8 +259,8 @@ class SlaveScreen(BaseScreen):
                 self._set_playing(False)
 
     async def _release_controller(self, status: SessionStatus) -> bool:
-        """Leave slave mode and give the arm back, because the player is a separate client and needs slave
-        mode and arm.
+        """Leave slave mode and release the arm. The player, which is a separate client, needs slave mode and
+        the arm.
         """
         session = self._session
         try:
@@ -300,8 +299,8 @@ class SlaveScreen(BaseScreen):
         self._show_end(run)
 
     def _ask_user(self, run: PlaybackRun) -> None:
-        """Show a question of the player. Do not wait for the answer, because the screen must still read
-        messages.
+        """Show a question of the player. This method does not wait for the answer, because the screen must
+        still read messages.
         """
         question, run.question = run.question, None
         assert question is not None
@@ -321,7 +320,7 @@ class SlaveScreen(BaseScreen):
     def _show_end(self, run: PlaybackRun) -> None:
         assert run.ended is not None
         if self._question_dialog is not None and self._question_dialog.is_current:
-            self._question_dialog.dismiss(None)  # the run has ended, so the question needs no answer
+            self._question_dialog.dismiss(None)  # the run has ended, so the open question needs no answer
         if run.preflight is not None and not run.preflight.is_playable:
             width = self.query_one("#before").size.width - 2
             self._show_report(list(PreflightRenderer(INK, width, reader_words()).lines(run.preflight)))

@@ -1,4 +1,4 @@
-"""Keyboard navigation in the Tester, between the connection, the forms in tabs, and the views."""
+"""Keyboard navigation in the Tester: between the connection panel, the tabs with forms, and the views."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bcapscope.tui.tester.packet_pane import VIEWS, PacketPane
 _PART_SELECTOR = "#left .box, #function, #raw, #right"
 _FOCUS_SELECTOR = "Input, HexView, Lines, Button"
 _SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"
-"""CSS selector of the widgets that precede the main widget of an area, and that the navigation skips."""
+"""CSS selector of widgets that the navigation skips, because they precede the main widget of an area."""
 
 
 class TesterNavigation(BaseScreen):
@@ -25,8 +25,8 @@ class TesterNavigation(BaseScreen):
     """
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Yield palette commands for the tabs and views. Without a palette command, the user needs several
-        keys to reach a tab or a view.
+        """Yield palette commands for the tabs and views. Without the palette, reaching a tab or a view takes
+        several keys.
         """
         for kind, names in (("tab", TABS), ("view", VIEWS)):
             for name in names:
@@ -58,7 +58,9 @@ class TesterNavigation(BaseScreen):
         self.call_after_refresh(self._focus_first_in, self.query_one(f"#{name}"))
 
     def _focus_first_in(self, part: Widget) -> bool:
-        """Focus the first usable widget in an area of the screen. Return whether there is such a widget."""
+        """Focus the first usable widget in an area of the screen, if there is one. Return whether the area
+        has a usable widget.
+        """
         among = (part, *part.query(_FOCUS_SELECTOR).exclude(_SKIP_SELECTOR))
         shown = (each for each in among if all(node.display for node in each.ancestors_with_self))
         found = next((each for each in shown if each.focusable), None)

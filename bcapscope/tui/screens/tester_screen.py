@@ -1,7 +1,7 @@
 """The Tester: the functions of the b-CAP Tester window, in a terminal.
 
-Widgets post messages that say what the user wants. This screen passes what the user wants to the session, and
-the results to the widgets.
+The widgets post the user's actions as messages. This screen carries out these actions through a
+`ControllerSession`, and passes the results to the widgets.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ _EXECUTE_CONTROLLER = 17
 class TesterOptions(NamedTuple):
     """Initial state of the Tester.
 
-    Without `host`, the Tester starts the built-in simulator. The session's threads call `tap` with each
-    packet.
+    If `host` is empty, the Tester starts the built-in simulator. The threads of the `ControllerSession` call
+    `tap` with each observation.
     """
 
     requests_folder: Path
@@ -136,7 +136,7 @@ class TesterScreen(TesterNavigation):
             yield PacketPane(start.requests_folder, id="right")
 
     def on_mount(self) -> None:
-        """Register the HALT callback; without a host, start the built-in simulator."""
+        """Register the HALT callbacks. If the options name no host, start the built-in simulator."""
         app = app_of(self)
         app.add_halt_callback(self.player_slot.halt)
         app.add_halt_callback(self.session.halt)
@@ -250,12 +250,12 @@ class TesterScreen(TesterNavigation):
                 settings.hosts = with_recent(wanted.host, settings.hosts)
                 app_of(self).save_settings()
         finally:
-            if panel.children:  # if there are no children, the screen is being closed
+            if panel.children:  # if the screen has no children, it is being closed
                 self._set_connecting(panel, False)
                 panel.show_status(self.session.status)
 
     def _focus_next_form(self, panel: ConnectionPanel) -> None:
-        """Focus the next form to use, unless the user has moved the focus to another area of the screen."""
+        """Focus the form that the user needs next, unless the user has moved the focus to another area."""
         if self.focused is None or panel in self.focused.ancestors:
             for name in ("#robot-forms", "#panels"):
                 if self._focus_first_in(self.query_one(name)):
@@ -339,7 +339,7 @@ class TesterScreen(TesterNavigation):
     # Keys.
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer either connect or disconnect, as the buttons do."""
+        """Offer only the action of the enabled button: connect or disconnect."""
         if action in ("connect", "disconnect"):
             return (action == "disconnect") == (self._is_connected or self._is_connecting)
         return super().check_action(action, parameters)
@@ -363,7 +363,7 @@ class TesterScreen(TesterNavigation):
         self.app.push_screen(RecoveryDialog(self.session, self._ask_to_arm, last.move_position, last.mode))
 
     def action_digits(self) -> None:
-        """Show all digits of all results; if any result shows all digits, show five decimals."""
+        """Show all digits of all results, or five decimals if any result already shows all digits."""
         views = self.query(ResultView)
         full = not any(view.shows_all_digits for view in views)
         for view in views:

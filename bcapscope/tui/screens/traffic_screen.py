@@ -63,8 +63,8 @@ class TrafficScreen(TrafficViews):
         self._evidence_frames: list[int] = []
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer the actions on frames only in lists of frames or calls. Offer the action stop only while a
-        capture runs.
+        """Offer actions on frames only if the visible list shows frames or calls. Offer the action `stop`
+        only while a capture runs.
         """
         if action in _FRAME_ACTIONS:
             return self.view in RECORD_KINDS
@@ -81,7 +81,9 @@ class TrafficScreen(TrafficViews):
         self.set_focus(self.query_one("#filter"))
 
     def action_back(self) -> None:
-        """Return from the filter field to the list; from the list, clear the filter."""
+        """If the filter field has the focus, return to the list. If the list has the focus, clear the
+        filter.
+        """
         if self.shown_list.has_focus and self.query_one(CheckedInput).field.value:
             self.set_filter("")
         super().action_back()
@@ -104,7 +106,9 @@ class TrafficScreen(TrafficViews):
         self.frames.move_cursor_to(index)
 
     def action_partner(self) -> None:
-        """From a reply, select its request; from a request, select its reply."""
+        """If the cursor is on a reply, select its request. If the cursor is on a request, select its
+        reply.
+        """
         number = self.frame_number
         if number is None:
             return
@@ -115,7 +119,7 @@ class TrafficScreen(TrafficViews):
             self.go_to_frame(other)
 
     def action_call(self) -> None:
-        """In the list of frames, select the call of the frame under the cursor. In the list of calls, select
+        """In the list of frames, go to the call of the frame under the cursor. In the list of calls, go to
         the frame under the cursor.
         """
         number, calls = self.frame_number, self.feed.calls
@@ -134,7 +138,9 @@ class TrafficScreen(TrafficViews):
             self.calls.go_to_call(row + 1)
 
     def action_why(self) -> None:
-        """From a frame, select the finding that names the frame; from a finding, select its cause."""
+        """If the cursor is on a frame, select the finding that names the frame. If the cursor is on a
+        finding, select its cause.
+        """
         page, findings = self.query_one(FindingPage), self.analysis.findings
         if self.view == "findings":
             number = page.current_finding()
@@ -157,7 +163,9 @@ class TrafficScreen(TrafficViews):
 
     @on(FindingPage.Chosen)
     def _line_chosen(self, message: Lines.Chosen) -> None:
-        """From a finding, go to the first frame that proves it; from a frame, go to its fields."""
+        """If a finding was chosen, go to the first frame that proves it. If a frame was chosen, go to its
+        fields.
+        """
         if isinstance(message.lines, FindingPage):
             number = message.lines.current_finding()
             frames = () if number is None else self.analysis.findings[number - 1].frames
@@ -279,7 +287,7 @@ class TrafficScreen(TrafficViews):
             self._open_capture(str(Path(path).expanduser()))
 
     def _open_capture(self, path: str) -> None:
-        if not os.path.isfile(path):  # `isfile` is also false for a name that no file can have
+        if not os.path.isfile(path):  # `isfile` returns False even for a name that no file can have
             app_of(self).show_message(label("traffic.open.none", path=printable(path)), "warning")
             return
         try:

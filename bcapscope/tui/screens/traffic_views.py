@@ -41,7 +41,7 @@ from bcapscope.tui.widgets.record_lists import CallList, FrameList, RecordList
 from bcapscope.tui.widgets.text_widgets import CheckedInput
 
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
-"""Views that list frames or calls, with the kind of record that the filter of the view tests."""
+"""Views that list frames or calls, each with the kind of record that its filter tests."""
 
 _NARROW_WIDTH = 100
 """Terminal width in columns below which the screen rounds large counts."""
@@ -112,7 +112,7 @@ class TrafficViews(ViewsScreen):
         self._close_feed()
 
     def _close_feed(self) -> None:
-        """Close the feed as soon as nothing on the screen needs the feed's data any more."""
+        """Clear the lists that show the feed's data, and close the feed."""
         for target in (self.frames, self.calls):
             target.clear_source()
         self.feed.close()
@@ -159,7 +159,7 @@ class TrafficViews(ViewsScreen):
             self.refresh_bindings()
 
     def _show_growth(self) -> None:
-        """Show new rows in the visible list; the other list shows them when it becomes visible."""
+        """Show new rows in the visible list. A hidden list shows its new rows when it becomes visible."""
         if isinstance(self.shown_list, RecordList):
             self.shown_list.lines_added()
 
@@ -228,7 +228,8 @@ class TrafficViews(ViewsScreen):
     def _cursor_moved(self) -> None:
         """Show the frame under the cursor.
 
-        The screen also calls this method directly, so that Textual draws list and frame together.
+        The screen also calls this method directly, so that Textual draws the list and the frame at the same
+        time.
         """
         if self.view in RECORD_KINDS and self.frame_number != self._shown_frame:
             self.show_frame()
@@ -332,11 +333,11 @@ _BAR = 12
 def progress_texts(
     progress: ReadProgress, source_problem: str, searched: int | None, title: str
 ) -> tuple[str, ...]:
-    """Return texts on the progress of reading and searching, longest text first.
+    """Return texts of decreasing length about the progress of reading and searching.
 
     Args:
-        source_problem: Reason why the source of the traffic may have ended although reading continues; "" if
-            there is no such reason.
+        source_problem: Reason why the traffic may have ended although bcapscope still reads its source; ""
+            for no reason.
         searched: Percentage of rows that the search has examined; None if the search is complete.
     """
     long, short = [], []
@@ -360,7 +361,7 @@ def progress_texts(
 
 
 def count_text(number: int, brief: bool) -> str:
-    """Return a count as text. If `brief`, round down a count of at least 10,000, as in ``12k`` or
+    """Return a count as text. If `brief` is set, counts of at least 10,000 are rounded down, as in ``12k`` or
     ``1.2M``.
     """
     if not brief or number < 10_000:

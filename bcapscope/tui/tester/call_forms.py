@@ -54,8 +54,8 @@ class CommandForm(Vertical):
     def _show_suggestion(self, message: Input.Changed) -> None:
         """Show what the typed command does, and prepare its parameter.
 
-        The form restores the parameter that the user last sent with this command. The form clears a parameter
-        of any other command.
+        The form restores the parameter that the user last sent with this command. For a command that the user
+        has not sent before, the form clears the parameter of the last sent command.
         """
         found = command_hint(self.function.id, message.value)
         if found is None:
@@ -79,7 +79,7 @@ class CommandForm(Vertical):
 
     @on(Input.Submitted, ".command")
     def _submit_command(self, message: Input.Submitted) -> None:
-        """Complete the start of a command's name, or ask for a missing parameter, or execute the command."""
+        """Complete a partly typed command name, or ask for a missing parameter, or execute the command."""
         typed = message.value.strip().casefold()
         names = [each.name for each in commands_of(self.function.id)]
         names = [name for name in names if name.casefold().startswith(typed)]
@@ -102,7 +102,7 @@ class CommandForm(Vertical):
         elif checked.value is None:
             result.show_problem(checked.problem)
         else:
-            # an unknown name may be a typing error, so its parameter is not kept
+            # an unknown command may be a typing error, so its parameter is not kept
             if command_hint(self.function.id, name) is not None:
                 self._last_parameter = self._sent_parameters[name.casefold()] = parameter.typed
             self.post_message(CallWanted(result, self.function, (Variant(VT.BSTR, name), checked.value)))
@@ -125,7 +125,9 @@ _NAMED_VALUES: dict[tuple[str, str], Mapping[int, str]] = {
 
 
 class FunctionForm(Vertical):
-    """A form with one row per argument except the handle; it reports invalid text at once."""
+    """A form with one row per argument, except the handle. The form reports invalid text while the user
+    types.
+    """
 
     def __init__(self, function: Function, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -148,7 +150,7 @@ class FunctionForm(Vertical):
         known = _NAMED_VALUES.get((self.function.name, param.name))
         if known is not None:
             return select_named_value(known, id)
-        vt = _PARAMETER_TYPES.get(param.type)  # None if the parameter may have any type
+        vt = _PARAMETER_TYPES.get(param.type)  # no types if the parameter may have any type
         return TypedValue(VT.BSTR, id=id) if vt is None else TypedValue(vt, (vt,), id=id)
 
     def focus_first(self) -> None:
@@ -165,7 +167,9 @@ class FunctionForm(Vertical):
                 field.value = value.value
 
     def argument_values(self) -> tuple[Variant, ...] | str:
-        """Return the arguments without the handle, or what is wrong with the first invalid argument."""
+        """Return the arguments without the handle, or a text that says what is wrong with the first invalid
+        argument.
+        """
         found: list[Variant] = []
         for index, param in enumerate(self.params):
             field = self.query_one(f"#field{index}")
@@ -200,7 +204,7 @@ def select_named_value(texts: Mapping[int, str], id: str) -> Select[int]:
 
 
 class FunctionPanel(Vertical):
-    """Lets the user choose one of the 137 functions, and shows the function's form."""
+    """Lets the user choose one of the 137 functions, and shows a form for the function's arguments."""
 
     def __init__(self, initial_function: Function, *, id: str | None = None) -> None:
         super().__init__(id=id)

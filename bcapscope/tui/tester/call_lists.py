@@ -51,8 +51,8 @@ class HistoryLines(ItemList[HistoryRecord]):
 
     @dataclass
     class ActionWanted(Message):
-        """The user wants an action on a call: ``again``, ``edit``, ``hex``, ``python``, ``line`` or
-        ``save``.
+        """The user wants an action on a call in the history: ``again``, ``edit``, ``hex``, ``python``,
+        ``line`` or ``save``.
         """
 
         record: HistoryRecord
@@ -152,7 +152,7 @@ class WatchList(Lines):
         handle: int
 
     class ResetWanted(Message):
-        """The user wants to reset minimum and maximum of the watched variables."""
+        """The user wants to reset the minimum and maximum values of the watched variables."""
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -241,7 +241,7 @@ class SavedList(ItemList[tuple[str, SavedRequest | str] | None]):
     @dataclass
     class RequestWanted(Message):
         """The user wants to send a saved request. If `edit` is set, the user wants to edit the request in a
-        form.
+        form before sending.
         """
 
         saved: SavedRequest

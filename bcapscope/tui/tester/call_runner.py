@@ -1,4 +1,6 @@
-"""Make the calls that widgets request. The calls go through the session; the widgets get the results."""
+"""Make the calls that widgets request. `ControllerSession` sends the calls to the controller, and the widgets
+get the results.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,7 @@ from bcapscope.tui.reader_language import label
 
 
 class ResultDisplay(Protocol):
-    """A widget that shows the outcome of the user's request."""
+    """A widget that shows the outcome of a request by the user."""
 
     def show_pending(self) -> None:
         """Show that a request was sent and has no result yet."""
@@ -36,7 +38,7 @@ class ResultDisplay(Protocol):
         """Show how the call ended."""
 
     def show_error(self, reason: str) -> None:
-        """Show the error text `reason`: why nothing was sent, or what failed."""
+        """Show the error text `reason`, which says why nothing was sent or what failed."""
 
 
 @dataclass
@@ -68,7 +70,7 @@ class CallWanted(Message):
 
 @dataclass
 class OpenWanted(Message):
-    """The user wants to open an object of class `kind`, owned by the selected object of class `parent`."""
+    """The user wants to open an object of class `kind` through the selected object of class `parent`."""
 
     result_display: ResultDisplay
     parent: ObjectClass
@@ -106,7 +108,7 @@ class ObjectMissingError(BcapError):
 
 
 class CallRunner:
-    """Connects the Tester's widgets to the session.
+    """Makes the calls that the Tester's widgets request, through a `ControllerSession`.
 
     The coroutines of this class run in the screen's event loop.
     """
@@ -138,7 +140,7 @@ class CallRunner:
         await self._run_reported(wanted.result_display, lambda: self._session.send_raw(wanted.raw))
 
     async def open_object(self, wanted: OpenWanted) -> bool:
-        """Open an object; return whether the call was made, whatever its result. A robot is also selected."""
+        """Open an object. Return whether the call was made, even if it failed. A robot is also selected."""
         session = self._session
 
         async def step() -> HistoryRecord:
@@ -154,8 +156,8 @@ class CallRunner:
         await self._run_reported(result_display, lambda: start_robslave(self._session))
 
     def _object_of(self, kind: ObjectClass) -> ObjectHandle:
-        """Return the selected robot if `kind` is robot. For any other class, return the object that was
-        opened last.
+        """Return the selected robot if `kind` is robot. For any other class, return its most recently opened
+        object.
         """
         status = self._session.status
         found = status.robot if kind is ObjectClass.ROBOT else None
@@ -166,8 +168,8 @@ class CallRunner:
         return found
 
     async def _run_reported(self, result_display: ResultDisplay, step: CallStep) -> bool:
-        """Run a step, after arming if needed, and show the outcome in a widget. Return whether the step
-        ran.
+        """Run a step, and show its outcome in a widget. If the step needs arming, ask the user first. Return
+        whether the step ran.
         """
         result_display.show_pending()
         try:
@@ -187,8 +189,8 @@ class CallRunner:
 async def run_armed(
     session: ControllerSession, ask_to_arm: Callable[[], Awaitable[bool]], step: CallStep
 ) -> HistoryRecord:
-    """Run a step in the session's loop; if the step needs arming, ask the user to arm, then run the step
-    again.
+    """Run a step in the event loop of the `ControllerSession`. If the step needs arming, ask the user to arm,
+    then run the step again.
 
     Raises:
         NotArmedError: The user refused to arm.
@@ -202,13 +204,13 @@ async def run_armed(
 
 
 class CallNotice:
-    """Shows the results of calls as temporary messages, for calls without a result field."""
+    """Shows the results of calls that have no result field, as temporary messages."""
 
     def __init__(self, app: BcapApp) -> None:
         self._app = app
 
     def show_pending(self) -> None:
-        """Show nothing, because the message appears when the call ends."""
+        """Show nothing yet, because the message with the result appears when the call ends."""
 
     def show_record(self, record: HistoryRecord) -> None:
         name = printable(call_name(record.function_id, record.arguments))

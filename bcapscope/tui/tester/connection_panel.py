@@ -60,7 +60,7 @@ class ConnectionPanel(Vertical):
         self._update_texts()
 
     def wait_for_address(self) -> None:
-        """Postpone connecting until `fill_address` supplies the address."""
+        """Postpone connecting until `fill_address` fills in the address."""
         self._is_address_pending, self._is_connect_pending = True, False
         self._problem = ""
         self._update_texts()
@@ -75,7 +75,9 @@ class ConnectionPanel(Vertical):
             self.request_connect()
 
     def wanted_connection(self) -> ConnectWanted | str:
-        """Return the connection that the fields describe, or a text that says what is wrong with them."""
+        """Return the connection that the fields describe, or a text that says what is wrong with the
+        fields.
+        """
         host, port = split_host_port(self.query_one("#host", Input).value.strip())
         port = port or self.query_one("#port", Input).value.strip()  # "host:5007" takes precedence
         tcp = not self.query_one("#udp", TickBox).value
@@ -114,7 +116,7 @@ class ConnectionPanel(Vertical):
             self._update_texts()
 
     def set_connecting(self, connecting: bool) -> None:
-        """While connecting, enable Disconnect, which cancels the attempt, and disable Connect."""
+        """While connecting, disable Connect, and enable Disconnect, which cancels the connection attempt."""
         self.query_one("#disconnect", Button).disabled = not connecting
         self.query_one("#connect", Button).disabled = connecting
 
@@ -166,7 +168,7 @@ class ConnectionPanel(Vertical):
 
 
 StatusPiece = tuple[str, str]
-"""One text of the status line, and the name of the text's style."""
+"""A text in the status line, and the name of its style."""
 
 _MAX_HOST_LENGTH = 24
 _SECOND = 1_000_000_000
@@ -186,7 +188,7 @@ def status_pieces(
     if reply_monitor.is_reply_overdue(now):
         text = label("tester.status.silent", seconds=age // _SECOND)
         pieces = [(f" ◌ {name} ", "bad"), (f"{text} ", "bad")]
-    # no reply is due, as in slave mode, so it is unknown whether the controller is reachable
+    # no reply is expected, such as in slave mode, so silence does not show that the controller is gone
     elif age >= _LONG_SILENCE:
         text = label("tester.status.age", seconds=age // _SECOND)
         pieces = [(f" ● {name} ", ""), (f"{text} ", "dim")]
@@ -212,7 +214,7 @@ def _arming_piece(arming: ArmingState, now: int) -> StatusPiece:
 
 
 def arming_facts(status: SessionStatus) -> list[str]:
-    """Return lines on the controller and its robot, which the user reads before arming."""
+    """Return lines that describe the controller and its robot for the user who must decide whether to arm."""
     identity, robot = status.identity, status.robot
     unknown = label("tester.fact.unknown")
     return [

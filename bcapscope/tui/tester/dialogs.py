@@ -29,7 +29,9 @@ from bcapscope.tui.widgets.text_widgets import InkedText
 
 
 class ChoiceDialog(ModalScreen[str | None]):
-    """Asks the user to choose. The first choice changes nothing, and Enter chooses it."""
+    """Asks the user to choose. The first choice must change nothing, because Enter selects this choice at the
+    start.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
@@ -37,12 +39,10 @@ class ChoiceDialog(ModalScreen[str | None]):
         Binding("right", "app.focus_next", show=False),
     ]
     LABELS = "tester.answer"
-    """Beginning of the label id of each choice; a dot and the name of the choice follow."""
+    """First part of the label id of each choice. A dot and the name of the choice follow."""
 
     def __init__(self, lines: Sequence[str], choices: Sequence[str]) -> None:
-        """`lines` are the facts and the question, already escaped. `choices` are the answers that the user
-        can choose.
-        """
+        """`lines` are escaped lines of text: facts, then the question. `choices` are the possible answers."""
         super().__init__()
         self._lines, self._choices = lines, choices
 
@@ -62,7 +62,9 @@ class ChoiceDialog(ModalScreen[str | None]):
 
 
 class ArmDialog(ChoiceDialog):
-    """Asks whether to arm, with the result ``yes`` or ``no``; the facts say which robot could move."""
+    """Asks the user to arm. The result is ``yes`` or ``no``. The facts in the dialog say which robot could
+    move.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("n", "dismiss(None)", show=False)]
     LABELS = "tester.arm"
@@ -79,8 +81,8 @@ _STEP_MARKS = {None: "○", True: "●", False: "✗"}
 
 
 class RecoveryDialog(ModalScreen[None]):
-    """Shows the steps of a recovery after an error. The dialog reads the errors at once; the user starts
-    every other step.
+    """Shows the steps of a recovery after an error. The dialog immediately starts the first step, which reads
+    the errors. The user starts all later steps.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss", "shell.close", key_display="esc")]
@@ -113,7 +115,7 @@ class RecoveryDialog(ModalScreen[None]):
                 yield Input(f"0x{self._initial_mode:03X}", id="mode", classes="number")
 
     def on_mount(self) -> None:
-        """Read the controller's errors before a later step clears them."""
+        """Read the controller's errors at once, before a later step clears them."""
         self.query_one("#do-clear").focus()
         self._show_step(RecoveryStep.READ, None, label("tester.waiting"))
         self.run_worker(self._read_errors(), group="recovery")

@@ -52,15 +52,15 @@ class FormTabs(Vertical):
         self.query_one("#panels", ContentSwitcher).current = tab
 
     async def fill_function(self, function: Function, values: tuple[Variant, ...]) -> FunctionForm:
-        """Fill the form of a function with arguments (without the handle), and return the form."""
+        """Fill the form of a function with its arguments except the handle, and return the form."""
         self.show_tab("function")
         form = await self.query_one(FunctionPanel).show_function(function)
         form.fill_values(values)
         return form
 
     async def edit_call(self, record: HistoryRecord) -> None:
-        """Fill the form of a call's function with the call. If the function is unknown, fill the form for raw
-        packets.
+        """Fill the form of a call's function with the call's arguments. If the function is unknown, fill the
+        form for raw packets.
         """
         function = FUNCTIONS.get(record.function_id)
         if function is None or len(function.params) != len(record.arguments):

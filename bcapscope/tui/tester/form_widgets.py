@@ -19,7 +19,7 @@ from bcapscope.tui.widgets.bars import ClickBar
 
 
 class Caption(Label):
-    """A word before a field. `key` is the label id of the word."""
+    """A word before a field. `key` is the label id of the caption."""
 
     def __init__(self, key: str) -> None:
         super().__init__(label(key), markup=False)
@@ -83,7 +83,7 @@ class ChoiceRow(ClickBar, can_focus=True):
             return self.choice
 
     def __init__(self, options: Sequence[tuple[str, str]], *, id: str | None = None) -> None:
-        """`options` are the values, each with its label id. The first value is chosen at the start."""
+        """`options` are the values, each with its label id. At the start, the first value is chosen."""
         super().__init__(id=id)
         self._options = tuple(options)
         self.set_reactive(ChoiceRow.chosen, self._options[0][0])

@@ -69,8 +69,8 @@ class OpenObjectRow(Horizontal):
         self._open_objects = tuple(each for each in open_objects if each.kind is self._kind)
 
     def find_open(self, owner: ObjectClass | None = None) -> ObjectHandle | None:
-        """Return the object with the name in the field that was opened last. If `owner` is given, the
-        object's owner must be of this class.
+        """Return the most recently opened object with the name in the field. If `owner` is given, the parent
+        of the object must have the class `owner`.
         """
         name = self.object_name.casefold()
         for each in reversed(self._open_objects):
@@ -107,7 +107,9 @@ _NO_OPTION = Variant(VT.BSTR, "")
 
 
 class VariablePanel(Box):
-    """A form for variables of a controller, robot or task; it acts on the variable in the name field."""
+    """A form for variables of a controller, robot or task. The buttons act on the variable in the name
+    field.
+    """
 
     def __init__(self, owner: ObjectClass, name: str, *, id: str) -> None:
         super().__init__("tester.box.variable", id=id)
@@ -156,8 +158,8 @@ class VariablePanel(Box):
             self.post_message(WatchWanted(found))
 
     def variable_opened(self, owner: ObjectClass, name: str) -> None:
-        """Select the type of a newly opened variable, if the type is known and this form shows the
-        variable.
+        """Select the type of a newly opened variable in this form, if the type is known and the form shows
+        the variable.
         """
         if owner is not self._owner:
             return

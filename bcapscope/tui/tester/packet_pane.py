@@ -1,4 +1,6 @@
-"""The packet pane, as in b-CAP Tester: SendData, ReceiveData, Overwrite, Clear; also history and lists."""
+"""The packet pane has SendData, ReceiveData, Overwrite and Clear, as in b-CAP Tester, and in addition the
+call history and lists.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,7 @@ dropped first.
 
 
 class PacketBox(Vertical):
-    """Shows one of its packets at a time; the keys ``[`` and ``]`` show the previous and the next packet."""
+    """Shows one packet at a time. The keys ``[`` and ``]`` show the previous and the next packet."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left_square_bracket", "step(-1)", "tester.packet.before", key_display="["),

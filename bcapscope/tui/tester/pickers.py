@@ -36,9 +36,7 @@ class ListPicker(ModalScreen[str | None]):
     ]
 
     def __init__(self, title: str, entries: Iterable[tuple[str, Text, str]]) -> None:
-        """Each entry has a name, the text on the screen, and the text in which the typed words are
-        searched.
-        """
+        """Each entry has a name, a text to show, and a text in which the dialog searches the typed words."""
         super().__init__()
         self._title = title
         self._entries = tuple(entries)
@@ -128,7 +126,7 @@ class FilePicker(ModalScreen[str | None]):
         super().__init__()
         self._title = title
         self._recent = [path for path in recent if Path(path).exists()]
-        self._folder = folder.absolute()  # a relative path may have neither a name to show nor a parent
+        self._folder = folder.absolute()  # a relative path may lack a name to show and a parent
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog -tall") as box:

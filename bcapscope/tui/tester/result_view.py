@@ -59,7 +59,7 @@ class ResultView(InkedText, can_focus=True):
         self._show_line(f"{INK.problem}{printable(text)}{INK.reset}")
 
     def show_check(self, problem: str, hint: str) -> None:
-        """Show what is wrong with the input. If nothing is wrong, show a hint on the expected input."""
+        """Show the problem of an invalid input. If the input is valid, show a hint on the expected input."""
         if problem:
             self.show_problem(problem)
         else:
@@ -104,10 +104,8 @@ def _record_text(record: HistoryRecord, full: bool) -> str:
 
 def _may_lack_robslave(record: HistoryRecord) -> bool:
     """Return whether the controller refused slave mode without a reason, as an RC7 may do if RobSlave does
-    not run.
-
-    An RC7 needs the program RobSlave (DENSO Wave 2009, How to use the Slave mode). DENSO does not document
-    the reply of an RC7 without that program.
+    not run. An RC7 needs the program RobSlave for slave mode (DENSO Wave 2009, How to use the Slave mode).
+    DENSO does not document how an RC7 refuses slave mode without RobSlave.
     """
     code = record.reply.code if record.reply is not None else S_OK
     is_mode_change = command_name(record.function_id, record.arguments).casefold() == "slvchangemode"
@@ -115,7 +113,7 @@ def _may_lack_robslave(record: HistoryRecord) -> bool:
 
 
 def _value_meaning(record: HistoryRecord) -> str:
-    """Return the meaning of the number that a call returned; "" if the number has no special meaning."""
+    """Return the meaning of the number in a call's reply; "" if the number has no special meaning."""
     arguments = record.reply.arguments if record.reply is not None else ()
     value = arguments[0].variant.value if arguments else None
     function = FUNCTIONS.get(record.function_id)

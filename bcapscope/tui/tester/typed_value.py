@@ -1,4 +1,6 @@
-"""Input of a value of any b-CAP type: a list of types, and a field whose text is checked at once."""
+"""Input of a value of any b-CAP type, with a list of types, and a field that checks the text while the user
+types.
+"""
 
 from __future__ import annotations
 
@@ -35,9 +37,7 @@ _BY_NAME = {vt_name(vt): vt for vt in PARAMETER_TYPES}
 
 
 def type_numbers(names: Iterable[str]) -> tuple[int, ...]:
-    """Return the numbers of types such as ``VT_R4|VT_ARRAY``, but not for ``VARIANT``, which allows any
-    type.
-    """
+    """Return the numbers of types such as ``VT_R4|VT_ARRAY``; skip ``VARIANT``, which allows any type."""
     return tuple(_BY_NAME[name] for name in names if name in _BY_NAME)
 
 
@@ -46,7 +46,7 @@ class CheckedText(NamedTuple):
 
     Attributes:
         value: Value of the text; None if the text does not fit the type.
-        problem: Text that says what is expected; empty if the input is valid.
+        problem: Text that says which input is expected; empty if the input is valid.
     """
 
     value: Variant | None
@@ -62,7 +62,7 @@ def check_text(vt: int, text: str) -> CheckedText:
 
 
 def expected_input(vt: int) -> str:
-    """Return a hint on what text to type for a value of a type."""
+    """Return a hint on how to type a value of the type `vt`."""
     if vt in (VT.EMPTY, VT.NULL):
         return label("controller.expected.nothing")
     what = label(f"controller.expected.{VT(vt & ~ARRAY).name}")
@@ -71,16 +71,14 @@ def expected_input(vt: int) -> str:
 
 
 class CommandHint(NamedTuple):
-    """Types that a command's parameter may have, the usual type first, and a text that explains the
-    command.
-    """
+    """Types of a command's parameter, the usual type first, and a text that explains the command."""
 
     types: tuple[int, ...]
     text: str
 
 
 def command_hint(function_id: int, name: str) -> CommandHint | None:
-    """Look up a command by its name; return None if the command is unknown."""
+    """Return the hint on a command by its name; None if the command is unknown."""
     known = find_command(function_id, name.strip())
     if known is None:
         return None
@@ -101,12 +99,14 @@ def _hint_text(known: CommandSpec) -> str:
 
 
 class TypedValue(Horizontal):
-    """A list of types and an input field. The widget reports a text that does not fit the chosen type."""
+    """A list of types and an input field. The widget reports an error if the text does not fit the chosen
+    type.
+    """
 
     @dataclass
     class Changed(Message):
-        """The user changed type or text. `problem` says what is wrong with the text; it is "" if the text is
-        valid or empty.
+        """The user changed the type or the text of the value. `problem` says what is wrong with the text, and
+        is "" if the text is valid or empty.
         """
 
         value: TypedValue
@@ -140,7 +140,7 @@ class TypedValue(Horizontal):
 
     @property
     def is_missing(self) -> bool:
-        """Whether the chosen type needs a value and the field is empty."""
+        """Whether the chosen type needs a value, but the field is empty."""
         vt, text = self.typed
         return not text and vt not in (VT.EMPTY, VT.NULL, VT.BSTR)
 

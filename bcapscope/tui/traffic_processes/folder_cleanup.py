@@ -1,7 +1,7 @@
-"""The process that removes the screen's temporary folder after the screen has ended, for whatever reason.
+"""The process that removes the screen's temporary folder after the screen has ended or was killed.
 
 bcapscope runs this file by its path and without site packages, as ``python -I -S folder_cleanup.py FOLDER``.
-The operating system closes the standard input of this process even if the screen is killed.
+The end of standard input shows that the screen has ended, even if it was killed.
 """
 
 import sys
@@ -10,8 +10,8 @@ from shutil import rmtree
 from time import sleep
 
 TRIES, PAUSE = 20, 0.25
-"""Number of attempts to remove the folder, and seconds between two attempts. Other processes may still have a
-file in it open.
+"""Number of attempts to remove the folder, and seconds between two attempts. An attempt fails while another
+process has a file in the folder open.
 """
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
-"""Messages between the screen and the processes that read, search and save traffic; functions that pass them
-through pipes.
+"""Messages between the screen and the processes that read, search and save traffic, and functions that pass
+messages through pipes.
 """
 
 from __future__ import annotations
@@ -24,20 +24,22 @@ _LENGTH_PREFIX = struct.Struct("<I")
 T = TypeVar("T")
 
 STOP_READING = b"."
-"""Message to the reader that the source has ended. The reader then finishes with the data that exists."""
+"""Message to the reader that the source has ended. The reader then processes the rest of the data and
+ends.
+"""
 
 
 class ReadJob(msgspec.Struct, frozen=True, kw_only=True):
-    """Which traffic the reader process, or the watcher of a proxy, reads for the screen.
+    """The traffic that the reader process, or the watcher of a proxy, reads for the screen.
 
     Attributes:
-        path: Capture file, or the recording that the watcher writes; "" for none.
-        interface: Network interface for a live capture; "" for none.
+        path: Capture file, or the recording that the watcher writes; "" for a live capture.
+        interface: Network interface for a live capture; "" to read a file.
         follow: Whether another program is still writing the capture.
         ports: Ports of controllers; an empty tuple selects 5007.
-        leg: Read only capture interfaces whose names begin with this text.
+        leg: Beginning of the names of the capture interfaces to read; "" reads all interfaces.
         language: Language of rendered lines, ``en`` or ``ja``.
-        own_clients: Whether the clients are bcapscope's own, and so remain connected while they are silent.
+        own_clients: Whether bcapscope itself is the client, which remains connected even while it is silent.
         taken_at: Where the capture was taken; None to infer the place from the traffic.
         folder: Empty folder for the journal.
     """
@@ -59,10 +61,10 @@ class ReadProgress(msgspec.Struct, tag=True, frozen=True):
     Attributes:
         position: Number of bytes that have been read.
         size: Size of the file in bytes; 0 for a live capture.
-        problem: Reason why reading ended early; "" if it did not end early.
+        problem: Reason why reading ended early; "" if reading goes on or reached the end.
         clients: Number of conversations so far.
-        packets: Name of the capture file with the packets; "" without a file.
-        lost: Number of packets that a live capture dropped for lack of buffer space.
+        packets: Name of the capture file with the packets; "" if there is no file.
+        lost: Number of packets that a live capture dropped because its buffer was full.
     """
 
     position: int = 0
@@ -110,7 +112,7 @@ class SearchRequest(msgspec.Struct, frozen=True):
 
     Attributes:
         generation: Number of the search. Each `SearchMatches` of the search has the same number.
-        kind: What to search, ``frame`` or ``call``.
+        kind: Kind of record to search: ``frame`` or ``call``.
         expression: Filter expression; "" stops the search.
     """
 
@@ -133,11 +135,11 @@ class SearchMatches(msgspec.Struct, frozen=True):
 
 
 class SaveJob(msgspec.Struct, frozen=True):
-    """What the save process writes to a new file.
+    """A job of the save process: which packets to write to which new file.
 
     Attributes:
         target: Name of the new file, which must not exist.
-        notes: Notes by packet number.
+        notes: Maps packet numbers to the notes on these packets.
         max_packets: Number of packets to save from a capture that may still grow; 0 for all.
     """
 

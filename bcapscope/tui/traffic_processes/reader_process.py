@@ -3,7 +3,7 @@ traffic.
 
 Run as ``python -m bcapscope.tui.traffic_processes.reader_process``. The job arrives on standard input;
 reports go to standard output. Any data on standard input after the job means that the capture will not grow
-further. When standard input closes, because the screen closed it or died, reading ends at once.
+further. When the screen dies or closes the reader's standard input, reading ends at once.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ from bcapscope.tui.traffic_processes.process_messages import (
 from bcapscope.tui.traffic_processes.traffic_publisher import TrafficPublisher
 
 _BATCH_MASK = 0xFF
-"""Mask for frame numbers. With this mask, the reader checks the clock every 256 frames, which is several
-times per ms.
+"""Mask for frame numbers. With this mask, the reader checks the clock every 256 frames, so several times per
+ms.
 """
 
 LIVE_FILE = "live.pcapng"
@@ -60,7 +60,8 @@ class TrafficReader:
         """Prepare a job.
 
         Args:
-            ended: Event that is set when the source has ended; the reader then reads the rest and finishes.
+            ended: Event that is set when the source has ended. The reader then reads the rest of the data and
+                ends.
             cancelled: Event that is set when reading must end, even if data remains.
         """
         self._job = job
@@ -107,7 +108,9 @@ class TrafficReader:
                     return
 
     def _load_pipeline(self) -> Pipeline:
-        """Load the pipeline and the diagnosis; loading them at the start would delay the first frames."""
+        """Return the pipeline. Pipeline and diagnosis are loaded only when they are first needed, because
+        loading at the start would delay the first frames.
+        """
         if self._pipeline is None:
             joiner = Joiner(self._observer.comments)
             subscribers, taken_at = self._publisher.subscribers(), self._job.taken_at
@@ -134,7 +137,7 @@ class TrafficReader:
             raise self._live.problem
 
     def _on_idle(self) -> None:
-        """Complete calls that have waited too long for a reply, while no new packets arrive."""
+        """While no new packets arrive, complete the calls to which no reply can follow any more."""
         if self._live is not None and self._live.problem is not None:
             self._source_ended.set()
         if self._publisher.journal.count:
@@ -142,7 +145,7 @@ class TrafficReader:
         self._publisher.report_if_due(self._observer.end_time)
 
     def _capture_time(self) -> int:
-        """Return the present time in ns by the clock of the captured packets, which may be the clock of
+        """Return the present time in ns, by the clock of the computer that captured the packets, which may be
         another machine.
         """
         latest, now = self._observer.end_time, time.monotonic_ns()
@@ -192,9 +195,10 @@ class _LiveCapture:
 
 
 def main() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the screen uses Ctrl-C as a key
+    # Ctrl-C must not end this process, because the screen uses Ctrl-C as a key
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     lower_priority()
-    # bypasses sys.stdin, because a thread would still hold its lock at the end
+    # sys.stdin is not used, because a thread would still hold the lock of sys.stdin at the end
     stdin = io.FileIO(0, closefd=False)
     job = next(receive_messages(stdin, ReadJob), None)
     if job is None:
@@ -209,7 +213,8 @@ def main() -> None:
 
     threading.Thread(target=wait_for_the_end, daemon=True, name="end").start()
     gc.freeze()
-    gc.set_threshold(20_000, 20, 100)  # frames and calls contain no reference cycles to collect
+    # frames and calls contain no reference cycles, so frequent collections are useless
+    gc.set_threshold(20_000, 20, 100)
     try:
         TrafficReader(job, cast(BinaryIO, sys.stdout.buffer), ended, cancelled).run()
     except BrokenPipeError:  # the screen has gone

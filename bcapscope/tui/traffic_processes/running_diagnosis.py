@@ -18,11 +18,13 @@ from bcapscope.tui.ink import INK
 from bcapscope.tui.traffic_processes.process_messages import ShownFinding, TrafficAnalysis
 
 MAX_LINES = 20_000
-"""Maximum number of lines about slave-mode sessions."""
+"""Maximum number of lines that the screen shows about slave-mode sessions."""
 
 
 class RunningDiagnosis:
-    """Diagnosis and statistics: `subscribers` receive the traffic, and `snapshot` returns the analysis."""
+    """Diagnosis and statistics of traffic. `subscribers` receive the traffic, and `snapshot` returns the
+    analysis.
+    """
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
         self._words = words
@@ -32,11 +34,11 @@ class RunningDiagnosis:
         self.subscribers: tuple[PipelineSubscriber, ...] = self.diagnosis, self._statistics
 
     def snapshot(self, ended: int, present: bool = False) -> TrafficAnalysis:
-        """Return the analysis so far; further calls can follow later.
+        """Return the analysis of the traffic so far. The traffic can continue afterwards.
 
         Args:
             ended: Time in ns since 1970 at which the traffic is assumed to end.
-            present: Whether clients are known to be still connected, even if they are silent.
+            present: Whether it is known that the clients are still connected, even if they are silent.
         """
         statistics, totals = self._statistics.statistics(), self.diagnosis.totals(ended)
         findings = tuple(shown_finding(each, totals) for each in self.diagnosis.findings(ended, present))
@@ -52,7 +54,7 @@ class RunningDiagnosis:
 
 
 def shown_finding(finding: Finding, totals: TrafficTotals) -> ShownFinding:
-    """Return a finding with its text in each language; strings are escaped."""
+    """Return a finding with its text in each language. All strings are escaped."""
     all_words = [words_for(MessageFormatter(language), totals) for language in Language]
     return ShownFinding(
         finding.rule,

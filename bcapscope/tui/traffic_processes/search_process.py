@@ -1,8 +1,8 @@
 """The search process: applies a filter to the records of a journal, and reports the matches.
 
 bcapscope runs this process as ``python -m bcapscope.tui.traffic_processes.search_process FOLDER``. Search
-requests arrive on standard input; matches go to standard output. A new request ends the previous search. When
-a search has reached the last row, it waits for new rows and examines them.
+requests arrive on standard input; matches go to standard output. A new request ends the previous search. A
+search that has reached the last row waits for new rows, and examines these rows too.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ REPORT_INTERVAL = 0.05
 """Seconds between two reports."""
 
 _BATCH = 128
-"""Number of rows between two checks for a new request. Examining these rows takes some milliseconds."""
+"""Number of rows that a search examines, in some milliseconds, between two checks for a new request."""
 
 
 class TrafficSearch:
-    """Runs one search at a time: the search that was requested last."""
+    """Runs one search at a time, always for the latest request."""
 
     def __init__(self, folder: Path, answers: BinaryIO) -> None:
         """Open the journal in `folder`; write matches to `answers`."""
@@ -63,7 +63,7 @@ class TrafficSearch:
             request = self._answer_request(request) if request.expression else self.requests.get()
 
     def _answer_request(self, request: SearchRequest) -> SearchRequest:
-        """Search the existing rows, then new rows; return the next request when it arrives."""
+        """Search the existing rows, then new rows, until the next request arrives; return that request."""
         is_frame = request.kind == RecordKind.FRAME
         fits, count_rows = self._frame_search(request) if is_frame else self._call_search(request)
         rows, searched, reported, reported_at = array("I"), 0, 0.0, -1
@@ -100,7 +100,8 @@ class TrafficSearch:
 
 
 def main() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the screen uses Ctrl-C as a key
+    # Ctrl-C must not end this process, because the screen uses Ctrl-C as a key
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     lower_priority()
     searching = TrafficSearch(Path(sys.argv[1]), cast(BinaryIO, sys.stdout.buffer))
     requests = io.FileIO(0, closefd=False)

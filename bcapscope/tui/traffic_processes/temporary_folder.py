@@ -27,12 +27,10 @@ class TemporaryFolderError(BcapError):
 
 
 class TemporaryFolder:
-    """A folder that is removed when the screen ends, even if the screen is killed. A `TemporaryFolder` is a
-    context manager.
+    """A context manager for a folder that is removed when the screen ends, even if the screen is killed.
 
-    The files in the folder need names, because several processes open the files; one such process is the
-    proxy's relay. Windows cannot remove a file that is open. A separate process therefore waits until the
-    screen has ended, and then removes the folder.
+    Unnamed temporary files do not suffice, because several processes open the files. Windows cannot remove an
+    open file. Therefore a separate process waits until the screen has ended, and then removes the folder.
     """
 
     def __init__(self) -> None:
@@ -64,7 +62,7 @@ class TemporaryFolder:
         self.close()
 
     def close(self) -> None:
-        """Start the removal of the folder, and wait for its end."""
+        """Start the removal of the folder, and wait at most `_REMOVE_TIMEOUT` seconds until it is removed."""
         assert self._cleanup_process.stdin is not None
         with suppress(OSError):  # the process was killed
             self._cleanup_process.stdin.close()
@@ -77,7 +75,7 @@ def cache_root() -> Path:
 
 
 def _remove_leftovers(root: Path) -> None:
-    """Remove folders of earlier screens that were left behind, for example after a power failure."""
+    """Remove the folders that earlier screens left behind, for example after a power failure."""
     for left in root.glob(f"{_PREFIX}*"):
         if not _is_used(left):
             shutil.rmtree(left, ignore_errors=True)

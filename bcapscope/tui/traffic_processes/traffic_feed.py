@@ -35,15 +35,15 @@ _END_TIMEOUT = 2.0
 
 @dataclass(frozen=True, slots=True)
 class SourceProblem:
-    """Report of the reason why the source might send no more traffic. `reason` is "" if an earlier problem is
-    over.
+    """A report that the source may send no more traffic. `reason` says why no more traffic may come; "" if
+    the problem is over.
     """
 
     reason: str
 
 
 def watcher_job(folder: Path, recording: Path) -> ReadJob:
-    """Return a job for a proxy's watcher; `folder` must exist and hold no files of another job."""
+    """Return a job for a proxy's watcher; `folder` must exist, and must not contain files of another job."""
     return ReadJob(path=str(recording), follow=True, language=current_language(), folder=str(folder))
 
 
@@ -52,7 +52,7 @@ FeedListener = Callable[[FeedUpdate], object]
 
 
 class TrafficFeed:
-    """The traffic of one source. In a separate thread, the feed passes reports to a listener.
+    """The traffic of one source. The feed passes reports to a listener, in a separate thread.
 
     Attributes:
         journal: Store of all observations; None before the first observation.
@@ -61,11 +61,12 @@ class TrafficFeed:
     """
 
     def __init__(self, job: ReadJob, reports: BinaryIO | None = None) -> None:
-        """Start a process that reads the traffic. If `reports` is given, show what another process reads
-        instead.
+        """Start a process that reads the traffic. If `reports` is given, no process is necessary, because the
+        watcher of a proxy reads the traffic.
 
         Args:
-            job: What to read. Without `reports`, the feed adds a temporary folder and the screen's language.
+            job: What to read. If `reports` is None, the feed adds a temporary folder and the screen's
+                language to the job.
             reports: Stream with the `ReadProgress` and `TrafficAnalysis` messages of a proxy's watcher.
         """
         self._folder: TemporaryFolder | None = None
@@ -90,7 +91,7 @@ class TrafficFeed:
             send_message(_pipe(self._reader.stdin), self.job)
             self._start_thread(self._read_reports, self._reader.stdout)
         else:
-            # This thread ends when the proxy ends, which is after `close`.
+            # `close` does not wait for this thread, because the thread runs until the proxy ends.
             threading.Thread(target=self._read_reports, args=(reports,), daemon=True, name="feed").start()
 
     def _start_thread(self, target: Callable[..., None], *arguments: object) -> None:
@@ -106,20 +107,20 @@ class TrafficFeed:
 
     @property
     def is_live(self) -> bool:
-        """Whether more traffic can follow at any time."""
+        """Whether the source is live, so that more traffic can follow at any time."""
         return bool(self.job.interface) or self.job.follow
 
     @property
     def display_path(self) -> Path:
-        """Path of the capture file, on which names of new files are based; ``live.pcapng`` for a temporary
-        capture.
+        """Path of the capture file, from which the screen proposes names of new files; ``live.pcapng`` for a
+        temporary capture.
         """
         path = Path(self.job.path)
         lasts = self.job.path and not path.is_relative_to(cache_root())
         return path if lasts else Path("live.pcapng")
 
     def subscribe(self, listener: FeedListener) -> None:
-        """Pass all later updates to `listener`, from another thread; pass earlier updates at once."""
+        """Pass earlier updates to `listener` immediately, and all later updates from another thread."""
         with self._lock:
             self._listener = listener
             waiting, self._undelivered = self._undelivered, []
@@ -127,7 +128,9 @@ class TrafficFeed:
             listener(message)
 
     def open_journal(self) -> bool:
-        """Open the journal and the call store; return whether they exist yet."""
+        """Open the journal and the call store. Return False if the files of the journal and the call store do
+        not exist yet.
+        """
         if self.journal is None:
             folder = Path(self.job.folder)
             try:
@@ -163,8 +166,8 @@ class TrafficFeed:
             listener(message)
 
     def search(self, kind: str, expression: str) -> int:
-        """Start a search for the rows that match `expression`; "" ends the search. Return the number of the
-        search.
+        """Start a search for the rows that match `expression`, and return the number of the search. If
+        `expression` is "", end the current search.
         """
         self._generation += 1
         request = SearchRequest(self._generation, kind, expression)
@@ -176,7 +179,7 @@ class TrafficFeed:
                 return self._generation
             self._searcher = self._start_process("search_process", self.job.folder)
             self._start_thread(self._read_matches, self._searcher)
-        with suppress(OSError):  # the process has just died; the next search starts another process
+        with suppress(OSError):  # if the process has just died, the next search starts another process
             send_message(_pipe(self._searcher.stdin), request)
         return self._generation
 
@@ -186,7 +189,9 @@ class TrafficFeed:
                 self._publish(message)
 
     def make_save_job(self, target: str, notes: dict[int, str]) -> SaveJob:
-        """Return a job that writes all packets seen so far to a new file, with `notes` by packet number."""
+        """Return a job that writes all packets seen so far to a new file. `notes` maps packet
+        numbers to notes.
+        """
         most = 0
         if self.journal is not None and not self.progress.ended and len(self.journal):
             most = self.journal.read_frame(len(self.journal)).observation.packet
@@ -203,9 +208,9 @@ class TrafficFeed:
         return out.decode() if process.returncode == 0 else self._last_error_line()
 
     def stop_reading(self) -> None:
-        """Notify the reader that the source has ended. The reader still processes the data that exists.
+        """Notify the reader that the source has ended. The reader still processes the rest of the data.
 
-        The watcher of a proxy needs no such message, because it ends when the proxy's relay ends.
+        For a proxy, this method does nothing, because the watcher ends when the proxy's relay ends.
         """
         if self._reader is None:
             return
@@ -214,8 +219,7 @@ class TrafficFeed:
             _pipe(self._reader.stdin).flush()
 
     def report_source_problem(self, reason: str) -> None:
-        """Report the reason, one sentence, why the source might send no more traffic. "" withdraws an earlier
-        report.
+        """Report in one sentence why the source may send no more traffic; "" withdraws an earlier report.
 
         Any thread may call this method.
         """
@@ -239,7 +243,7 @@ class TrafficFeed:
 
 
 def _end_process(process: subprocess.Popen[bytes]) -> None:
-    with suppress(OSError):  # the process ended before it had read all input
+    with suppress(OSError):  # the process ended before it read all its input
         _pipe(process.stdin).close()
     process.terminate()
     try:
@@ -250,6 +254,8 @@ def _end_process(process: subprocess.Popen[bytes]) -> None:
 
 
 def _pipe(stream: IO[bytes] | None) -> Any:
-    """Return the pipe of a process, which is never None here because each process is started with pipes."""
+    """Return the pipe of a process. The pipe is never None, because bcapscope starts each process with
+    pipes.
+    """
     assert stream is not None
     return stream

@@ -63,7 +63,9 @@ class TrafficPublisher:
         self._last_analysis_count = 0
 
     def load_diagnosis(self) -> RunningDiagnosis:
-        """Return the diagnosis of the traffic; loading it at the start would delay the first frames."""
+        """Return the diagnosis of the traffic. The diagnosis is loaded only when it is first needed, because
+        loading at the start would delay the first frames.
+        """
         if self._diagnosis is None:
             from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415
 
@@ -82,7 +84,9 @@ class TrafficPublisher:
         self._last_flush = time.monotonic()
 
     def report_if_due(self, end_time: int) -> None:
-        """Report progress, and less often the analysis, of the traffic until `end_time` (ns since 1970)."""
+        """If enough time has passed, report progress and, less often, the analysis of the traffic until
+        `end_time` (ns since 1970).
+        """
         now = time.monotonic()
         if now - self._last_flush < FLUSH_INTERVAL:
             return

@@ -1,8 +1,8 @@
 """Publishes traffic from the watcher of a proxy to the screen that started the proxy.
 
-The screen reads the proxy's frames and calls from files, like those of the reader process. The watcher's
-reports go to the standard output of the relay. The relay writes its addresses to standard output before it
-accepts clients, so the addresses come before all reports.
+The screen reads the proxy's frames and calls from the same kinds of files that the reader process writes. The
+watcher's reports go to the standard output of the relay. The relay writes its addresses to standard output
+before it accepts clients, so the addresses come before all reports.
 """
 
 from __future__ import annotations
@@ -30,8 +30,7 @@ _SENT_WITHIN = 2.0
 
 
 class ReportSender:
-    """Sends reports in a separate thread, so that the watcher does not wait when a screen stops reading
-    them.
+    """Sends reports in a separate thread, so that the watcher need not wait for a screen that reads slowly.
 
     A newer report replaces a report of the same kind that has not been sent yet.
     """
@@ -46,7 +45,8 @@ class ReportSender:
 
     def send(self, report: ReadProgress | TrafficAnalysis) -> None:
         with self._changed:
-            self._waiting.pop(type(report), None)  # removed first, so that the new report is sent last
+            # removing the old report first makes the new report the last in the queue
+            self._waiting.pop(type(report), None)
             self._waiting[type(report)] = report
             self._changed.notify()
 
@@ -87,12 +87,12 @@ class WatcherPublisher:
         self._has_ended, self._problem = False, ""
 
     def on_frame(self, observation: Observation, note: str) -> None:
-        """Publish a frame; `note` says what a proxy rule did to the frame, or is ""."""
+        """Publish a frame. `note` says what the proxy did to the frame; "" for nothing."""
         kind = self._call_kind_of(observation)
         self._publish(self._publisher.journal.add, observation, kind, (note,) if note else ())
 
     def report_if_due(self, client_count: int) -> None:
-        """Report what is new, if enough time has passed since the last report."""
+        """Report new traffic, if enough time has passed since the last report."""
         self._client_count = client_count
         if client_count:
             self._publish(self._publisher.report_if_due, 0)
@@ -109,8 +109,8 @@ class WatcherPublisher:
         self._publisher.report_end(end_time)
 
     def _publish(self, action: Callable[..., object], *arguments: object) -> None:
-        """Run an action that publishes traffic. After the first error, report the error and publish nothing
-        further.
+        """Run an action that publishes traffic. If the action fails, report the error and publish nothing
+        more.
         """
         if self._has_ended:
             return

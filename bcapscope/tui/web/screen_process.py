@@ -12,14 +12,15 @@ from textual_serve.app_service import AppService
 from textual_serve.download_manager import DownloadManager
 
 ENDS_WITHIN = 13.0
-"""Maximum time in seconds that a screen process may take to end. After this time, the process is killed.
+"""Maximum time in seconds that a screen process may take to end. After this time, the server kills the
+process.
 
-The time is longer than `tui.app.CLOSE_TIMEOUT`, within which the process releases what it opened.
+The time is longer than `tui.app.CLOSE_TIMEOUT`, within which the process closes everything that it opened.
 """
 
 RELOAD_WITHIN = 2.0
-"""Time in seconds that a new viewer waits for a seat. A page that was reloaded may still occupy its old
-seat.
+"""Maximum time in seconds that a new viewer waits for a seat. When a viewer reloads the page, the viewer's
+old seat becomes free only after some time.
 """
 
 _KILLED_WITHIN = 2.0
@@ -32,7 +33,7 @@ class NoSeat(Exception):
 class ViewerSeats:
     """Limits the viewers of a served screen: each viewer occupies one of a fixed number of seats.
 
-    `ending` is the number of seats whose screen process is ending, so that they become free soon.
+    `ending` is the number of seats that become free soon, because their screen process is ending.
     """
 
     def __init__(self, count: int) -> None:
@@ -41,7 +42,7 @@ class ViewerSeats:
 
     @asynccontextmanager
     async def taken(self) -> AsyncIterator[None]:
-        """Occupy a seat while the `with` block runs; raises `NoSeat` if no seat becomes free in time."""
+        """Occupy a seat while the `with` block runs. Raise `NoSeat` if no seat becomes free in time."""
         if not await self._acquire(RELOAD_WITHIN) and not (
             self.ending and await self._acquire(ENDS_WITHIN + _KILLED_WITHIN)
         ):
@@ -61,8 +62,8 @@ class ViewerSeats:
 class ScreenProcess(AppService):
     """A `bcapscope tui` process that draws the screen through a websocket.
 
-    The process runs in a separate process session. Ctrl-C therefore reaches only the parent process, which
-    ends the screen process in order, so that the screen process can release the robot.
+    The process runs in a separate process group. Ctrl-C therefore reaches only the parent process. The parent
+    ends the screen process cleanly, so that the screen process can release the robot.
     """
 
     def __init__(
@@ -75,9 +76,9 @@ class ScreenProcess(AppService):
         """Prepare the process.
 
         Args:
-            write_bytes: Function that sends drawing data to the page and never raises, because unread output
-                would block the process.
-            write_str: Function that sends messages to the page and never raises.
+            write_bytes: Function that sends drawing data to the page. `write_bytes` must not raise an
+                exception, because unread output would then block the process.
+            write_str: Function that sends messages to the page. `write_str` must not raise an exception.
         """
         super().__init__(
             subprocess.list2cmdline(argv),
@@ -108,7 +109,7 @@ class ScreenProcess(AppService):
             await self._process.wait()
 
     async def stop(self) -> None:
-        """End the process in order; kill the process if ending takes longer than `ENDS_WITHIN` seconds."""
+        """End the process cleanly; kill it if ending takes longer than `ENDS_WITHIN` seconds."""
         task, self._task = self._task, None
         process = self._process
         if task is None or process is None:
@@ -121,6 +122,6 @@ class ScreenProcess(AppService):
             with suppress(ProcessLookupError):
                 process.kill()
             await process.wait()
-        with suppress(TimeoutError):  # a child of the killed process may still hold its output open
+        with suppress(TimeoutError):  # a child of the killed process may still hold the output open
             async with asyncio.timeout(_KILLED_WITHIN):
                 await task

@@ -2,8 +2,8 @@
 
 The address that bcapscope prints contains a token. The printed address opens a page that sets a cookie and
 forwards to a secret path. All other pages are below the secret path and need the cookie. Browsers send a
-cookie to every port of a host. A server of another user on the same host could collect the cookie. The cookie
-is limited to the secret path, so browsers do not send it to such servers.
+cookie to every port of a host, so another user's server on the same host could collect the cookie. Therefore
+bcapscope limits the cookie to the secret path, which other servers do not know.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ TOKEN = "token"
 
 _HTTP_PORT = 80
 _NOT_FROM_OTHER_PAGES = ("", "none", "same-origin")
-"""Accepted values of the header Sec-Fetch-Site. The values mean a typed address or a bookmark, bcapscope's
-own page, or a missing header.
+"""Accepted values of the header Sec-Fetch-Site. The values mean, in this order: the header is missing; the
+user typed the address or used a bookmark; the request is from bcapscope's own page.
 """
 
 
@@ -50,9 +50,9 @@ class WebGate:
     """The secrets of one served screen, and the check whether a request contains these secrets.
 
     Attributes:
-        authority: Host and port of the server, as in Host headers.
+        authority: Host and port of the server, in the form of the Host header.
         origin: The only origin that may send requests, such as `http://127.0.0.1:8000`.
-        entry_url: Address that the user opens, with the token.
+        entry_url: Address with the token, which the user opens.
         base_path: Secret path of all pages except the entry page, without a slash at the end.
         cookie: Value of the cookie `COOKIE` that grants access below `base_path`.
     """

@@ -25,26 +25,26 @@ from bcapscope.tui.web.screen_process import ENDS_WITHIN, NoSeat, ScreenProcess,
 from bcapscope.tui.web.web_gate import COOKIE, TOKEN, WebGate, WebRequest
 
 PROVES_WITHIN = 10.0
-"""Maximum time in seconds that a connection may last without a request that passes the access check."""
+"""Maximum age in seconds of a connection without a request that passed the access check."""
 
 MAX_UNPROVED = 64
-"""Maximum number of connections without a request that passed the access check. The oldest connection is
-closed first.
+"""Maximum number of connections without a request that passed the access check. Beyond this limit, the server
+closes the oldest of these connections.
 
-A browser opens at most six connections.
+One browser opens at most six connections.
 """
 
 HEARTBEAT = 4.0
 """Seconds between two pings to a viewer.
 
-A viewer that does not answer within half of this time counts as gone.
+If a viewer does not answer within half of this time, the server closes the connection.
 """
 
 _LARGEST_MESSAGE = 1 << 20
-"""Maximum size in bytes of a message from a page; pasted text is the largest message."""
+"""Maximum size in bytes of a message from a page. The largest messages contain pasted text."""
 
 _LARGEST_SIZE = 1000
-"""Maximum number of columns or lines of a screen; no display shows more."""
+"""Maximum number of columns or lines of a screen. No real display has more."""
 
 _BUSY_PATH = "/busy"
 
@@ -63,7 +63,7 @@ class WebServer:
 
         Args:
             listening: Socket that listens on a loopback address; `run` closes the socket.
-            viewers: Maximum number of viewers; each gets a separate process.
+            viewers: Maximum number of viewers. Each viewer gets a separate screen process.
         """
         address = Endpoint(*listening.getsockname()[:2])
         self.gate = WebGate(address)
@@ -73,12 +73,11 @@ class WebServer:
         self._seats = ViewerSeats(viewers)
         self._websockets: set[web.WebSocketResponse] = set()
         self._connections: WebConnections | None = None
-        # textual-serve renders the page. textual-serve does nothing else here: this module controls access,
-        # processes and logging.
+        # textual-serve only renders the page, because this module controls access, processes and logging.
         self._pages = Server("", address.host, address.port, "bcapscope", self.gate.origin)
 
     async def run(self, on_listening: Callable[[], None]) -> None:
-        """Serve until SIGINT or SIGTERM, then end every screen process in order."""
+        """Serve until SIGINT or SIGTERM, then end every screen process cleanly."""
         runner = web.AppRunner(
             self._application(),
             access_log=None,  # the access log would contain the token
@@ -162,8 +161,8 @@ class WebServer:
     async def _entry_page(self, request: web.Request) -> web.Response:
         """Set the cookie and forward to the secret path, so that the address bar loses the token.
 
-        The page does not use a redirect. If the user clicked a link on another page, the browser would not
-        send the cookie after a redirect.
+        The page forwards with a meta tag instead of a redirect. After a click on a link in another page, the
+        browser would not send the cookie with a redirected request.
         """
         head = f'<meta http-equiv="refresh" content="0; url={self.gate.base_path}/">'
         body = f'<p><a style="color: #9cf" href="{self.gate.base_path}/">Open the screen</a></p>'
@@ -295,7 +294,7 @@ class _OneLineHandler(logging.Handler):
 
 
 def _one_line_logger() -> logging.Logger:
-    """Attach the one-line handler to the loggers of aiohttp and asyncio, which must not log the token."""
+    """Make the loggers of the web server print errors in one line each, so that the token is not logged."""
     for name in ("aiohttp", "asyncio", "textual-serve"):
         logger = logging.getLogger(name)
         logger.handlers = [_OneLineHandler(logging.WARNING)]
@@ -304,7 +303,9 @@ def _one_line_logger() -> logging.Logger:
 
 
 class WebConnections:
-    """Creates the protocol object of each connection, and ends connections that do not send the secret."""
+    """Creates the protocol object of each connection, and ends connections whose requests do not pass the
+    access check in time.
+    """
 
     def __init__(self, server: web.Server) -> None:
         self._server = server
@@ -319,7 +320,7 @@ class WebConnections:
         return handler
 
     def mark_proved(self, handler: RequestHandler) -> None:
-        """Keep a connection, because one of its requests has passed the access check."""
+        """Keep a connection open, because one of its requests has passed the access check."""
         timer = self._unproved.pop(handler, None)
         if timer is not None:
             timer.cancel()

@@ -1,4 +1,4 @@
-"""Bars of one line, in which a click on a text runs the action of that text."""
+"""Bars of one line. A click on a text in a bar runs the action of this text."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from bcapscope.tui.reader_language import label
 
 
 class ClickBar(Widget):
-    """Base class of the bars. A subclass renders its texts in the styles that `style_for` returns."""
+    """Base class of the bars. A subclass renders each text in a style that `style_for` returns."""
 
     auto_links = var(False)
-    """Textual's own link style is off, because it would draw clickable text in other colours."""
+    """Textual's own link style is off, because this style would draw clickable text in other colours."""
 
     def style_for(self, name: str, action: str) -> Style:
         """Return the style of the component class `name` for a text. A click on the text runs `action`."""
@@ -32,7 +32,9 @@ class ClickBar(Widget):
 
 
 class TopBar(ClickBar):
-    """Shows the screens with their keys, and `BcapApp.status` at the right; a click opens a screen."""
+    """Shows the screens with their keys, and `BcapApp.status` at the right. A click on a screen opens this
+    screen.
+    """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"topbar--title", "topbar--here", "topbar--there"}
 
@@ -43,7 +45,7 @@ class TopBar(ClickBar):
         self.refresh()
 
     def render(self) -> RenderResult:
-        """Render the bar. If there is no room for both screens and status, show the status."""
+        """Render the bar. If the screens and the status do not both fit, cut off the screens."""
         app = app_of(self)
         status = Text.assemble(*((text, app.text_styles.get(ink, "")) for text, ink in app.status))
         left = Text(" bcapscope ", style=self.get_component_rich_style("topbar--title"), end="")
@@ -62,7 +64,7 @@ _ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")
 
 
 class KeyBar(ClickBar):
-    """Shows as many keys and actions as fit, beginning with those of the focused widget. A click runs the
+    """Shows as many keys and actions as fit, beginning with the keys of the focused widget. A click runs the
     action.
     """
 
@@ -97,12 +99,14 @@ class KeyBar(ClickBar):
 
 
 class ViewBar(ClickBar):
-    """Shows the views with keys and counts, and the progress at the right; a click shows a view."""
+    """Shows the views with their keys and counts, and the progress at the right. A click on a view shows this
+    view.
+    """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {f"viewbar--{part}" for part in ("here", "there", "key", "state")}
 
     def __init__(self, views: Mapping[str, str], *, id: str | None = None) -> None:
-        """`views` has the label id of each view's name, by view."""
+        """`views` maps each view to the label id of its name."""
         super().__init__(id=id)
         self._views = views
         self._current_view = ""
@@ -110,15 +114,15 @@ class ViewBar(ClickBar):
         self._states: Sequence[str] = ()
 
     def show_counts(self, current_view: str, counts: Mapping[str, str], states: Sequence[str]) -> None:
-        """Show which view is visible, and the count of each view. Of several state texts, show the first that
-        fits.
+        """Show which view is visible, and the count of each view. Also show the first of the texts `states`
+        that fits.
         """
         if (current_view, counts, states) != (self._current_view, self._counts, self._states):
             self._current_view, self._counts, self._states = current_view, counts, states
             self.refresh()
 
     def render_line(self, y: int) -> Strip:
-        """Render the bar, and omit texts that do not fit."""
+        """Render the bar without the texts that do not fit."""
         width = self.size.width
         bar: list[Segment] = []
         for number, (view, name) in enumerate(self._views.items(), 1):

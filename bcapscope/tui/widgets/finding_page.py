@@ -40,7 +40,9 @@ class FindingPage(ItemList[tuple[str, int]]):
             self._update_lines()
 
     def current_finding(self) -> int | None:
-        """Return the number, from 1, of the finding at or below the cursor; None without findings."""
+        """Return the number of the finding under the cursor; 1 if the cursor is on the summary; None without
+        findings.
+        """
         return (self.current_item[1] or 1) if self.current_item and self._analysis.findings else None
 
     def go_to_finding(self, number: int) -> None:

@@ -32,14 +32,14 @@ _SIDEWAYS_COLUMNS = 8
 
 
 class Lines(ScrollView, can_focus=True):
-    """A list with a cursor; a subclass defines `count` and `line`.
+    """A list with a cursor. A subclass defines `count` and `line`.
 
-    A subclass calls `reset_lines` when its lines have changed, and `lines_added` when it has new lines. The
-    list has no border and no padding, because `render_lines` would not draw them.
+    A subclass calls `reset_lines` if its lines have changed, and `lines_added` if it only has new lines. The
+    list has no border and no padding, because `render_lines` draws neither.
 
     Attributes:
         cursor: Index of the line under the cursor; 0 if the list is empty.
-        follows_end: Whether a cursor on the last line follows new lines.
+        follows_end: Whether the cursor moves to new lines if it is on the last line.
         highlights_cursor_line: Whether the line under the cursor has a different colour.
     """
 
@@ -62,7 +62,7 @@ class Lines(ScrollView, can_focus=True):
 
     @dataclass
     class Moved(Message):
-        """The cursor moved to another line, or the line under the cursor was replaced."""
+        """The cursor moved to another line, or a new line replaced the line under the cursor."""
 
         lines: Lines
         index: int
@@ -103,8 +103,8 @@ class Lines(ScrollView, can_focus=True):
         self._post_moved()
 
     def lines_added(self) -> None:
-        """Show new lines. If `follows_end` is set and the cursor is on the last line, move it to the new last
-        line.
+        """Show new lines. If `follows_end` is set and the cursor is on the last line, move the cursor to the
+        new last line.
         """
         before, count = self._known_count, self.count
         if count == before:
@@ -121,7 +121,7 @@ class Lines(ScrollView, can_focus=True):
     def _update_extent(self) -> None:
         """Update the total size and the scroll bar.
 
-        Assigning `virtual_size` would lay out the whole screen each time.
+        An ordinary assignment to `virtual_size` would make Textual lay out the whole screen each time.
         """
         size = Size(max(self._width, self.size.width), max(self._known_count, self.size.height))
         if size != self.virtual_size:
@@ -164,7 +164,7 @@ class Lines(ScrollView, can_focus=True):
     def render_lines(self, crop: Region) -> list[Strip]:
         """Return the visible lines, most of them from the cache.
 
-        Textual's own method would draw every line again after scrolling by one line.
+        Textual's own method would draw every line again when the user scrolls by one line.
         """
         look = self.background_colors[1], tuple(self.get_line_filters())
         if look != (self._background, self._filters):
@@ -189,8 +189,8 @@ class Lines(ScrollView, can_focus=True):
         return strip
 
     def line_state(self, index: int) -> str:
-        """Return a text that changes when a line must look different, although neither `reset_lines` nor
-        `repaint` was called.
+        """Return a text that describes how a line looks. If this text changes, the list draws the line again,
+        even without `reset_lines` or `repaint`.
         """
         return ""
 
@@ -208,7 +208,8 @@ class Lines(ScrollView, can_focus=True):
         return Strip(drawn, max(length, x + width)).crop(x, x + width)
 
     def _line_styles(self, cursor_state: str) -> Styles:
-        """Return the styles for pieces of a line, by style name. The style of the whole line has the name "".
+        """Return the styles for pieces of a line, by style name. The name "" stands for the style of the
+        whole line.
 
         Args:
             cursor_state: "cursor" or "blurred" for the line under the cursor, "" for any other line.
@@ -276,7 +277,7 @@ class Lines(ScrollView, can_focus=True):
             self.post_message(self.Chosen(self, self.cursor))
 
     def on_click(self, event: Click) -> None:
-        """Move the cursor to the clicked line; if the cursor was already on that line, choose the line."""
+        """Move the cursor to the clicked line. A double click chooses the line."""
         offset = event.get_content_offset(self)
         if offset is None:
             return
@@ -292,7 +293,7 @@ T = TypeVar("T")
 
 
 class ItemList(Lines, Generic[T]):
-    """A list of items; when the items change, the cursor remains on the same item."""
+    """A list of items. When the items change, the cursor stays on the same item."""
 
     def __init__(self, empty: str = "", *, id: str | None = None) -> None:
         """Create an empty list; `empty` is the label id of the line that an empty list shows."""
@@ -305,7 +306,7 @@ class ItemList(Lines, Generic[T]):
         """Return the line of an item, rendered with `ink.INK`."""
 
     def key_of(self, item: T) -> object:
-        """Return what identifies an item; None if only its position identifies the item."""
+        """Return a value that identifies the item; None if only its position identifies the item."""
         return None
 
     def show_items(self, items: Sequence[T]) -> None:

@@ -1,5 +1,5 @@
-"""Show a frame as a tree and as bytes, side by side. The selected field is highlighted in the tree and in the
-bytes.
+"""Show a frame as a tree and as bytes, side by side. The tree and the bytes both highlight the selected
+field.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ MAX_ROWS = 20_000
 _NAME_WIDTH = 18
 _NARROW_NAME, _NARROW_TREE = 14, 44
 _FOLDED_AT_FIRST = 6
-"""A branch with at most this number of rows is folded at first, because the branch's own row shows the
-content.
+"""A branch with at most this number of rows is folded at first, because the branch's first row already shows
+the content.
 """
 
 
@@ -40,7 +40,7 @@ class _Entry(NamedTuple):
 
     Attributes:
         row: Row of the section; None for the caption.
-        stop: Index after the last entry in the branch of this entry.
+        stop: Index of the first entry after the branch that begins with this entry.
     """
 
     section: int
@@ -49,7 +49,7 @@ class _Entry(NamedTuple):
 
 
 class FieldTree(Lines):
-    """Shows the fields of a frame; the left and right keys fold and unfold branches."""
+    """Shows the fields of a frame as a tree. The left and right keys fold and unfold branches."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "fold", "tree.fold", show=False),
@@ -101,7 +101,7 @@ class FieldTree(Lines):
 
     @property
     def offset_in_frame(self) -> int:
-        """Offset in the frame of the first byte of the field under the cursor; 0 if there is no field."""
+        """Offset of the field under the cursor from the start of the frame; 0 if there is no field."""
         row = self._entries[self._visible[self.cursor]].row if self._visible else None
         return 0 if row is None else row.start
 
@@ -146,7 +146,7 @@ class FieldTree(Lines):
         self.reset_lines()
 
     def _is_short_branch(self, at: int) -> bool:
-        """Return whether a branch is folded at first, because it is short and contains no problem."""
+        """Return whether to fold a branch at first, because it is short and contains no problem."""
         _, row, stop = self._entries[at]
         if row is None or row.depth or row.kind is not FieldRowKind.FIELD or stop - at - 1 > _FOLDED_AT_FIRST:
             return False
@@ -190,13 +190,15 @@ class FieldTree(Lines):
                 self._set_folded(at, at not in self._folded)
 
     def action_full(self) -> None:
-        """Switch between showing all elements and characters, and showing only the first of them."""
+        """Switch between showing all elements and characters of long values, and showing only the first."""
         self._full = not self._full
         self._rebuild()
 
 
 def _make_entries(section: int, found: list[FieldRow], first: int) -> list[_Entry]:
-    """Return tree entries for the rows of a section. `first` is the index of the first new entry."""
+    """Return tree entries for the rows of a section. `first` is the index that the first of these entries
+    will have in the tree.
+    """
     stops = [0] * len(found)
     open_rows: list[int] = []
     for index, row in enumerate(found):
@@ -274,7 +276,9 @@ class HexView(Lines):
         return bool(caption) - (-len(body) // self._per_line)
 
     def _locate_line(self, index: int) -> tuple[int, int]:
-        """Return the section at a line, and the number of the row in the section; -1 for the caption."""
+        """Return the section at a line, and the index of the row in the section; -1 if the line is the
+        caption.
+        """
         section = 0
         while index >= self._section_height(section):
             index -= self._section_height(section)
@@ -382,16 +386,16 @@ class PacketView(Horizontal, PlainContainer):
     """
 
     def compose(self) -> ComposeResult:
-        """Put the tree and the bytes side by side. The line between tree and bytes is a widget, which Textual
-        draws only once.
+        """Put the tree and the bytes side by side. The vertical line between tree and bytes is a widget,
+        because Textual draws a widget only once.
         """
         yield FieldTree(id="fields")
         yield Container(classes="edge")
         yield HexView(id="bytes")
 
     def show_packet(self, observation: Observation | None, call_kind: CallKind | None = None) -> None:
-        """Show an observation, or nothing; `call_kind` is the function and command of the request that a
-        reply answers.
+        """Show an observation; if `observation` is None, show nothing. For a reply, `call_kind` is the
+        function and command of its request.
         """
         found = () if observation is None else frame_sections(observation, call_kind)
         self.query_one(HexView).show_sections(found)
@@ -399,7 +403,7 @@ class PacketView(Horizontal, PlainContainer):
             self.query_one(FieldTree).show_sections(found)
 
     def on_resize(self, event: Resize) -> None:
-        """Give the bytes the columns that they need, and give the tree the rest."""
+        """Give the view of the bytes the columns that it needs, and give the tree the rest."""
         scrollbar, edge = 1, 1
         wide = width_for(PER_LINE) + scrollbar
         fits = event.size.width - edge - wide >= _TREE_AT_LEAST

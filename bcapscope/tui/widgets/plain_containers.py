@@ -10,11 +10,11 @@ from textual.widgets import ContentSwitcher
 
 
 class PlainContainer(Widget):
-    """A container without border, padding and scroll bars, of which only the children are visible.
+    """A container without border, padding and scroll bars. Only the children of the container are visible.
 
-    Textual draws each line of an ordinary container, even if children cover the line. Drawing the covered
-    lines took a third of the time of a terminal resize. A subclass must name another base before this class,
-    because Textual takes styles from the first base only.
+    Textual draws each line of an ordinary container, even if children cover the line. Drawing these covered
+    lines took a third of the time that Textual needs after a resize of the terminal. A subclass must list
+    another base class before this class, because Textual takes styles from the first base class only.
     """
 
     def render_lines(self, crop: Region) -> list[Strip]:
@@ -27,7 +27,9 @@ class PlainContainer(Widget):
     def _size_updated(
         self, size: Size, virtual_size: Size, container_size: Size, layout: bool = True
     ) -> bool:
-        """Skip the second layout pass after a new size; this overrides a private method of Textual."""
+        """Skip the second layout pass after a change of size. This method overrides a private method of
+        Textual.
+        """
         return super()._size_updated(size, virtual_size, container_size, layout=False)
 
 
@@ -36,4 +38,4 @@ class PlainVertical(Vertical, PlainContainer):
 
 
 class Switcher(ContentSwitcher, PlainContainer):
-    """A container that shows one of its widgets at a time."""
+    """A container that shows one of its children at a time."""

@@ -1,6 +1,4 @@
-"""Lists of frames and of calls: a row is drawn only when it is visible, so that a list with a million rows is
-fast.
-"""
+"""Lists of frames and of calls. Only visible rows are drawn, so that a list with a million rows is fast."""
 
 from __future__ import annotations
 
@@ -55,7 +53,9 @@ class RecordList(Lines):
 
     @abstractmethod
     def use_format(self, clock: TimeFormat, write_endpoints: EndpointWriter, origin: int) -> None:
-        """Choose the format of lines that are rendered from now on. Relative times count from `origin`."""
+        """Set the format of the lines that are rendered after this call. Relative times count from
+        `origin`.
+        """
 
     def set_line_format(self, clock: TimeFormat, with_client: bool, origin: int) -> None:
         """Set the format of times, and whether lines show the client. Relative times count from `origin`."""
@@ -66,7 +66,9 @@ class RecordList(Lines):
 
     @property
     def client_header(self) -> str:
-        """Header of the columns for client and arrow; "" if lines do not show the client."""
+        """Header of the columns for the client and the direction arrow; "" if lines do not show the
+        client.
+        """
         return f"{left_aligned(label('traffic.head.client'), 21)}   " if self._shows_client else ""
 
     @abstractmethod
@@ -87,9 +89,7 @@ class RecordList(Lines):
         return row if self.matches is None or number in self.matches[row : row + 1] else None
 
     def nearest_row(self, number: int) -> int:
-        """Return the row of a record; if the filter hides the record, return the row of the next record that
-        the filter shows.
-        """
+        """Return the row of a record or, if the filter hides the record, of the next visible record."""
         return number - 1 if self.matches is None else bisect_left(self.matches, number)
 
 
@@ -104,8 +104,8 @@ def right_aligned(text: str, width: int) -> str:
 
 
 MARKED, RELATED, EVIDENCE = "●", "┃", "◆"
-"""Marks before a frame. The marks mean: marked by the user, part of the call under the cursor, and proof of a
-finding.
+"""Marks before a frame. Marks of a frame that the user marked, of a frame of the call under the cursor, and
+of a frame that proves a finding.
 """
 
 
@@ -113,7 +113,8 @@ class FrameList(RecordList):
     """Shows the frames of the journal that `open_journal` sets.
 
     Attributes:
-        marks: Notes by frame number; "" for a frame that the user marked without a note.
+        marks: For the number of each frame that the user marked, the user's note; "" for a mark without a
+            note.
         related: Numbers of the frames of the call under the cursor.
         evidence: Numbers of the frames that prove the selected finding.
     """
@@ -163,7 +164,7 @@ class FrameList(RecordList):
         return f"{self._gutter(number)}{self._renderer.line(frame, call_kind, comments)}"
 
     def line_state(self, index: int) -> str:
-        """Return the marks before a line, which change the line's look."""
+        """Return the marks before a line. The list draws the line again if the marks change."""
         return self._gutter(self.record_at(index))
 
     def _gutter(self, number: int) -> str:
@@ -191,7 +192,7 @@ class FrameList(RecordList):
 
 
 class CallList(RecordList):
-    """Shows the calls of the store that `open_calls` sets."""
+    """Shows the calls in a call store, which `open_calls` sets."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("right", "unfold(True)", "traffic.unfold", show=False),
@@ -229,8 +230,8 @@ class CallList(RecordList):
         self.reset_lines()
 
     def _locate_line(self, index: int) -> tuple[int, int]:
-        """Return the position of the call that a line belongs to, and which frame of the call the line shows
-        (0 for none).
+        """Return the position of the call at a line, and the number, from 1, of the call's frame at the line;
+        0 for no frame.
         """
         above = 0
         for position, extra in self._unfolded:
@@ -251,7 +252,7 @@ class CallList(RecordList):
 
     @property
     def current_call(self) -> tuple[StoredCall, int] | None:
-        """The call under the cursor, with the number of the frame under the cursor; None in an empty list."""
+        """The call under the cursor, and the number of the frame under the cursor; None in an empty list."""
         if self.cursor >= self.count:
             return None
         position, part = self._locate_line(self.cursor)

@@ -1,6 +1,4 @@
-"""A widget for rendered text in the colours of the theme, and an input line that shows what is wrong with its
-text.
-"""
+"""A widget for rendered text in the colours of the theme, and an input line that checks its text."""
 
 from __future__ import annotations
 
@@ -38,7 +36,9 @@ class InkedText(Static):
 
 
 class CheckedInput(Vertical):
-    """Checks its text while the user types, and posts messages only if the text is valid."""
+    """An input line that checks its text while the user types, and posts messages only if the text is
+    valid.
+    """
 
     @dataclass
     class Typed(Message):
@@ -55,7 +55,7 @@ class CheckedInput(Vertical):
     class Entered(Typed):
         """The user pressed Enter on valid text or an empty line.
 
-        Handlers of `Typed` receive `Entered` messages as well.
+        Because `Entered` is a subclass of `Typed`, handlers of `Typed` also receive `Entered` messages.
         """
 
     def __init__(self, name: str, parse: Callable[[str], object], hint: str, caption: str = "") -> None:
