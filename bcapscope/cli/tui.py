@@ -113,15 +113,12 @@ def command(
     cannot be used for listening, or no proxy was found; 6: a recording or temporary file cannot be written;
     9: the name of the controller is unknown.
     """
+    is_file = bool(path) and Path(path or "").exists()
     if sum((bool(path), bool(interface), proxy is not None, sim)) > 1:
         raise click.UsageError("give only one of HOST, FILE, -i, --proxy and --sim")
-    if scenario is not None and not sim:
-        raise click.UsageError("--scenario has no effect without --sim: add --sim")
+    _check_source_options(scenario, taken_at, is_simulator=sim, is_capture=is_file or bool(interface))
     if proxy is None and (listen or to or record or rules.command_line or rules.control):
         raise click.UsageError("--listen, --to, --record and rules need --proxy: add --proxy")
-    is_file = bool(path) and Path(path or "").exists()
-    if taken_at is not None and not (is_file or interface):
-        raise click.UsageError("--taken-at needs a capture: give FILE or -i")
     if serve.is_wanted:
         serve_screen(serve)
     choose_language(context, words)
@@ -139,6 +136,15 @@ def command(
             _show_tester(
                 requests, path or "", _server_port(ports), tcp=tcp, option=option, profile=profile or ""
             )
+
+
+def _check_source_options(
+    scenario: str | None, taken_at: CapturePoint | None, *, is_simulator: bool, is_capture: bool
+) -> None:
+    if scenario is not None and not is_simulator:
+        raise click.UsageError("--scenario has no effect without --sim: add --sim")
+    if taken_at is not None and not is_capture:
+        raise click.UsageError("--taken-at needs a capture: give FILE or -i")
 
 
 def _server_port(ports: tuple[int, ...]) -> int:

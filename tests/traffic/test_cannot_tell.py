@@ -28,7 +28,7 @@ from bcapscope.traffic.call import Call, FrameRole
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.handle_tracker import TrackedObject
-from bcapscope.traffic.joining.joined_observation import sighting_numbers
+from bcapscope.traffic.joining.joined_observation import JoinedObservation, sighting_numbers
 from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Direction, Observation, Transport
 from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
@@ -158,12 +158,21 @@ def test_two_places(around: Surroundings, seed: int, width: float, is_relayed: b
 
 @given(AROUND, SEEDS)
 def test_a_recording_of_a_proxy_shows_each_loss_in_the_proxy(around: Surroundings, seed: int) -> None:
-    """The proxy loses and delays frames, and nothing else does."""
+    """The proxy loses and delays frames, and nothing else does.
+
+    Frames after the last answered call may still be in the proxy when the recording ends.
+    """
     around = replace(around, place=0.0, far_place=1.0, missed=0.0, is_relayed=True)
     session = CapturedSession(around, CALLS, seed)
+    vague, answered = list[int](), 0
     for each in judged(session, None):
         check(each, session.by_serial[each.call.request.item.serial])
-        assert each.call.verdict not in (CallVerdict.CANNOT_TELL, CallVerdict.NOT_CAPTURED)
+        reply = each.call.reply
+        if isinstance(reply, JoinedObservation) and reply.at_client is not None:
+            answered = max(answered, each.call.number)
+        if each.call.verdict in (CallVerdict.CANNOT_TELL, CallVerdict.NOT_CAPTURED):
+            vague.append(each.call.number)
+    assert all(number > answered for number in vague)
 
 
 @given(st.sampled_from(["tcp0", "tcp1", "same"]), st.sampled_from([0.0, 0.1]), SEEDS)
