@@ -148,12 +148,13 @@ class Evidence:
         retries = [sent for sent in self.requests if not sent.is_first]
         by_serial = {sent.serial: sent for sent in self.requests}
         origins = [by_serial[sent.reserved] for sent in retries if sent.reserved in by_serial]
+        known = [sent for sent in retries if sent.reserved in by_serial]
         found = set()
         if all(sent.reserved == sent.serial for sent in firsts) and all(sent.is_first for sent in origins):
             found.add("own")
         if all(sent.reserved == 0 for sent in firsts):
             found |= {"seed"} if all(sent.is_first for sent in origins) else set()
-            found |= {"chain"} if all(follower(sent.reserved) == sent.serial for sent in retries) else set()
+            found |= {"chain"} if all(follower(sent.reserved) == sent.serial for sent in known) else set()
         return found
 
     def origin(self, index: int, convention: str) -> int | None:

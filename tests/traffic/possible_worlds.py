@@ -6,7 +6,8 @@ as a system of difference constraints.
 
 What the worlds of one session share, because it is a fact about the client, the network or the capture:
 
-- The convention of the reserved field. A world may have any convention that all captured requests fit.
+- The convention of the reserved field. A world may have any convention that the captured requests fit. Only
+  a retry that names a captured attempt shows whether the client names the previous one.
 - The place of capture, if it was named. At the controller, nothing is lost behind the capture. If the place
   was not named, it is on the way, and frames are lost before and behind it.
 - The longest round trip from the capture to the client and back: twice that which the client's reactions
