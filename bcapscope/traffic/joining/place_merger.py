@@ -34,8 +34,12 @@ other place captures later, such as a held message that the proxy's user release
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """When the capture of a place began and ended, ns since 1970. None means that the capture lasted from the
-    beginning, or to the end, of the traffic that is read.
+    """The time that the capture of a place covers.
+
+    Attributes:
+        begins: Time of the first packet, ns since 1970; None if the capture covers the beginning of the
+            traffic.
+        ends: Time of the last packet, ns since 1970; None if the capture covers the end of the traffic.
     """
 
     begins: int | None = None
