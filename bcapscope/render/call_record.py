@@ -152,7 +152,11 @@ def _call_object(call: Call, subject: TrackedObject | None) -> dict[str, object]
 
 
 def _place_object(seen: JoinedObservation) -> dict[str, object]:
-    near, far = (None if each is None else each.number for each in (seen.at_client, seen.at_controller))
+    near, far = (
+        # the number is 0 for a frame on the controller's leg that a running proxy does not show
+        None if each is None else each.number or None
+        for each in (seen.at_client, seen.at_controller)
+    )
     return {
         "frame": seen.number,
         "client_side": near,

@@ -300,7 +300,7 @@ class Call:
     @property
     def lost_between(self) -> tuple[JoinedObservation, ...]:
         """The frames that were lost between two places of the capture, in order of time."""
-        if not isinstance(self.request, JoinedObservation):
+        if not self.other_frames and not isinstance(self.request, JoinedObservation):
             return ()
         lost = (seen for seen in self.joined_frames if seen.was_lost_between)
         return tuple(sorted(lost, key=lambda seen: seen.time))

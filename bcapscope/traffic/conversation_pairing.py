@@ -249,16 +249,14 @@ class ConversationPairing:
 
     def _start_call(self, observation: FrameObservation, frame: Frame, number: int) -> None:
         newest = self._newest_call
-        if newest is None:
-            pass
-        elif newest.state is _ANSWERED:
+        if newest is not None and newest.state is _ANSWERED:
             if observation.time - newest.last_activity < self._crossing.considered_below_ns:
                 self._crossing.add_answered_call(newest, observation)
-        elif newest.state in AWAITING_REPLY:
+        elif newest is not None and newest.state in AWAITING_REPLY:
             if observation.time - waits_since(newest) >= SHORTEST_TIMEOUT_NS:
                 newest.abandoned_at = observation.time
                 newest.state = TRANSITIONS[newest.state, CallEvent.NEXT_CALL].state
-            else:
+            elif frame.reserved in (0, frame.serial):  # before a retry, the call began at an unknown time
                 self._crossing.ignore_reactions()
         call = Call(number, self._conversation, self._kind_of(frame), observation, self._reserved_usage)
         if frame.code == SERVICE_START:
@@ -420,7 +418,7 @@ class ConversationPairing:
         if size > LARGE_CALL and call is self._newest_call:
             self._newest_call = None
         if call.kind.function_id in OPENERS:
-            self._handles.count_skipped(call)
+            self._handles.add_call(call)
         if self._frame_indexes:
             self._frame_indexes.pop(call, None)
         frame = call.request.item
@@ -448,3 +446,5 @@ class ConversationPairing:
             settle_continuation(call, self._reserved_usage.convention, self._latest_answered)
         if not self._latest_answered and not self._response_seen:
             call.reply_missed = self._requests_only.is_proven
+        elif call.reply is None and not self._is_tcp:
+            call.reply_missed |= self._handles.prove_reply(call, self.open_calls)

@@ -137,7 +137,8 @@ class Pipeline:
     def expire(self, now: int) -> None:
         """Complete the calls to which no further frame can belong after the time `now`, ns since 1970."""
         if self._joiner is not None:
-            self._add_joined(self._joiner.expire(now))
+            self.add_joined(self._joiner.expire(now))
+            now = min(now, self._joiner.delivered_until)
         self._emit(self._tracker.expire(now))
 
     def close_conversation(self, conversation: Conversation) -> None:
@@ -159,7 +160,7 @@ class Pipeline:
                 observation.
         """
         if self._joiner is not None:
-            self._add_joined(self._joiner.close())
+            self.add_joined(self._joiner.close())
         if ended_at:
             self.expire(ended_at)
         self._emit(self._tracker.close())
@@ -183,7 +184,7 @@ class Pipeline:
 
         def add_to_joiner(observation: Observation) -> None:
             if observation.flow not in joiner.passing:
-                self._add_joined(joiner.add(observation))
+                self.add_joined(joiner.add(observation))
                 return
             # the same code as in `add`, because a call of `add` would slow down nearly all captures
             for on_frame in frame_handlers:
@@ -194,8 +195,8 @@ class Pipeline:
 
         return add_to_joiner
 
-    def _add_joined(self, observations: Sequence[Observation]) -> None:
-        """Add observations that a joiner returned."""
+    def add_joined(self, observations: Sequence[Observation]) -> None:
+        """Add the next observations, of which some may be joined from two places."""
         for observation in observations:
             if not isinstance(observation, JoinedObservation):
                 self._add(observation)

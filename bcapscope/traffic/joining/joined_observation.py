@@ -99,6 +99,21 @@ def join_sightings(
     return joined
 
 
+def numbered(joined: JoinedObservation, number: int) -> JoinedObservation:
+    """Return a joined observation that was captured only at the controller's side, with another number."""
+    assert joined.at_client is None
+    assert joined.at_controller is not None
+    return join_sightings(
+        None,
+        joined.at_controller._replace(number=number),
+        joined.flow,
+        is_missed=joined.is_missed,
+        is_relayed=joined.is_relayed,
+        note=joined.note,
+        delay_error=joined.delay_error,
+    )
+
+
 def sighting_numbers(observation: object) -> tuple[int, ...]:
     """Return the numbers of an observation at all places where it was captured."""
     if isinstance(observation, JoinedObservation):

@@ -8,7 +8,7 @@ from itertools import permutations
 from bcapscope.traffic.joining.captured_twins import CapturedTwins, CaptureSide
 from bcapscope.traffic.joining.delivery_queue import DeliveryQueue
 from bcapscope.traffic.joining.joined_observation import CapturePlace
-from bcapscope.traffic.joining.place_merger import JOIN_WITHIN_NS, NO_COMMENTS, PlaceMerger
+from bcapscope.traffic.joining.place_merger import JOIN_WITHIN_NS, PlaceMerger
 from bcapscope.traffic.joining.twin_recognition import (
     ENOUGH_CALLS,
     NestedCalls,
@@ -112,10 +112,11 @@ class Joiner:
     Attributes:
         passing: Flows whose observations never wait, because their conversation is not the leg of a proxy.
             Callers need not add the observations of the flows in `passing`.
+        delivered_until: Time up to which all observations were returned, ns since 1970.
     """
 
     def __init__(
-        self, comments: Mapping[int, tuple[str, ...]] = NO_COMMENTS, only: CapturePlace | None = None
+        self, comments: Mapping[int, tuple[str, ...]] | None = None, only: CapturePlace | None = None
     ) -> None:
         """Start without conversations.
 
@@ -125,7 +126,8 @@ class Joiner:
                 has no second leg, its observations are always returned.
         """
         self.passing: set[Flow] = set()
-        self._comments = comments
+        self.delivered_until = 0
+        self._comments = {} if comments is None else comments
         self._only = only
         self._hidden: set[Conversation] = set()
         self._single_flows: set[Flow] = set()
@@ -199,7 +201,7 @@ class Joiner:
                 is_relayed=twins.is_relayed,
                 coverage=twins.coverage,
                 clock_error=twins.clock_error,
-                comments=self._comments,
+                notes_of=self._comments_on,
             )
         elif twins.is_relayed and merger.conversation.controller_leg is None:
             merger.conversation.controller_leg = conversation
@@ -295,7 +297,7 @@ class Joiner:
         conversation.controller_leg = controller_side.conversation
         if len(self._mergers) >= 2 * MAX_JOINED:
             self._stop_joining(next(iter(self._mergers.values()))[0])
-        merger = PlaceMerger(conversation, self._queue.add, comments=self._comments)
+        merger = PlaceMerger(conversation, self._queue.add, notes_of=self._comments_on)
         places = {twin.conversation: place for twin, place in zip(twins, CapturePlace, strict=True)}
         for leg, place in places.items():
             self._mergers[leg] = merger, place
@@ -390,6 +392,7 @@ class Joiner:
                 del self._busy[merger]
             else:
                 until = min(until, pending - 1)
+        self.delivered_until = until
         due = self._queue.pop_until(until)
         if not self.passing:
             self._update_passing()
@@ -407,6 +410,9 @@ class Joiner:
             self._decide(next(iter(self._new.values())))
         for merger in self._distinct_mergers():
             merger.close()
+
+    def _comments_on(self, observation: Observation) -> tuple[str, ...]:
+        return self._comments.get(observation.packet, ())
 
     def _update_passing(self) -> None:
         is_idle = not (self._new or self._mergers or self._queue)

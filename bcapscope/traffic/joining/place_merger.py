@@ -5,7 +5,7 @@ sightings.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -30,8 +30,6 @@ MAX_OVERDUE = 256
 """Maximum number of lost frames that are remembered. The merger can then recognise a lost frame that the
 other place captures later, such as a held message that the proxy's user released.
 """
-
-NO_COMMENTS: Mapping[int, tuple[str, ...]] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +75,7 @@ class PlaceMerger:
         is_relayed: bool = True,
         coverage: tuple[Coverage, Coverage] = (Coverage(), Coverage()),
         clock_error: int = 0,
-        comments: Mapping[int, tuple[str, ...]] = NO_COMMENTS,
+        notes_of: Callable[[Observation], Iterable[str]],
     ) -> None:
         """Start without observations.
 
@@ -87,14 +85,14 @@ class PlaceMerger:
             is_relayed: Whether a proxy is between the places.
             coverage: When the capture of each place began and ended.
             clock_error: Uncertainty of the difference between the clocks of both places, ns.
-            comments: For each packet number, the comments on the packet.
+            notes_of: Function that returns the notes on a sighting. A proxy notes what it changed.
         """
         self.conversation = conversation
         self._deliver = deliver
         self._is_relayed = is_relayed
         self._coverage = coverage
         self._clock_error = clock_error
-        self._comments = comments
+        self._notes_of = notes_of
         self._flows = {direction: Flow(conversation, direction) for direction in Direction}
         self._known_flows: set[Direction] = set()
         self._pending: deque[_Waiting] = deque()
@@ -258,13 +256,8 @@ class PlaceMerger:
         return True
 
     def _note_on(self, *observations: Observation) -> str:
-        """Return the comments on the packets of a frame. The proxy notes its changes to the frame in these
-        comments.
-        """
-        if not self._comments:
-            return ""
-        notes = dict.fromkeys(note for each in observations for note in self._comments.get(each.packet, ()))
-        return "; ".join(notes)
+        """Return the notes on the sightings of a frame, each note once."""
+        return "; ".join(dict.fromkeys(note for each in observations for note in self._notes_of(each)))
 
 
 def _serial_of(observation: Observation) -> int | None:

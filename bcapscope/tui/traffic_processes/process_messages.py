@@ -17,6 +17,7 @@ from bcapscope.analysis.finding import TrafficTotals
 from bcapscope.capture.append_log import write_all
 from bcapscope.messages import Language, Message, MessageFormatter
 from bcapscope.render.escape import printable
+from bcapscope.traffic.capture_point import CapturePoint
 
 _NICE = 5
 _LENGTH_PREFIX = struct.Struct("<I")
@@ -39,6 +40,7 @@ class ReadJob(msgspec.Struct, frozen=True, kw_only=True):
         leg: Beginning of the names of the capture interfaces to read; "" reads all interfaces.
         language: Language of rendered lines, ``en`` or ``ja``.
         own_clients: Whether bcapscope itself is the client, which remains connected even while it is silent.
+        taken_at: Where the capture was taken; None to infer the place from the traffic.
         folder: Empty folder for the journal.
     """
 
@@ -49,6 +51,7 @@ class ReadJob(msgspec.Struct, frozen=True, kw_only=True):
     leg: str = ""
     language: str = "en"
     own_clients: bool = False
+    taken_at: CapturePoint | None = None
     folder: str = ""
 
 

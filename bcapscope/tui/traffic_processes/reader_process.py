@@ -113,7 +113,8 @@ class TrafficReader:
         """
         if self._pipeline is None:
             joiner = Joiner(self._observer.comments)
-            self._pipeline = Pipeline(*self._publisher.subscribers(), joiner=joiner)
+            subscribers, taken_at = self._publisher.subscribers(), self._job.taken_at
+            self._pipeline = Pipeline(*subscribers, joiner=joiner, taken_at=taken_at)
             self._analyse = self._pipeline.add
             for observation in self._undiagnosed:
                 self._analyse(observation)
