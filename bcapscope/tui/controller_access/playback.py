@@ -114,8 +114,9 @@ def prepare_trajectory(settings: PlaybackSettings, type_name: str) -> PreparedTr
     Args:
         type_name: Type of the robot; empty if unknown.
 
-    Raises: TrajectoryError: The file contains no trajectory that can be played. ValueError: The limits are
-        invalid.
+    Raises:
+        TrajectoryError: The file contains no trajectory that can be played.
+        ValueError: The limits are invalid.
     """
     found = read_trajectories(settings.path)
     if not 1 <= settings.index <= len(found):
@@ -194,7 +195,7 @@ class PlayerSlot:
 
 
 MAX_SAMPLES = 600
-"""Number of readings that the plots show. With twenty readings per second, they last half a minute."""
+"""Number of readings that the plots show. With twenty readings per second, these readings cover half a minute."""
 
 
 @dataclass(slots=True)

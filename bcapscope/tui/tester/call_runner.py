@@ -168,7 +168,7 @@ class CallRunner:
         return found
 
     async def _run_reported(self, result_display: ResultDisplay, step: CallStep) -> bool:
-        """Run a function that makes calls, and show the outcome in a widget. If the step needs arming, ask
+        """Run `step`, which makes calls, and show the outcome in a widget. If `step` needs arming, ask
         the user to arm first. Return whether the step ran.
         """
         result_display.show_pending()
