@@ -195,7 +195,7 @@ class PlayerSlot:
 
 
 MAX_SAMPLES = 600
-"""Number of readings that the plots show. With twenty readings per second, these readings cover half a minute."""
+"""Number of readings that the plots show. They cover half a minute, at twenty readings per second."""
 
 
 @dataclass(slots=True)
