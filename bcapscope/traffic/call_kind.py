@@ -163,8 +163,8 @@ class RecentRequests:
 
 
 class _KindsBySerial:
-    """Call kinds of one conversation's requests, by serial. The class uses two tables, so that old entries
-    expire without a search.
+    """Maps the serials of one conversation's requests to the kinds of their calls. The class uses two tables,
+    so that old serials expire without a search.
     """
 
     def __init__(self) -> None:

@@ -15,7 +15,7 @@ from bcapscope.traffic.observation import Direction
 
 _SERVICE_START = ID["Service_Start"]
 OPENERS = frozenset((_SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)))
-"""Ids of the functions that take their handles from the sequence."""
+"""Ids of the functions whose replies return a handle from the sequence."""
 
 
 class HandleSequence:

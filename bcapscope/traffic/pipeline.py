@@ -28,7 +28,7 @@ _Result = TypeVar("_Result")
 def overriding_methods(
     objects: Iterable[_Owner], method: Callable[Concatenate[_Owner, _Parameters], _Result]
 ) -> list[Callable[_Parameters, _Result]]:
-    """Return the bound method named `method` of each object whose class overrides that method."""
+    """For each object whose class overrides the method `method`, return the bound method."""
     name = method.__name__
     return [getattr(each, name) for each in objects if getattr(type(each), name) is not method]
 
@@ -36,8 +36,8 @@ def overriding_methods(
 class PipelineSubscriber:
     """Receives the events of a `Pipeline`. A subclass overrides the methods for the events that it needs.
 
-    Events come in the order of the traffic: first a frame, then the calls that the frame completed. The
-    pipeline computes only the events that its subscribers need.
+    Events come in the order of the traffic: a frame comes first, and the calls that this frame completed come
+    after it. The pipeline computes only the events that its subscribers need.
 
     Attributes:
         needs_targets: Whether `on_call` needs the object of each call's handle. If `needs_targets` is False,
@@ -107,8 +107,8 @@ class Pipeline:
                 pipeline follows handles only if a subscriber needs targets.
             slave_mode: Slave-mode tracker that the pipeline updates and the caller reads. If `slave_mode` is
                 None, the pipeline follows slave mode only if a subscriber overrides `on_slave_mode`.
-            joiner: Joiner for captures of one conversation from several places; None for traffic from one
-                place.
+            joiner: Joins the observations of a conversation that was captured at several places; None if all
+                traffic is from one place.
             taken_at: Where the capture was taken; None if only the traffic shows it.
         """
         self._tracker = Tracker(taken_at)
@@ -186,7 +186,7 @@ class Pipeline:
             if observation.flow not in joiner.passing:
                 self.add_joined(joiner.add(observation))
                 return
-            # the same code as in `add`, because a call of `add` would slow down nearly all captures
+            # repeats the code of `add`, because an extra function call would slow down nearly all captures
             for on_frame in frame_handlers:
                 on_frame(observation)
             settled = observe(observation)
