@@ -64,8 +64,8 @@ _LATE = 20_000_000
 scripts, too."""
 
 _LOCATED_WITHIN_NS = 50_000_000
-"""Time limit in ns for a report of the script line that runs now. Then the proxy kills the scripts'
-process.
+"""Time in ns after which the proxy kills the scripts' process. In this time, the process should report the
+script line that it executes.
 """
 
 _EXPIRE_INTERVAL_NS = 50_000_000
@@ -403,8 +403,7 @@ class ScriptQueue:
 
 
 def _is_of(waiting: PendingOrder, flow: Flow) -> bool:
-    """Return True if an order contains a message of the flow `flow`, and this message waits for a decision.
-    """
+    """Return True if an order contains a message of `flow`, and this message waits for a decision."""
     return waiting.token is not None and waiting.message is not None and waiting.message.flow is flow
 
 
