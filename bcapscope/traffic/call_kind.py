@@ -29,8 +29,8 @@ C/src/bCAPServer/bcap_server.c).
 """
 
 LONGEST_NAME = 256
-"""Maximum number of characters of a command's or object's name that bcapscope keeps. The character … replaces
-the rest. Real names are far shorter.
+"""Maximum number of characters of a command's or object's name that bcapscope keeps. If a name is longer, the
+character … replaces all further characters. Real names are far shorter.
 """
 
 COMMAND_FUNCTIONS = frozenset(
