@@ -103,7 +103,7 @@ def command(
     then the port of the controller. Without arguments, the Tester connects to a built-in simulator.
 
     With FILE or -i, the screen shows frames, calls, findings, slave mode and statistics. --proxy shows the
-    traffic of a proxy, and on a second screen the proxy's clients, rules and held messages. --sim shows the
+    traffic of a proxy. A second screen shows the proxy's clients, rules and held messages. --sim shows the
     traffic of a simulator.
 
     Keys: F1 shows all keys, Ctrl-P finds actions by name, F12 halts the robot, Ctrl-Q quits. The screen is in

@@ -60,23 +60,25 @@ while it decodes.
 """
 
 _MAY_WAIT_SHARE = 0.25
-"""If the ring is filled less than this ratio, undecoded records may wait. The watcher then rests between
-polls, even if it has not decoded all traffic. Without these rests, the watcher would keep a processor busy,
+"""If less than this share of the ring is filled, undecoded records may wait. The watcher then pauses between
+polls, even if it has not decoded all traffic. Without these pauses, the watcher would keep a processor busy,
 and each round trip through the proxy would take longer.
 """
 
 _SHOWN_WITHIN_NS = 2_000_000_000
-"""Maximum age in ns of undecoded traffic. If the traffic is older, the watcher decodes without rests between
+"""Maximum age in ns of undecoded traffic. If the traffic is older, the watcher decodes without pauses between
 polls.
 """
 
 _PUBLISHED_WITHIN_NS = 200_000_000
 """Maximum age in ns of undecoded traffic while a screen shows the traffic. If the traffic is older, the
-watcher decodes without rests.
+watcher decodes without pauses between polls.
 """
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075
-"""Length of the rest after a poll, relative to the duration of the poll, and maximum length in seconds."""
+"""Two numbers for the pause after a poll: its length relative to the duration of the poll, and its maximum
+length in seconds.
+"""
 
 _STATUS_EVERY_NS = 500_000_000
 _DECODING_DELAY_NS = round(3 * POLL_INTERVAL * 1e9)
@@ -86,7 +88,7 @@ _NICENESS = 10
 _RECORDS_AT_ONCE = 128
 """Maximum number of records that the watcher decodes before it displays them."""
 _RECORDS_PER_YIELD = 32
-"""Number of records that the watcher records before it yields the processor."""
+"""Number of records that the watcher writes to the recording before it yields the processor."""
 _FRAMES_PER_YIELD = 4
 """Number of frames that the watcher decodes before it yields the processor.
 
@@ -147,9 +149,7 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
 
 
 def _give_relay_priority() -> None:
-    """Prefer the relay to this process: lower this process's priority. Also ignore Ctrl-C, SIGHUP and
-    SIGTERM.
-    """
+    """Lower this process's priority, so that the relay runs first. Also ignore Ctrl-C, SIGHUP and SIGTERM."""
     for name in ("SIGINT", "SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -250,7 +250,7 @@ class ProxyWatcher:
     def poll(self) -> float:
         """Write all new records of the ring to the recording, then decode for at most `_DECODE_FOR` seconds.
 
-        Return the seconds to rest before the next poll.
+        Return how many seconds to wait before the next poll.
         """
         began = time.monotonic()
         if self._recorder_task is not None:

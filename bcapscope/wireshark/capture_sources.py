@@ -187,7 +187,8 @@ def proxy_source() -> CaptureSource:
             DialogOption(
                 "--read-only",
                 "Read only",
-                "Refuse requests that energise or move the robot or change its state. Stops always pass.",
+                "Refuse requests that energise or move the robot or change its state. "
+                "Stops are always forwarded.",
                 DialogType.SWITCH,
                 default="false",
             ),
