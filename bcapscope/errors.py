@@ -128,7 +128,7 @@ class Attempt(NamedTuple):
         Args:
             start: Time in ns that the text shows as 0 ms, on the same clock as `sent`.
         """
-        from bcapscope.messages.places import Enumeration  # noqa: PLC0415 - `bcapscope --help` loads this module
+        from bcapscope.messages.places import Enumeration  # noqa: PLC0415 - keeps `bcapscope --help` fast
 
         came = tuple(
             _repeated_event(what, [f"{(arrival.time - start) / 1e6:.3f}" for arrival in same])
@@ -164,7 +164,7 @@ class CallTimeout(BcapError, TimeoutError):
             call: Name of the call, such as `Robot_Execute slvMove`.
             attempts: All attempts of the call, at least one, in the order of sending.
         """
-        from bcapscope.messages.places import Count, IndentedLines  # noqa: PLC0415 - `bcapscope --help` loads this module
+        from bcapscope.messages.places import Count, IndentedLines  # noqa: PLC0415 - keeps `bcapscope --help` fast
 
         log = IndentedLines(tuple(attempt.describe(attempts[0].sent) for attempt in attempts))
         super().__init__(

@@ -18,8 +18,8 @@ class CallSelection:
 
     Rules check all calls, because a call that is not selected can cause a problem in a selected call. A
     problem (an `Occurrence`) is selected if one of the frames that prove it belongs to a selected call.
-    Whether a call is selected is known only when the call is complete. The selection therefore holds a
-    problem in a frame until the call of that frame is complete.
+    Whether a call is selected is known only when the call is complete. The selection therefore keeps a
+    problem in a frame, and reports this problem when the call of the frame is complete.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool], report_occurrence: OccurrenceSink) -> None:
@@ -36,11 +36,11 @@ class CallSelection:
         self._held_occurrences: dict[int, list[Occurrence]] = {}
 
     def on_frame(self, observation: Observation) -> None:
-        """Hold the problems that rules report about this frame until the call of the frame is complete."""
+        """From now on, keep the problems that rules report about this frame until its call is complete."""
         self._unsettled_frame = observation.number if isinstance(observation.item, Frame) else None
 
     def on_call(self, call: Call) -> None:
-        """Test whether a completed call is selected, and release the held problems in its frames. The caller
+        """Test whether a completed call is selected, and report the kept problems in its frames. The caller
         must call this method before the rules check the call.
         """
         self._unsettled_frame = None
@@ -54,7 +54,7 @@ class CallSelection:
                 self._release_frame(frame)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Release the held problems in a stray reply. The caller must call this method before the rules check
+        """Report the kept problems in a stray reply. The caller must call this method before the rules check
         the reply.
         """
         self._unsettled_frame = None
@@ -67,8 +67,8 @@ class CallSelection:
         self._report_occurrence(self._marked(occurrence))
 
     def provisional_occurrences(self, at_end: Iterable[Occurrence]) -> Iterator[Occurrence]:
-        """Yield the held problems and then the problems in `at_end`, each marked as if the traffic ended now.
-        A held problem whose frame belongs to no completed call is not selected. This method passes nothing to
+        """Yield the kept problems and then the problems in `at_end`, each marked as if the traffic ended now.
+        A kept problem whose frame belongs to no completed call is not selected. This method passes nothing to
         `report_occurrence`.
         """
         return map(self._marked, chain(*self._held_occurrences.values(), at_end))

@@ -213,7 +213,7 @@ def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> boo
 
 
 def _judge_word(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether both captures show the value. Otherwise, the difference is not notable."""
+    """Return whether the difference between two words is notable: whether both captures show the value."""
     unseen = (None, ExitReason.CAPTURE_ENDED.value)
     return good not in unseen and bad not in unseen
 

@@ -32,12 +32,12 @@ MAX_HANDLES = 1024
 """
 
 MAX_CLOSED_CLIENTS = 32
-"""Maximum number of closed clients that are remembered. A closed client may have left slave mode on."""
+"""Maximum number of remembered clients whose conversation was closed; they may have left slave mode on."""
 
 SLOW_CALL_NS = 50_000_000
 """Latency in ns above which a call is slow: the controller may still execute it during the next call."""
 
-# Maximum total size in bytes of the frames of a remembered set point; real set points have hundreds.
+# Maximum total size in bytes of a remembered set point's frames; a real set point has a few hundred bytes.
 _LARGEST_POINT = 8192
 # Maximum total size in bytes of the frames of a call in `latest_calls` or `failed_openings`.
 _LARGEST_ATTEMPT = 65_536
@@ -192,7 +192,7 @@ class ClientState:
         return any(error.request.time <= time <= before for time in times)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Update the state with small set points that succeeded (see `AlikeSetPoints`)."""
+        """Update the state with a run of alike set points (see `AlikeSetPoints`)."""
         for call in calls:
             if call.last_activity - call.request.time > SLOW_CALL_NS:
                 self.slow_call = call
@@ -206,7 +206,7 @@ class ClientState:
             self.recent_set_points.append(call)
 
     def on_call(self, call: Call) -> None:
-        """Update the state with a completed call. `target_object` is already the object of this call."""
+        """Update the state with a completed call. `target_object` must be the object of this call."""
         self.call_count += 1
         self.longest_pause_ns = max(self.longest_pause_ns, call.request.time - self.last_call.last_activity)
         self.last_call = call
@@ -432,7 +432,9 @@ class ClientRegistry:
         return client
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Record that a client's conversation was closed. A closed client can explain failures of others."""
+        """Record that a client's conversation was closed. The registry still remembers the client, because it
+        can explain failures of other clients.
+        """
         client = self._by_conversation.get(conversation)
         if client is None:
             return

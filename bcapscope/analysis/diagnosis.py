@@ -32,8 +32,8 @@ from bcapscope.traffic.pipeline import PipelineSubscriber, overriding_methods
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange
 
 MAX_CALL_KINDS = 4096
-"""Maximum number of call kinds for which `Diagnosis` caches which checkers want such calls. When the cache is
-full, it is emptied.
+"""Maximum size of the cache that shows which checkers want a kind of call. When the cache is full, it is
+emptied.
 """
 
 MAX_FLOWS = 65536
@@ -47,8 +47,8 @@ _CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 class Diagnosis(PipelineSubscriber):
     """Finds what went wrong in the traffic, in bounded memory.
 
-    You can call `findings`, `totals` and `remaining_sessions` at any time. These methods change nothing.
-    Their results are the same as if the traffic ended now.
+    You can call `findings`, `totals` and `remaining_sessions` at any time. These methods change nothing, and
+    return the same results as if the traffic ended now.
     """
 
     needs_targets = True

@@ -45,8 +45,8 @@ class FindingCollector:
         self._new_groups: list[FindingGroup] = []
 
     def add_occurrence(self, occurrence: Occurrence) -> None:
-        """Add a reported problem and link it to its cause. An update replaces the problem that was reported
-        earlier for the same call.
+        """Add a reported problem and link it to its cause. If `occurrence` is an update, it replaces the
+        problem that was reported earlier for the same call.
         """
         if occurrence.is_update:
             self._update(occurrence)
@@ -119,7 +119,9 @@ class FindingCollector:
         self._group_of(cause).keep_cause(cause)
 
     def _certain_cause(self, effect: Occurrence) -> Occurrence | None:
-        """Return the certain cause of problems in the call of `effect`, or the latest reported of several."""
+        """Return the problem that certainly caused the problems in the call of `effect`. If there are
+        several, return the one that was reported last.
+        """
         for each in reversed(self._explained.get(effect.call, ())):
             if effect.call and each is not effect and not self._leads_to(each, effect):
                 return each

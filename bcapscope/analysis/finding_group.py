@@ -18,8 +18,8 @@ class FindingGroup:
     Attributes:
         selected: True if the finding is about selected calls; False if the finding is reported only as the
             cause of another finding.
-        shown: Occurrence that the text of the finding describes. Only the copies of groups that `findings`
-            makes have this attribute.
+        shown: Occurrence that the text of the finding describes. Only the copies of groups that
+            `FindingCollector.findings` makes have the attribute `shown`.
     """
 
     def __init__(self, rule: DiagnosisRule, selected: bool) -> None:

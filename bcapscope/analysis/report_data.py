@@ -34,7 +34,7 @@ MAX_TIMELINES = 256
 """Maximum number of clients that have a timeline of their own."""
 
 MAX_COUNTED = 65536
-"""Maximum number of clients without a timeline that are counted."""
+"""Maximum number of clients that are counted in addition to the clients with a timeline."""
 
 MAX_RETRY_CHAINS = 12
 """Maximum number of calls of which the report shows every frame. The report chooses the calls with the most
@@ -133,7 +133,7 @@ class ReportDataBuilder(PipelineSubscriber):
 
         Args:
             is_selected: Function that returns whether a call is selected; None to select all calls. The
-                report lists damaged frames in any case.
+                report also lists damaged frames of calls that are not selected.
         """
         self._is_selected = is_selected
         self.diagnosis = Diagnosis(is_selected, self._keep_session)

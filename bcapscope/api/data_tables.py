@@ -172,7 +172,9 @@ def _text(text: str | None) -> str | None:
 
 
 def _time(time: int) -> int | None:
-    """Return a time, unless pandas and Arrow cannot hold it: a damaged capture can have any time."""
+    """Return `time`, or None if pandas and Arrow cannot store this time. A damaged capture can have such
+    times.
+    """
     return time if abs(time) < 1 << 63 else None
 
 

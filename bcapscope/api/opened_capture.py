@@ -189,8 +189,8 @@ def open(
             `Capture.frames`, and calls for the other attributes.
         ports: Ports of controllers, if they differ from the usual ports. If neither port of a conversation is
             known, the content shows which end is the controller.
-        side: Which capture to read of a conversation that was captured at the client's side and at the
-            controller's side; None to join both.
+        side: If a conversation was captured at the client's side and at the controller's side, the side to
+            read; None to join both.
         taken_at: Where the captures were taken; None to infer the place from the traffic.
         on_error: Receives the path and the error of a capture that cannot be read to its end, instead of an
             exception. Reading continues with the next capture.

@@ -45,8 +45,8 @@ client's side and at the controller's side (0 if there is no sighting), `is_miss
 class _Record(msgspec.Struct, array_like=True):
     """Stored form of a call or a stray reply. A record refers to frames by their observation numbers.
 
-    For a stray reply, `number` is 0 and `request` is the number of the reply's frame. `reply` is the number
-    of the call for which the reply is late, or 0. `evicted` holds `may_answer_evicted`.
+    For a stray reply, `number` is 0 and `request` is the number of the reply's frame. If it is a late reply,
+    `reply` is the number of its call; if not, `reply` is 0. `evicted` holds `may_answer_evicted`.
     """
 
     number: int
@@ -91,7 +91,7 @@ class StoredCall(NamedTuple):
 
 
 class CallStoreWriter:
-    """Writes each complete call or stray reply as a row, and stores the row number of each frame."""
+    """Writes each complete call or stray reply as a row, and stores for each frame the number of its row."""
 
     def __init__(self, folder: Path) -> None:
         """Create the files in the folder of an observation store."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 class CaptureCounts:
     """Numbers of packets and observations of a capture, as read so far.
 
-    A packet without observation is counted under at most one reason.
+    If a packet yields no observation, at most one field besides `packets` counts this packet.
 
     Attributes:
         packets: Number of packets read.

@@ -61,7 +61,7 @@ class CaptureInput:
                 continues with the next capture.
             open_file: Opens a capture by its path.
             packets_of: Returns the packets to decode, usually those of the given captures.
-            side: Which capture to read of a conversation that was captured at both sides; None for both.
+            side: If a conversation was captured at both sides, the side to read; None for both.
             taken_at: Where the captures were taken; None to infer the place from the traffic.
         """
         self.on_first_time: Callable[[int], object] = lambda time: None
@@ -123,7 +123,7 @@ class CaptureInput:
 
     @staticmethod
     def _of_side(observations: Iterator[Observation], side: CapturePlace) -> Iterator[Observation]:
-        from bcapscope.traffic.joining.joiner import Joiner  # noqa: PLC0415 - few need it
+        from bcapscope.traffic.joining.joiner import Joiner  # noqa: PLC0415 - few commands need it
 
         joiner = Joiner(only=side)
         for observation in observations:
@@ -139,8 +139,8 @@ class CaptureInput:
         """Return a pipeline for the input. The pipeline joins conversations that were captured at several
         places.
 
-        `comments` holds comments by packet number. Pass `comments` only if the packets come from another
-        source than the input.
+        `comments` has the comments of each packet; the key is the packet number. Pass `comments` only if the
+        packets do not come from this input.
         """
         from bcapscope.traffic.joining.joiner import Joiner  # noqa: PLC0415 - `decode` needs no pipeline
         from bcapscope.traffic.pipeline import Pipeline  # noqa: PLC0415 - as above
@@ -150,8 +150,8 @@ class CaptureInput:
 
     @property
     def own_requests(self) -> int:
-        """Number of requests that a proxy sent without a request from a client. Only conversations whose two
-        legs the pipeline joined are counted.
+        """Number of requests that a proxy sent without a request from a client. Only requests in
+        conversations whose two legs the pipeline joined are counted.
         """
         return 0 if self._joiner is None else self._joiner.own_requests
 
@@ -170,7 +170,7 @@ class CaptureInput:
 
     @property
     def comments(self) -> Mapping[int, tuple[str, ...]]:
-        """Comments by packet number, for the latest packets with comments."""
+        """Comments of the latest packets that have comments; the key is the packet number."""
         return self._decoder.comments
 
     @property

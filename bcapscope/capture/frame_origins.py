@@ -14,8 +14,8 @@ class FrameOrigins:
         self._packets = packets
 
     def add(self, frame: int, packet: int) -> None:
-        """Remember in which packet a frame is. Each later frame is in the packet after the previous frame's
-        packet, until this method is called again.
+        """Remember in which packet a frame is. Until the next call of this method, each later frame is in the
+        packet after the previous frame's packet.
         """
         self._packets_of_frames.add(frame, 0, packet)
 

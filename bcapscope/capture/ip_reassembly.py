@@ -20,7 +20,7 @@ MEMORY_LIMIT = 4 * 1024 * 1024
 LARGEST_PAYLOAD = 65535
 """Longest payload of a fragmented IP packet, in bytes (RFC 791; RFC 8200 for IPv6)."""
 
-_PART_COST = 128  # memory of a fragment in bytes, without its content
+_PART_COST = 128  # bytes of memory that a fragment takes in addition to its content
 
 
 class ReassembledPacket(NamedTuple):

@@ -25,7 +25,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, enable_receive_timestamps, kernel_timestamp
 
 ANY_INTERFACE = "any"
-"""Interface name that selects all interfaces at once, as in tcpdump (Linux only)."""
+"""Interface name that stands for all interfaces, as in tcpdump (Linux only)."""
 
 _EXIT_TIMEOUT = 5.0
 _LARGEST_PACKET = 262144
@@ -38,8 +38,8 @@ _COOKED_HEADER = struct.Struct(">HHH8sH")
 
 
 def open_live_capture(name: str) -> LiveCapture:
-    """Start to capture on an interface such as `eth0`, or on `ANY_INTERFACE`. From now on, packets are
-    buffered.
+    """Start to capture on an interface such as `eth0`, or on `ANY_INTERFACE`. The system buffers packets from
+    this call on.
 
     Iteration over the capture yields packets as they arrive, until interrupted. The iteration raises
     CaptureError if the capture fails, such as when the interface disappears. Use the capture as a context
@@ -132,7 +132,9 @@ class _PacketSocket:
 
 
 class _SnifferProcess:
-    """Capture on other systems, with scapy in a separate process; see `capture.sniffer`."""
+    """A live capture on a system other than Linux. A separate process captures with scapy (see
+    `capture.sniffer`).
+    """
 
     lost = 0
 

@@ -58,9 +58,10 @@ class PacketDecoder:
 
     Attributes:
         counts: Numbers of packets and observations so far.
-        comments: Comments by packet number, for the latest `COMMENTS_LIMIT` packets with comments.
-        note_packet: Function that receives a frame number and the number of the frame's packet. Each later
-            frame is in the packet after the previous frame's packet, until the function is called again.
+        comments: Comments of the latest `COMMENTS_LIMIT` packets that have comments; the key is the packet
+            number.
+        note_packet: Function that receives a frame number and the number of the frame's packet. Until the
+            next call of this function, each later frame is in the packet after the previous frame's packet.
         end_time: Latest capture time of all packets so far, of any protocol, ns since 1970; 0 before the
             first packet.
     """

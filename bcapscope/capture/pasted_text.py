@@ -36,7 +36,9 @@ class PastedText:
     """
 
     def __init__(self, lines: Iterable[str], words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Take the lines of a text. The lines are read only when you iterate over the `PastedText`."""
+        """Prepare to read `lines`, the lines of a text. The lines are read only when you iterate over the
+        `PastedText`.
+        """
         self.count = 0
         self.comments: dict[int, tuple[str, ...]] = {}
         self._lines = lines

@@ -113,8 +113,8 @@ class PcapngWriter:
 
 
 def pair_encoder(first: PacketTemplate, second: PacketTemplate) -> PacketPairEncoder:
-    """Return a function that makes one block from each template in a single step, which takes half the time
-    of two steps.
+    """Return a function that makes two blocks in one step, one from each template. Two separate steps take
+    twice as long.
 
     `first` and `second` must have the same `data_size`.
     """
@@ -145,7 +145,8 @@ def pair_encoder(first: PacketTemplate, second: PacketTemplate) -> PacketPairEnc
 def write_annotated(packets: Iterable[Packet], notes: Mapping[int, str], file: BinaryIO | RawIOBase) -> int:
     """Copy packets to a new capture with the user's notes as comments; return the number of packets.
 
-    `notes` holds the user's notes by packet number, from 1. An empty note only marks the packet.
+    `notes` has the user's note for each packet; the key is the packet number, from 1. An empty note only
+    marks the packet.
 
     Raises:
         CaptureError: Reading `packets` failed.

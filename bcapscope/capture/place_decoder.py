@@ -38,7 +38,7 @@ class PlaceDecoder:
 
     Attributes:
         note_packet: Function that receives frame and packet numbers, as in `PacketDecoder`.
-        comments: Comments by packet number, for the latest packets with comments.
+        comments: Comments of the latest packets that have comments; the key is the packet number.
     """
 
     def __init__(

@@ -168,8 +168,8 @@ def _is_at_client(shared: SharedConversation) -> bool:
     """Return whether the first of two captures was taken nearer to the client.
 
     A capture nearer to the client sees requests earlier and replies later. The clocks of the captures may
-    differ. The order therefore follows from comparing two offsets between the captures: the offset of
-    requests and the offset of replies.
+    differ. The order is therefore found as follows: the time difference between the captures for requests is
+    compared with the time difference for replies.
     """
     if shared.request_offset is None or shared.reply_offset is None:
         return True
@@ -208,8 +208,8 @@ class _Measurement:
         return self._estimator.estimate()
 
     def _choose_shared(self) -> None:
-        """Pair each conversation of one file with at most one conversation of the other file. A conversation
-        with the same ends is preferred, then the conversation with the most equal frames.
+        """Pair each conversation of one file with at most one conversation of the other file. Prefer the
+        conversation with the same ends; if there is none, prefer the conversation with the most equal frames.
         """
         taken: set[tuple[CapturePlace, ConversationEnds]] = set()
         for ends in sorted(self._joined, key=lambda each: (each[0] != each[1], -self._joined[each])):

@@ -77,7 +77,7 @@ def parse_rotation(text: str) -> RotationLimits:
 
 class RotatingRecording(io.RawIOBase):
     """Writes a recording to one file or to a ring of files. Blocks are pending until `flush` writes all of
-    them at once.
+    them together.
 
     One thread may add packets while another thread calls `flush`, but only if the recording is one file.
 
@@ -94,7 +94,8 @@ class RotatingRecording(io.RawIOBase):
     """
 
     def __init__(self, path: Path, limits: RotationLimits | None = None) -> None:
-        """Create the first file. The file must not exist at `path`, or must be a named pipe with a reader.
+        """Create the first file. `path` must not exist yet, or must be a named pipe that another program
+        reads.
 
         Without `limits`, the first file is the only file.
 
@@ -271,7 +272,7 @@ class RotatingRecording(io.RawIOBase):
                     raise
 
     def _write_file_header(self) -> None:
-        """Write the file header at once, so that other programs can read the file from the start."""
+        """Write the file header immediately, so that other programs can read the file from the start."""
         self.flush()
         self._header_size = self._size
 
@@ -279,7 +280,8 @@ class RotatingRecording(io.RawIOBase):
 def is_named_pipe(path: Path) -> bool:
     """Return whether `path` is a named pipe that exists.
 
-    On Windows, the name decides: to ask the system opens the pipe, and Wireshark's pipe opens only once.
+    On Windows, the name decides: asking the system would open the pipe, and Wireshark's pipe can be opened
+    only once.
     """
     if sys.platform == "win32":
         return str(path).startswith("\\\\.\\pipe\\")

@@ -6,8 +6,8 @@ from array import array
 from bisect import bisect_right
 
 MAX_RUNS = 2_000_000
-"""Maximum number of runs in a table; a table of this size takes 40 MB. The table does not know the source of
-packets and frames after the last run.
+"""Maximum number of runs in a table; a table of this size takes 40 MB. If the table is full, the sources of
+later packets and frames are unknown.
 """
 
 
@@ -22,7 +22,7 @@ class RunTable:
         self._numbers = array("Q")
 
     def add(self, start: int, source: int, number: int) -> None:
-        """Begin a run: the numbers from `start` on belong to the numbers from `number` on in `source`.
+        """Begin a run: `start` corresponds to `number` in `source`, `start` + 1 to `number` + 1, and so on.
 
         If the new run begins at the same number as the latest run, the new run replaces the latest run. If
         the new run only continues the latest run, nothing is added.
@@ -41,7 +41,9 @@ class RunTable:
         self._numbers.append(number)
 
     def find(self, number: int) -> tuple[int, int] | None:
-        """Return the source of a number, and its number in the source; None if no run has the number."""
+        """Return the source of a number, and the corresponding number in this source; None if no run has the
+        number.
+        """
         at = bisect_right(self._starts, number) - 1
         if at < 0 or at == MAX_RUNS:
             return None

@@ -91,7 +91,8 @@ def main(name: str, out: BinaryIO) -> None:
             else:
                 write(SnifferRecordKind.PACKET, *packet)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())  # Python can then flush stdout at exit
+        # so that Python can flush stdout at exit without an error
+        os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())
     except PermissionError:
         write(SnifferRecordKind.FORBIDDEN)
     except Exception as error:  # scapy raises its own exceptions, some of them undocumented
@@ -103,5 +104,6 @@ def main(name: str, out: BinaryIO) -> None:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # ignore Ctrl-C: the reading process decides when to end
+    # ignore Ctrl-C: the process that reads the pipe decides when this process ends
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     main(sys.argv[1], sys.stdout.buffer)

@@ -96,7 +96,7 @@ class SocketRecording:
         self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
 
     def datagram_pair_encoder(self, incoming: Hop, outgoing: Hop, size: int) -> PacketPairEncoder:
-        """Return a function that encodes a datagram of `size` bytes as a packet on each of two hops.
+        """Return a function that encodes a datagram of `size` bytes as two packets, one for each of two hops.
 
         `write_blocks` takes the encoded packets. Do not use the function after `continue_in` was called.
         """

@@ -170,7 +170,8 @@ class TcpConversations:
     def _end_connection(
         self, tracked: _TrackedConnection, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        for key in set(tracked.keys):  # both keys are equal if a forged packet goes from an end to itself
+        # both keys are equal if a forged packet has the same source and destination
+        for key in set(tracked.keys):
             del self._connections[key]
         self._contradictions += tracked.connection.contradictions
         if tracked.conversation is None:

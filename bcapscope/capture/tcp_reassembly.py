@@ -97,8 +97,8 @@ class TcpStream:
         begun: Whether the first sequence number of the stream is known.
         closed: Whether the stream has ended; later bytes are retransmissions, or belong to another
             connection.
-        contradictions: Number of retransmissions whose content differs from the first transmission. The
-            content that arrived first is kept.
+        contradictions: Number of retransmissions whose content differs from the first transmission. If a
+            retransmission differs, the content that arrived first is kept.
     """
 
     def __init__(self, budget: ByteBudget, templates: FrameTemplates | None = None) -> None:

@@ -55,8 +55,8 @@ class UdpConversations:
         """Accept a datagram with its 8-byte header, and return the items of conversations whose server is now
         known.
 
-        `timed_item` holds the datagram's times; its item is ignored. `note` is the reason why the datagram is
-        incomplete; None for a whole datagram.
+        Of `timed_item`, only the times and the packet number are used. `note` is the reason why the datagram
+        is incomplete; None for a whole datagram.
         """
         key = addresses + segment[:4]
         payload = segment[8:]
@@ -105,7 +105,8 @@ class UdpConversations:
     ) -> list[tuple[Flow, TimedItem]]:
         if conversation.flows is not None:
             other = reverse_key(key)
-            for each in {key, other}:  # both keys are equal if a forged packet goes from an end to itself
+            # both keys are equal if a forged packet has the same source and destination
+            for each in {key, other}:
                 del self._undecided[each]
             self.flows[key], self.flows[other] = conversation.flows[sender], conversation.flows[1 - sender]
             while len(self.flows) > FLOWS_LIMIT:

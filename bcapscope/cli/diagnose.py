@@ -96,8 +96,8 @@ def command(
     what to do, and which source the rule is based on. Consequences are indented below their root cause.
     docs/rules.md lists the rules.
 
-    With -i, or on a pipe (-), each new finding is printed to stderr at once. The full report is printed when
-    the traffic ends. With --json, new findings go to stdout, with "final": false.
+    With -i, or on a pipe (-), each new finding is printed to stderr immediately. The full report is printed
+    when the traffic ends. With --json, new findings go to stdout, with "final": false.
 
     --filter selects calls: `diagnose` shows only findings about the selected calls, and their causes. The
     rules still read all calls, because most of them depend on earlier or missing calls. --rule and --severity
@@ -148,7 +148,7 @@ def _read_live(
     is_shown: Callable[[Finding], bool],
     renderer: FindingsRenderer | None,
 ) -> None:
-    """Read traffic to its end, and print each new finding at once. `renderer` makes the text; without a
+    """Read traffic to its end, and print each new finding immediately. `renderer` makes the text; without a
     renderer, findings are printed as JSON.
     """
     pipeline, numbers = reader.pipeline(diagnosis), count(1)

@@ -28,7 +28,8 @@ from bcapscope.wireshark.capture_sources import CaptureOptionError, CaptureSourc
     "--extcap-capture-filter",
     "capture_filter",
     metavar="FILTER",
-    help="Has no effect with --capture. Otherwise, print why capture filters are not supported.",
+    help="Without --capture, print why capture filters are not supported. With "
+    "--capture, this option has no effect.",
 )
 @click.option("--extcap-version", metavar="VERSION", expose_value=False, help="Has no effect.")
 @click.argument("given", nargs=-1, type=click.UNPROCESSED, metavar="[OPTION]...")
@@ -76,7 +77,9 @@ def _print_sentences(sentences: Iterable[str]) -> None:
 def _capture(
     source: CaptureSource, pipe: str | None, given: tuple[str, ...], words: MessageFormatter
 ) -> None:
-    """Capture until Wireshark ends the capture. Wireshark shows the reason that a failure prints."""
+    """Capture until Wireshark ends the capture. If capturing fails, print the reason, which Wireshark then
+    shows.
+    """
     from bcapscope.live.extcap_capture import CaptureFailedError, run_capture, wireshark_connected
 
     if not pipe:

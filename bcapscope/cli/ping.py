@@ -82,7 +82,7 @@ def command(
     `ping` connects and makes calls that only read data from the controller. `ping` sends each call once,
     without retries. At the end, `ping` judges whether the network is fit for set points every 8 ms (Sync) and
     every 1 ms (Async). The network is fit if nearly all replies arrive within 8 ms or 1 ms, and retries make
-    up for losses. If no program listens on the port, `ping` reports the closed port at once.
+    up for losses. If no program listens on the port, `ping` reports the closed port immediately.
 
     After Ctrl-C, `ping` prints the results so far and ends.
 

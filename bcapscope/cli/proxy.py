@@ -138,12 +138,12 @@ def command(
 ) -> None:
     """Forward traffic between b-CAP clients and controllers, and watch, record or disturb this traffic.
 
-    Without rules, the proxy forwards bytes at once and unchanged. A separate process records and shows the
-    traffic.
+    Without rules, the proxy forwards bytes immediately and unchanged. A separate process records and shows
+    the traffic.
 
-    Ctrl-C ends the open sessions, closes the recording and prints a summary. A second Ctrl-C ends at once.
-    In a script, end a proxy in the background with SIGTERM, as in kill $!: shells start background jobs of
-    scripts with Ctrl-C (SIGINT) ignored.
+    Ctrl-C ends the open sessions, closes the recording and prints a summary. A second Ctrl-C ends the proxy
+    immediately. In a script, end a proxy in the background with SIGTERM, as in kill $!: shells start
+    background jobs of scripts with Ctrl-C (SIGINT) ignored.
 
     Rules change or refuse traffic. Each message passes the rules in this order: scripts (--script), held
     messages (--intercept), faults (--fault, --rules), and the guard (--read-only, --block, --allow-command).
@@ -253,7 +253,9 @@ class _ProxyRun:
 
 
 def _print_greetings(proxy: ProxySupervisor, greetings: list[Message]) -> None:
-    """Let the watcher process print the greetings, because it controls the last line of the terminal."""
+    """Let the watcher process print the greetings, because that process writes the last line of the
+    terminal.
+    """
     for greeting in greetings:
         proxy.relay.notify(greeting)
 

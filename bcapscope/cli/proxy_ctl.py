@@ -97,7 +97,7 @@ def _json_text(line: bytes) -> str:
 def _json_character(char: str) -> str:
     if char.isprintable():
         return char
-    if char in "\t\r\n":  # JSON contains these unescaped characters only between tokens
+    if char in "\t\r\n":  # in valid JSON, a raw tab or line break occurs only between tokens
         return " "
     return "".join(f"\\u{unit:04x}" for unit in memoryview(char.encode("utf-16-le")).cast("H"))
 
@@ -144,8 +144,8 @@ def _intercept(ctl: _ControlCommand, expression: str | None, hold: str | None) -
 @command.command("held", short_help="List the held messages.")
 @click.pass_obj
 def _held(ctl: _ControlCommand) -> None:
-    """List the held messages. For each, show its number, its content, and for how many seconds the proxy has
-    held it.
+    """List the held messages. For each message, show its number, its content, and for how many seconds the
+    proxy has held it.
     """
     response = ctl.request(control.ListHeld(), control.HeldResponse)
     for held in response.held if response else ():
@@ -177,7 +177,7 @@ def _held_lines(held: control.HeldStatus, words: MessageFormatter) -> list[str]:
 )
 @click.pass_obj
 def _edit(ctl: _ControlCommand, number: int, changes: tuple[str, ...], data: str | None) -> None:
-    """Send a held message with CHANGES. The notation of CHANGES is that of the fault `rewrite`, such as: set
+    """Send a held message with CHANGES. Write CHANGES as for the fault `rewrite`, such as: set
     arg[2][0]=10.
     """
     ctl.request(control.EditHeld(number, data or "", " ".join(changes)), control.DoneResponse)
@@ -186,7 +186,7 @@ def _edit(ctl: _ControlCommand, number: int, changes: tuple[str, ...], data: str
 @command.command("clients", short_help="List the clients.")
 @click.pass_obj
 def _clients(ctl: _ControlCommand) -> None:
-    """List the clients. For each, show how long it has been connected, the numbers of messages in each
+    """List the clients. For each client, show how long it has been connected, the numbers of messages in each
     direction, and its connection to the controller.
     """
     response = ctl.request(control.ListClients(), control.ClientsResponse)

@@ -135,9 +135,9 @@ def command(
     """Play one side of a recording: make the client's calls to HOST, or give clients the controller's
     replies.
 
-    As client, `replay` first opens the objects that the recorded calls use without opening them. `replay`
-    makes each call at its recorded time, with the handles of HOST, and compares the results. Recorded retries
-    are not repeated. At the end, `replay` leaves slave mode and releases open objects.
+    As client, `replay` first opens each object that the recorded calls use but do not open. `replay` makes
+    each call at its recorded time, with the handles of HOST, and compares the results. Recorded retries are
+    not repeated. At the end, `replay` leaves slave mode and releases open objects.
 
     Before `replay` sends anything, it checks the set points as the pre-flight check of `play` does. A
     recording that may energise or move a robot needs --arm or your confirmation, except with bcapscope's own

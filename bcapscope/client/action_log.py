@@ -48,7 +48,7 @@ class LogFiles:
     max_total_size = 128 << 20
 
     def __init__(self, folder: Path) -> None:
-        """Prepare the log files. The first line that is written also creates `folder`."""
+        """Prepare the log files. When the first line is written, `folder` is created if it does not exist."""
         self.path = folder
         self._folder = folder
         self._is_torn = False
@@ -333,8 +333,8 @@ _FUNCTION_ID = 9
 class ArmedCallLogger:
     """Receives all frames of a connection, and logs the calls that need arming.
 
-    The first set point of a series is logged like any other call. The further set points get no line of their
-    own; one line states the number of set points. If a set point is sent again before a reply arrives, it
+    The first set point of a series is logged like any other call. The later set points of the series are
+    logged together in one line with their number. If a set point is sent again before a reply arrives, it
     counts as a retry.
     """
 
@@ -371,7 +371,7 @@ class ArmedCallLogger:
         self._log.log_request(self._connection, frame, timestamp, _WHO, wanted)
 
     def add_set_points(self, count: int) -> None:
-        """Add to the count of set points those that were sent without a call of `add_frame`."""
+        """Count `count` set points that were sent without a call of `add_frame`."""
         self._set_points += count
 
     def end_set_points(self, timestamp: int | None = None) -> None:

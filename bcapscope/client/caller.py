@@ -45,8 +45,8 @@ class Caller:
         listener: EventListener | None = None,
         fails_if_refused: bool = False,
     ) -> None:
-        """Create a caller without a link. `attach` sets the link later, because a link needs its receiver,
-        the caller, first.
+        """Create a caller without a link. `attach` sets the link later, because a link can be created only
+        after its caller.
 
         If `fails_if_refused` is True, a call over UDP fails at the first error that the operating system
         reports for sent data. After the controller has sent data, these errors are ignored.

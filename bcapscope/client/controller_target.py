@@ -25,8 +25,8 @@ class RetryPolicies(NamedTuple):
     """Timeouts and numbers of retries (DENSO Wave 2009, How to use the Slave mode).
 
     Attributes:
-        others: Policy for all calls except slvMove. In an Async mode, the default policy has 3 retries
-            instead of 4.
+        others: Policy for all calls except slvMove. The default is 4 retries, or 3 retries in an Async
+            mode.
         sync: Policy for slvMove in a mode that is not Async: a timeout of 2 ms and 7 retries. All attempts
             together take two cycle times.
         asynchronous: Policy for slvMove in an Async mode: no retry, because the next set point follows soon.

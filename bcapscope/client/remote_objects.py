@@ -41,7 +41,7 @@ def _getter(
 
 
 class _DescribedObject(RemoteObject):
-    """Functions that all classes of objects have, except ControllerMessage."""
+    """Functions of all classes of objects except ControllerMessage."""
 
     get_attribute = _getter(RemoteObject._invoke_int, "GetAttribute")  # bits
     get_help = _getter(RemoteObject._invoke_text, "GetHelp")
@@ -225,8 +225,9 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Unhold", option)
 
     async def slv_change_mode(self, mode: int) -> None:
-        """Enter a slave mode, or leave slave mode with mode 0. The end of the session's block also leaves
-        slave mode."""
+        """Enter a slave mode, or leave slave mode with mode 0. When the session's block ends, the session
+        leaves slave mode automatically.
+        """
         await self.execute("slvChangeMode", Variant(VT.I4, mode))
 
     async def slv_get_mode(self) -> int:
@@ -251,7 +252,8 @@ class Task(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
     async def stop(self, mode: int, option: str = "") -> None:
         """Stop the task.
 
-        Values of `mode`: 0 = default, 1 = at once, 2 = after the step, 3 = after the cycle, 4 = initialise.
+        Values of `mode`: 0 = default, 1 = immediately, 2 = after the step, 3 = after the cycle, 4 =
+        initialise.
         """
         await self._invoke("Stop", mode, option)
 

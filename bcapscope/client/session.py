@@ -68,9 +68,9 @@ class BaseCaller(Protocol):
 class Session:
     """Makes calls to a controller, and keeps the handles of the objects that these calls opened.
 
-    On TCP, a call has one attempt. The timeout of this attempt is the sum of the timeouts of all attempts on
-    UDP. slvMove on TCP has the timeout of other calls, because TCP needs longer than a cycle time to
-    retransmit lost data.
+    On TCP, a call has only one attempt, with a longer timeout: the sum of the timeouts that all attempts of a
+    call have on UDP. slvMove on TCP has the timeout of other calls, because TCP needs longer than a cycle
+    time to retransmit lost data.
 
     Attributes:
         retry_policies: Retry policies for all further calls.
@@ -175,7 +175,9 @@ class Session:
             pass
 
     def retry_policy_for(self, function_id: int, arguments: Sequence[Variant]) -> RetryPolicy:
-        """Return the timeout and the number of retries of a call. On UDP, both depend on the slave mode."""
+        """Return the timeout and the number of retries of a call. On UDP, these values depend on the slave
+        mode.
+        """
         paces = self.retry_policies
         if not self.caller.link.datagrams:
             return RetryPolicy(paces.others.timeout * (paces.others.retries + 1), 0)

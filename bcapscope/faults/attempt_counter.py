@@ -47,14 +47,16 @@ class CallAttempt(NamedTuple):
 
 
 def _content_key(request: Frame) -> bytes:
-    """Return the bytes that all attempts of a call share, or the hash of more than 512 such bytes."""
+    """Return the bytes that all attempts of a call share. If these are more than 512 bytes, return their
+    hash.
+    """
     content = request.raw[9:]
     return content if len(content) <= _LONGEST_KEPT else blake2b(content).digest()
 
 
 class AttemptCounter:
-    """Finds the attempts of each call with the serials in the reserved field of retries. All conventions of
-    this field work.
+    """Finds the attempts of each call from the serials in the reserved fields of retries. Supports all
+    conventions for the reserved field.
 
     On TCP, every request is a first attempt, because clients do not retry on TCP.
     """
@@ -103,8 +105,8 @@ class AttemptCounter:
 
 @dataclass(eq=False, slots=True)
 class _AttemptsBySerial:
-    """Attempts of one conversation by serial, in a newer and an older mapping. When the newer mapping is
-    full, it replaces the older mapping.
+    """The latest attempts of one conversation, by serial. New attempts are added to `latest`. When `latest`
+    is full, it becomes `earlier`, and a new `latest` begins.
     """
 
     latest: dict[int, CallAttempt] = field(default_factory=dict)

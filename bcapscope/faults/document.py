@@ -31,7 +31,9 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.filter.tokens import with_nearest
 
 LONGEST_DOCUMENT = 1 << 20
-"""Maximum number of characters of a document. Documents that people write have at most ten thousand."""
+"""Maximum number of characters of a document. Documents that people write have at most ten thousand
+characters.
+"""
 
 T = TypeVar("T")
 
@@ -188,7 +190,7 @@ def _parse(text: str) -> tuple[yaml.Node | None, object]:
         mark = error.problem_mark
         reason = foreign_text(error.problem or "no YAML")
         raise DocumentError((), mark.line + 1 if mark else 0, reason) from error
-    except ValueError as error:  # a number with too many digits, or an invalid date
+    except ValueError as error:  # raised for a number with too many digits, or for an invalid date
         raise DocumentError((), 0, Message("yaml.invalid", reason=str(error))) from error
 
 
@@ -245,8 +247,8 @@ def _actions(structs: Iterable[_Struct]) -> list[str]:
 
 
 def _types_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[list[_Struct], list[type]]:
-    """Return the possible types of the innermost struct on a path, and the possible types of the last field
-    on the path.
+    """Follow a path into a document. Return the types that the innermost struct on the path can have, and the
+    types that the last field on the path can have.
     """
     types = _parts(kind)
     structs = _matching_structs(types, data)
@@ -268,8 +270,8 @@ def _parts(hint: Any) -> list[type]:
 
 
 def _matching_structs(types: Iterable[type], data: object) -> list[_Struct]:
-    """Return the struct for the action in the data's field ``action``. If the data has no such field, return
-    all structs.
+    """Return the struct that the data's field ``action`` selects; return all structs if the data has no such
+    field.
     """
     structs = [each for each in types if issubclass(each, msgspec.Struct)]
     action = data.get("action") if isinstance(data, dict) else None

@@ -63,7 +63,7 @@ class Fault(
         direction: Direction of the messages to hit; None for both directions.
         probability: Share of the messages to hit, out of the messages that fulfil all other conditions.
         times: Maximum number of hits; None for no limit.
-        after: Time in which a new fault hits no messages yet.
+        after: Time for which the fault hits no messages after it was added.
         lasts: Time from the start to the end of the fault; None for no end. In documents, this field is named
             ``for``.
         attempt: Hit only requests and responses of the attempt with this number, counted from 1; None for all

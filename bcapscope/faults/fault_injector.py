@@ -10,8 +10,8 @@ depend only on the seed and on the fault's name. A fault draws numbers for each 
 even if other faults drop or change that message. Therefore, if you add a fault, the other faults still hit
 the same messages.
 
-Faults are applied in the order of the list; each fault changes the result of the previous fault. A message
-that a fault has dropped, answered or passed does not reach later faults.
+Faults are applied in the order of the list; each fault changes the result of the previous fault. If a fault
+drops or answers a message, or its action is `pass`, the message does not reach later faults.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_WAITING = 16 << 20
-"""Maximum number of bytes that faults hold. `_OUTPUT_COST` bytes are added for each message. The limit
-corresponds to about one second of traffic at 100 Mbit/s. At the limit, faults drop datagrams that they would
-otherwise hold, as tc-netem(8) does when its queue is full.
+"""Maximum number of bytes that faults hold. Each message counts as `_OUTPUT_COST` bytes more than its size.
+The limit corresponds to about one second of traffic at 100 Mbit/s. At the limit, faults drop datagrams that
+they would otherwise hold, as tc-netem(8) does when its queue is full.
 """
 
 _OUTPUT_COST = 300
@@ -97,7 +97,7 @@ class FaultInjector:
         Args:
             faults: Faults in the order in which they are applied.
             now: Current time in ns, on the clock that all methods use. The time in the field `after` of each
-                fault begins at `now`.
+                fault is counted from `now`.
             epoch: Number of ns to add to `now` to get ns since 1970-01-01 UTC, for filters.
 
         Raises:
@@ -138,7 +138,7 @@ class FaultInjector:
         return name
 
     def remove(self, name: str) -> None:
-        """Remove a fault. Messages that the fault has delayed are still sent at their time.
+        """Remove a fault. Messages that the fault has already delayed are still sent at their planned time.
 
         Raises:
             KeyError: There is no fault of this name.
@@ -249,8 +249,8 @@ class FaultInjector:
     def holds(self, flow: Flow) -> bool:
         """Return whether the proxy must not yet forward the end of a TCP stream.
 
-        The end must wait while faults hold messages of the flow. If a half-open fault blocks the
-        conversation, the end is never forwarded.
+        The proxy must wait while faults hold messages of the flow. If a half-open fault blocks the
+        conversation, the proxy never forwards the end of the stream.
         """
         return not self.passes_close(flow.conversation) or any(
             _is_of(queued.output, _flow_key(flow)) for _, _, queued in self._queue

@@ -356,8 +356,8 @@ class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
     """Limit the bandwidth, separately for each direction.
 
     Attributes:
-        queue: Maximum number of bytes of datagrams that may wait. Further datagrams are dropped. For bytes of
-            a stream, there is no maximum.
+        queue: Maximum number of bytes of datagrams that may wait. Further datagrams are dropped. Any number
+            of bytes of a TCP stream may wait.
     """
 
     rate: Rate

@@ -152,8 +152,8 @@ class HresultQuantity(int):
 
 
 class FrameCondition:
-    """A filter that selects requests and replies. A reply has the function and command of its request, so the
-    filter can test these too.
+    """A filter that selects requests and replies. For a reply, the filter can also test the function and
+    command of the reply's request.
     """
 
     __slots__ = ("filter",)

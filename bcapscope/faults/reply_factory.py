@@ -25,8 +25,9 @@ def encode_reply(frame: Frame, reserved: int, code: int) -> bytes:
 class ReplyFactory:
     """Makes replies, and fills their reserved field in the same way as the controller does.
 
-    Until the controller has replied to a request with a reserved field other than 0, replies have 0, as those
-    of DENSO's server (orin_bcap C/src/bCAPServer/bcap_server.c).
+    The factory learns the controller's convention when a client sends a request whose reserved field is not
+    0, and the controller replies. Until then, the replies have 0 in this field, as the replies of DENSO's
+    server do (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
 
     def __init__(self) -> None:

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from bcapscope.faults.fault_kinds import RewriteFault, RewriteValue
 
 MAX_REMEMBERED = 4096
-"""Maximum number of series of similar messages. For each series, the last message is kept for `step`. The
-oldest is dropped first. A normal session has a few dozen series.
+"""Maximum number of series of similar messages. The field `step` of a `RewriteFault` needs the last message
+of each series. The oldest message is dropped first. A normal session has a few dozen series.
 """
 
 MAX_BYTES = 1 << 20
@@ -48,7 +48,7 @@ class _LastMessage(NamedTuple):
     Attributes:
         raw: Bytes of the message as received.
         values: Arguments of the message as forwarded.
-        step_base: Index of each step, with the value to which the next message's value is compared.
+        step_base: For the index of each step, the value to which the next message's value is compared.
         size: Number of bytes of the frame after decompression.
     """
 

@@ -1,8 +1,8 @@
 """Records the traffic of a server or client in the same process; a separate thread writes to the disk.
 
-The thread of the server or client encodes packets, after it has answered. A second thread for encoding would
-hold Python's interpreter lock and delay replies by milliseconds. The recorder's own thread only writes
-encoded packets to the disk.
+The thread of the server or client encodes packets while it has nothing else to do. A second thread for
+encoding would hold Python's interpreter lock and delay replies by milliseconds. The recorder's own thread
+only writes encoded packets to the disk.
 """
 
 from __future__ import annotations
@@ -167,8 +167,8 @@ class BackgroundRecorder:
             time.sleep(_CHECK_INTERVAL)
 
     def close(self) -> bool:
-        """Encode the waiting packets, write them and close the file. Encoding may take `_ENDS_WITHIN` seconds
-        at most, and so may writing.
+        """Encode the waiting packets, write them and close the file. Spend at most `_ENDS_WITHIN` seconds on
+        encoding, and as long again on writing.
 
         Return whether the capture is complete.
         """

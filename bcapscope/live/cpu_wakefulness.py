@@ -38,8 +38,8 @@ AWAKE_FOR = 2.0
 """Time in seconds without much traffic after which the processors may sleep deeply again."""
 
 MAX_STOLEN_SHARE = 0.05
-"""Maximum processor time that the host may take from all processors together, as a share of one processor's
-time.
+"""Maximum processor time that the host of a virtual machine may take from this machine: 0.05 means 50 ms per
+second, summed over all processors.
 """
 
 PAUSED_FOR = 60.0
@@ -66,7 +66,7 @@ report the time.
 """
 
 _FIRST_LINE_BYTES = 256
-"""Number of bytes to read from /proc/stat, which is more than its first line can have.
+"""Number of bytes to read from /proc/stat. Its first line is always shorter.
 """
 
 _STEAL_COLUMN = 8
@@ -140,9 +140,8 @@ class CpuLatencyLimit:
 
     The request needs root rights, unless a udev rule grants access.
 
-    In a KVM guest with the haltpoll driver, the processors then wait without sleeping. Without this driver,
-    the host would handle even the lightest sleep of a guest. The request ends when the process closes the
-    file or ends.
+    In a KVM guest with the haltpoll driver, idle processors then do not sleep at all. Linux drops the request
+    when the process closes the device file or ends.
     """
 
     def __init__(self) -> None:

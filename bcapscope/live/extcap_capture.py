@@ -1,4 +1,6 @@
-"""A capture for Wireshark: a command of bcapscope records to Wireshark's pipe until Wireshark ends it."""
+"""A capture for Wireshark: a command of bcapscope records to Wireshark's pipe until Wireshark ends the
+capture.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ from bcapscope.messages.message import foreign_text
 from bcapscope.messages.os_errors import os_reason
 
 CaptureEnds: TypeAlias = "SimpleQueue[Message | None]"
-"""Reasons to end a capture: a failure, or None if Wireshark ended the capture."""
+"""Queue of reasons to end a capture. A reason is the message of a failure, or None if Wireshark ended the
+capture.
+"""
 
 _END_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
@@ -50,8 +54,8 @@ class CaptureFailedError(BcapError):
 def wireshark_connected(pipe: str) -> Iterator[CaptureEnds]:
     """Connect to Wireshark, and watch for the end of the capture in this block.
 
-    The pipe stays open until the program ends. So if the capture fails, Wireshark sees the end of the pipe.
-    tshark 4.0 would otherwise wait for the first packet for ever.
+    The pipe stays open until the program ends. If the capture fails, Wireshark then sees the end of the pipe.
+    Without this, tshark 4.0 would wait for the first packet for ever.
 
     Raises:
         FileWriteError: The pipe does not exist, or no program reads it.
@@ -65,11 +69,11 @@ def wireshark_connected(pipe: str) -> Iterator[CaptureEnds]:
 
 
 def run_capture(words: Sequence[str], pipe: str, ends: CaptureEnds) -> None:
-    """Run a command that records to `pipe`, until `ends` has a reason to end.
+    """Run a command that records to `pipe`, until the queue `ends` contains a reason to end the capture.
 
     The command runs in a child process, because Wireshark shows all text on standard error as an error, and
     the command also prints messages there. The first signal ends the command gracefully. Further signals have
-    no effect: Wireshark sends one after its pipe is closed, and a terminal sends Ctrl-C before that.
+    no effect.
 
     Raises:
         CaptureFailedError: The command did not start, or ended before Wireshark ended the capture.

@@ -85,7 +85,8 @@ class ProxyRecorder:
     def add_records(self, records: Sequence[RingRecord]) -> None:
         """Write records in chronological order.
 
-        A packet waits until a later call or `flush` if an earlier packet may still follow.
+        If a packet with an earlier time may still follow, a packet is not written until a later call or
+        `flush`.
         """
         if not self._recorder.is_complete:
             return

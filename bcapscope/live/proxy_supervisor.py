@@ -195,13 +195,13 @@ class ProxySupervisor:
         self._raise_if_ended()
         self.relay.watch(self._end_signals.fileno(), self._on_signal)
         # Measured while other programs were busy: without real-time priority, one round trip in ten took 4 ms
-        # longer. With real-time priority, Linux runs the relay on the same processor as before. This
-        # processor should not sleep.
+        # longer. With real-time priority, Linux runs the relay on the processor that it used before,
+        # so this processor should not sleep.
         with realtime_priority() as grade:
             if not grade.realtime:
                 self._send_to_watcher(encode_message(grade.text))
-            # Call `idle_priority_switch` after `realtime_priority`, because it starts a thread for a test.
-            # `realtime_priority` would lock the stack of an earlier thread in memory.
+            # Call `idle_priority_switch` after `realtime_priority`, because `idle_priority_switch` starts a
+            # thread. `realtime_priority` would lock the stack of an earlier thread in memory.
             if self._is_watched:
                 assert self._watcher is not None
                 assert self._watcher.pid is not None
@@ -335,8 +335,9 @@ class ProxySupervisor:
         """Read a message from the watcher, if one has arrived. The watcher sends the requests that close
         sessions. The end of the pipe means that the watcher has ended.
 
-        The periodic work may have read the message already. A blocking read would then wait forever, because
-        the watcher also waits for the relay. This method therefore never blocks.
+        Another call of this method may have read the message already. If this call then waited for the next
+        message, it would wait forever, because the watcher waits for the relay. This method therefore never
+        blocks.
         """
         try:
             if not self._watcher_pipe.poll():

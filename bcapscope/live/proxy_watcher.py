@@ -61,8 +61,8 @@ while it decodes.
 
 _MAY_WAIT_SHARE = 0.25
 """If the ring is filled less than this ratio, undecoded records may wait. The watcher then rests between
-polls, even if the time `_DECODE_FOR` is too short to decode all traffic. Otherwise a busy processor would
-lengthen each round trip through the proxy.
+polls, even if it has not decoded all traffic. Without these rests, the watcher would keep a processor busy,
+and each round trip through the proxy would take longer.
 """
 
 _SHOWN_WITHIN_NS = 2_000_000_000
@@ -278,7 +278,7 @@ class ProxyWatcher:
         return reader.fill_ratio < _MAY_WAIT_SHARE
 
     def _decode(self) -> bool:
-        """Decode for at most `_DECODE_FOR`. Return True if undecoded records remain."""
+        """Decode for at most `_DECODE_FOR` seconds. Return True if undecoded records remain."""
         until = time.monotonic() + _DECODE_FOR
         recorded = None if self._recorder_task is None else self._recorder_task.reader.position
         while records := self._reader.read_records(_RECORDS_AT_ONCE, recorded):

@@ -48,8 +48,8 @@ class DelayStatistics:
                 self._worst_ns = max(self._worst_ns, *delays)
 
     def pop_warning(self) -> Message | None:
-        """Return a warning when the relay has first delayed data for longer than set points permit. At all
-        other times, return None.
+        """Return a warning after the relay has delayed data for longer than set points permit. Return the
+        warning only once; at all other times, return None.
         """
         if self._has_warned or not self._slow_count:
             return None

@@ -113,9 +113,9 @@ class ServerRunner:
 
 class ServerCallLog:
     """Log lines for stdout. Each line is formatted after the client got its reply, and written within
-    `_FLUSH_AFTER_NS`.
+    `_FLUSH_AFTER_NS` ns.
 
-    If a call is refused, the reason is printed to stderr, even without log lines.
+    If a call is refused, the reason is printed to stderr, even if calls are not logged.
     """
 
     _FLUSH_AFTER_NS = 20_000_000
@@ -143,7 +143,7 @@ class ServerCallLog:
     def flush_if_due(self) -> None:
         """Format the pending entries.
 
-        If more than `_FLUSH_AFTER_NS` has passed since the last write, write the entries.
+        If more than `_FLUSH_AFTER_NS` ns have passed since the last write, write the entries.
         """
         self._format_pending()
         if self._lines and time.monotonic_ns() - self._flushed_at > self._FLUSH_AFTER_NS:

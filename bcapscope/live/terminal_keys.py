@@ -58,7 +58,7 @@ class TerminalKeys:
 
 def _has_terminal() -> bool:
     """Return whether this process can read keys from a terminal. Background jobs and programs on Windows
-    cannot do so.
+    cannot read keys.
     """
     if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
         return False

@@ -40,11 +40,10 @@ ERASE_LINE = "\r\x1b[K"
 class TerminalWriter:
     """Writes lines to stdout, messages to stderr, and a status line at the bottom of a terminal.
 
-    One thread writes lines, another writes messages. Therefore, bcapscope can still show a message if the
-    lines cannot be written. If stdout is closed or its disk is full, a message reports the error, and the
-    program continues.
-    The writer bypasses Python's buffers. A thread that waits for the terminal would hold the lock of the
-    buffer and delay the end of the program.
+    One thread writes lines to stdout, another writes messages to stderr. Therefore, bcapscope can still show
+    a message if stdout blocks. If stdout is closed or its disk is full, a message reports the error, and the
+    program continues. The writer bypasses Python's buffers. A thread that waits for the terminal would hold
+    the lock of the buffer and delay the end of the program.
     """
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:

@@ -6,9 +6,9 @@ priority. A client and a server ran on the same two processors. When another pro
 interrupts a process of idle priority at once. A process of any other priority may first finish its time slice
 of about 3 ms.
 
-However, Linux sometimes interrupts a process of idle priority late. Linux updates the run time of a process,
-and decides which process runs, only at a tick every 1 to 10 ms (sched(7), EEVDF). The watcher therefore also
-yields the processor after each 0.1 or 0.2 ms of work, so that Linux chooses the next process.
+However, Linux sometimes interrupts a process with idle priority too late. Linux updates the run time of a
+process, and decides which process runs, only at a tick every 1 to 10 ms (sched(7), EEVDF). The watcher
+therefore also yields the processor after each 0.1 or 0.2 ms of work, so that Linux chooses the next process.
 
 If other programs are always busy, a process of idle priority gets almost no processor time, and each yield
 gives up a whole time slice. The relay, which always gets the processor, therefore checks how far the watcher
@@ -53,7 +53,7 @@ class WatcherUrgency(IntEnum):
     SOME = 1
     """The watcher has the relay's priority, and yields the processor between pieces of work."""
     ALL = 2
-    """The watcher has the relay's priority, and does not yield."""
+    """The watcher has the relay's priority, and does not yield the processor."""
 
 
 class WatcherPriority:

@@ -168,7 +168,7 @@ class MessageFormatter:
         return self.text(Message(id, **places))
 
     def for_report(self, start: int, only_client: bool) -> MessageFormatter:
-        """Return a formatter in the same language for a report about traffic with this start."""
+        """Return a formatter in the same language for a report about traffic that began at `start`."""
         return MessageFormatter(self.language, start, only_client, self.find_frame)
 
     def for_captures(self, find_frame: Callable[[int], tuple[str, int] | None]) -> MessageFormatter:
@@ -250,7 +250,7 @@ def _json(value: PlaceValue) -> Json:
 
 @cache
 def _translations(language: Language) -> GNUTranslations:
-    import gettext  # noqa: PLC0415 - `bcapscope --help` loads this module and shows no message
+    import gettext  # noqa: PLC0415 - keeps `bcapscope --help` fast
 
     path = os.path.join(os.path.dirname(__file__), "locale", language, "LC_MESSAGES", f"{DOMAIN}.mo")
     with open(path, "rb") as compiled:

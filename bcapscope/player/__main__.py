@@ -1,7 +1,7 @@
 """The player's process: ``python -m bcapscope.player``, started only by `player_process.PlayerProcess`.
 
-The process has one thread and no event loop. The process reads orders from standard input and writes messages
-to standard output. Standard error is for Python's own error messages.
+The process has one thread and no event loop. The process reads the user's orders, such as stop, from standard
+input and writes messages to standard output. Standard error is for Python's own error messages.
 """
 
 from __future__ import annotations

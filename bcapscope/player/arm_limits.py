@@ -1,5 +1,5 @@
 """Limits of an arm for each axis. Computes the speed and acceleration of set points, as values and as shares
-of these limits.
+of the arm's limits.
 
 The type name that the controller reports identifies the arm. No public document lists the limits of all arms,
 so the user gives the limits of a real arm. bcapscope knows only the simulator's arm. If the speed limit of an

@@ -217,7 +217,7 @@ def check_cycle(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_interval(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the times of the file's set points with the times of slvMove."""
+    """Compare the intervals between the file's set points with the time between calls of slvMove."""
     trajectory = context.trajectory
     if trajectory.period is not None:
         yield from _check_period(trajectory.period, context.period)

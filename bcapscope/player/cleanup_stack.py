@@ -15,8 +15,7 @@ from bcapscope.player.robot_adapter import RobotAdapter
 from bcapscope.protocol.tables.hresult import E_BUSY
 
 _BUSY_TIMEOUT = 5_000_000_000
-"""Maximum time in ns to wait while a controller is still busy with a call that the player gave up, and
-therefore refuses other calls.
+"""Maximum time in ns to wait for a controller that refuses calls because it is busy with an earlier call.
 """
 
 _BUSY_PAUSE = 20_000_000

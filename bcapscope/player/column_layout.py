@@ -368,8 +368,8 @@ def read_title(text: str) -> ColumnTitle | None:
 
 
 def _words(text: str) -> list[str]:
-    """Split a title between letters, digits and Japanese, but never between a word for "joint" and its
-    number.
+    """Split a title between letters, digits and Japanese characters, but never between a word for "joint" and
+    its number.
     """
     plain = unicodedata.normalize("NFKC", text[:_LONGEST]).casefold()
     words: list[str] = []

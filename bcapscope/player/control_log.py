@@ -41,7 +41,9 @@ LOG_COLUMN_TITLES = tuple(f"[J{axis} - {what}]" for axis in range(1, 9) for what
 
 @contextmanager
 def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
-    """Open a new file, or raise OSError; delete it if it stays empty. Without a path, yield None."""
+    """Open a new file, or raise OSError. At the end of the `with` block, delete the file if it is empty.
+    Without a path, yield None.
+    """
     if path is None:
         yield None
         return

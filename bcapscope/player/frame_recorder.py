@@ -27,7 +27,9 @@ _FRAMES_PER_WRITE = 1000
 
 @contextmanager
 def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
-    """Create a recording, or raise OSError; delete it if it stays empty. Without a path, yield None."""
+    """Create a recording, or raise OSError. At the end of the `with` block, delete the file if it is empty.
+    Without a path, yield None.
+    """
     if path is None:
         yield None
         return

@@ -174,8 +174,8 @@ def _own_motion(context: PreflightContext) -> TrajectoryMotion:
 
 
 def _padded_motions(context: PreflightContext) -> Iterator[TrajectoryMotion]:
-    """Yield the motion of each set of axes, with rest added at both ends. In a loop, the start of the next
-    round is added at the end instead.
+    """Yield the motion of each set of axes. Before the first point and after the last point, the robot stands
+    still. In a loop, the start of the next round follows the last point.
     """
     points = context.trajectory.points
     after = points[:2] if context.loop else points[-1:]

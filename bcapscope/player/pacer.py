@@ -8,16 +8,16 @@ Slave mode; table of slave modes in ShoheiKobata/orin_bcap_python_samples):
   mode 1, the pacer never retries a set point, because the controller follows only the newest set point. A
   reply does not wake the player: the pacer reads replies only shortly before the next deadline. The operating
   system records when each reply arrived (`BlockingCaller.sleep_until_due`). A late reply still shows that the
-  controller is alive, and a late refusal ends the play. If the newest answered set point is older than
-  `SILENCE_TIMEOUT`, the pacer sends nothing until a reply arrives.
+  controller is alive, and a late refusal ends the play. If the time since the newest answered set point
+  exceeds `SILENCE_TIMEOUT`, the pacer sends nothing until a reply arrives.
 * **Sync, mode 2**: the controller sets the pace by answering only when its buffer has room. The next set
-  point is due `_PREPARATION` after the reply, so that this delay is always the same. Without a reply the
-  requester retries every `RetryPolicy.timeout`, and discards replies to earlier attempts. After the last
+  point is due 0.3 ms after the reply (`_PREPARATION`), so that this delay is always the same. Without a reply
+  the requester retries every `RetryPolicy.timeout`, and discards replies to earlier attempts. After the last
   attempt, the pacer only waits, and accepts a reply to any attempt. A controller with a full buffer needs no
-  set point yet. After `SILENCE_TIMEOUT` without a reply, the pacer treats the controller as gone.
-* **Mode 0**: player and controller set the pace together. S_BUF_FULL asks for a pause of one period. S_OK
-  means that the buffer has room, so the next set point follows at once. 83201483 means that the buffer had no
-  room, so the pacer sends the same set point again.
+  set point yet. After the time `SILENCE_TIMEOUT` without a reply, the pacer treats the controller as gone.
+* **Mode 0**: player and controller set the pace together. If the controller replies S_BUF_FULL, the pacer
+  pauses for one period. S_OK means that the buffer has room, so the next set point follows at once. 83201483
+  means that the buffer had no room, so the pacer sends the same set point again.
 
 The pacer never skips a set point and never sends faster to catch up. If a set point is late by more than half
 a period, the pacer moves the deadlines, so that the robot pauses instead of jumping. `_Throttle` prevents a
@@ -318,8 +318,8 @@ class Pacer:
         late.clear()
 
     def _adjusted_deadline(self, due: int, sent: int) -> int:
-        """Return `due`, or `sent` if this time is much later. The next deadline is one period after the
-        returned time.
+        """Return `due`. If the set point was sent more than half a period later, return `sent`. The next
+        deadline is one period after the returned time.
         """
         if sent - due <= self._move.period // 2:
             return due

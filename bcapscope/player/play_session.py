@@ -249,8 +249,8 @@ class PlaySession:
     async def _prepare(self, trajectory: Trajectory) -> None:
         """Bring the robot to a state from which it can enter slave mode.
 
-        If slave mode is on already, another client controls the robot. In that case, most calls of the player
-        would cause an error that ends the other client's motion (issue 42 of DENSORobot/denso_robot_ros).
+        If slave mode is on already, another client controls the robot. Most calls of the player would then
+        cause an error that ends the other client's motion (issue 42 of DENSORobot/denso_robot_ros).
         """
         robot, cleanup = self._robot, self._cleanup
         self._report_state(PlayState.PREPARING)

@@ -57,8 +57,8 @@ class CleanupTask(StrEnum):
 
 
 class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
-    """Steps that remain to be undone. The player sends this message before each step and after each cleanup
-    task.
+    """Steps that the player must still undo. The player sends this message before each step and after each
+    cleanup task.
 
     Attributes:
         debts: Cleanup tasks that remain, oldest first.
@@ -92,7 +92,7 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
             anything.
         log: Path of a new CSV file for the controller's own log; None for no log.
         record: Path of a new recording of all frames; None for no recording.
-        aftermath: Steps of a crashed player to undo, without playing anything; None to play.
+        aftermath: Steps of a crashed player that this player undoes, without playing anything; None to play.
         first_serial: First serial to use, beyond every serial that a crashed player can have used.
     """
 
@@ -249,7 +249,9 @@ class QuestionTopic(StrEnum):
 
 
 class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
-    """A question to the user. The player waits for the answer. The first choice always changes nothing."""
+    """A question to the user. The player waits for the answer. If the user picks the first choice, the player
+    changes nothing.
+    """
 
     topic: QuestionTopic
     text: Message
@@ -257,7 +259,9 @@ class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
 
 
 class PlayerProblem(msgspec.Struct, frozen=True, tag=True):
-    """A problem, and code and text of each error that the controller shows, newest first."""
+    """A problem of the play, with the controller's current errors, newest first: the code and the text of
+    each error.
+    """
 
     text: Message
     errors: tuple[tuple[int, str], ...] = ()

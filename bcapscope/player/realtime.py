@@ -60,7 +60,7 @@ class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
 
 @contextmanager
 def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) -> Iterator[RealtimeReport]:
-    """Take the highest priority that the system grants while a `with` block runs.
+    """Run a `with` block with the highest priority that the system grants.
 
     Real-time priority and locked memory can disturb other programs, so the function asks for them only if
     `is_wanted`. Inside the block, the garbage collector ignores older objects, because examining them costs

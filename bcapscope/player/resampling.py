@@ -146,6 +146,8 @@ def _knots(trajectory: Trajectory, period: float) -> Array:
 
 
 def _ramp_integral(part: Array) -> Array:
-    """Return how far the robot gets in the share `part` of a start: 0 if `part` is 0, 0.5 if `part` is 1."""
+    """Return the distance that the robot covers in the share `part` of a start, relative to the distance of a
+    whole start at full speed: 0 if `part` is 0, 0.5 if `part` is 1.
+    """
     gained: Array = part**4 * (2.5 - part * (3.0 - part))
     return gained

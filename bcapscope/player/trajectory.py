@@ -197,8 +197,8 @@ def find_gaps(times: Array) -> NDArray[np.bool_]:
 
 
 def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
-    """Use the counter to find runs of records without gaps. Return the runs, and how much the counter grows
-    per record.
+    """Use the counter to find runs of records without gaps. Return these runs of records, and the usual
+    increase of the counter from one record to the next.
 
     A run is a pair: the index of its first record, and the index after its last record. If the counter grows
     too unevenly, return all records as one run, and None.

@@ -168,8 +168,9 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
 
 
 def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[Message, ...]]:
-    """Return the indices of J1, J2 and so on in `names`, and notes. The joints are ordered by the numbers in
-    their names. If the names have no suitable numbers, the joints stay in the order of the message.
+    """Return the indices of J1, J2 and so on in `names`, and notes for the user. The joints are ordered by
+    the numbers in their names. If the names have no suitable numbers, the joints stay in the order of the
+    message.
     """
     numbers = [_LAST_NUMBER.search(name) for name in names]
     by_number = {int(found[1]): place for place, found in enumerate(numbers) if found and len(found[1]) < 3}

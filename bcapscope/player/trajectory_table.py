@@ -58,8 +58,8 @@ class TableLine(NamedTuple):
 def read_table(
     lines: Iterable[str], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read a table; `source.file_format` holds its encoding. Raise TrajectoryError if the table has no set
-    points.
+    """Read a table; `source.file_format` holds the encoding of the table. Raise TrajectoryError if the table
+    has no set points.
 
     Returns one trajectory or, if records are missing, one trajectory for each run of records without gaps.
     """

@@ -1,7 +1,7 @@
 """The b-CAP protocol: frames, VARIANTs, functions, commands and result codes.
 
-The package uses only the standard library, and neither I/O nor a clock. Other programs can import these names
-directly from `bcapscope.protocol`:
+The package uses only the standard library. The package does no I/O and reads no clock. Other programs can
+import these names directly from `bcapscope.protocol`:
 
 * `Frame`, `Malformed`, `parse_datagram`, `parse_single_frame`, `encode_frame`: read and write single frames
   and datagrams.
@@ -79,7 +79,7 @@ _MODULE_BY_NAME = {name: module for module, names in _NAMES_BY_MODULE.items() fo
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> object:
-        """Import the submodule that defines `name`, and return what it names."""
+        """Import the submodule that defines `name`, and return the object with this name."""
         module = _MODULE_BY_NAME.get(name)
         if module is None:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

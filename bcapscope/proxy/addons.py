@@ -1,4 +1,4 @@
-"""Add-ons: classes of the user that see each message, and may change, drop or answer it.
+"""Add-ons: classes in a user's script that see each message, and may change, drop or answer it.
 
 A script is a Python file. The proxy creates one object of each class in the file that has at least one of the
 methods below. Then it calls these methods. The constructor of the class must need no arguments.

@@ -37,7 +37,9 @@ the cost of a flood of datagrams from new UDP ports.
 """
 
 REPLACE_BURST = 64
-"""Maximum number of fresh clients that the proxy may evict at once, after a time without evictions."""
+"""Maximum number of fresh clients that the proxy may evict without waiting between them, after a time without
+evictions.
+"""
 
 TOO_MANY_CLIENTS = Message("client.silent.too-many")
 """Reason that the user sees if the proxy evicts a client to admit another client."""
@@ -140,7 +142,7 @@ class ClientSlots:
     def _longest_idle(self, source: str | None, now: int) -> RelaySession | None:
         """Return the client that has been idle longest; None if the proxy may not evict any client.
 
-        If a search found no client, later calls with the same `now` do not search again.
+        After a search that found no client, the method does not search again for the same `now`.
         """
         if now != self._exhausted_at:
             self._exhausted_at = now

@@ -41,7 +41,8 @@ class ControlApi:
         upstream: Callable[[int], str] = lambda number: "",
     ) -> None:
         """Control a proxy that has these `rules`. `figures` returns the relay's figures under the names in
-        `ProxyStats`. `upstream` returns the state of the connection to the controller for a client's number.
+        `ProxyStats`. `upstream` takes a client's number and returns the state of this client's connection to
+        the controller.
         """
         self._rules = rules
         self._figures = figures

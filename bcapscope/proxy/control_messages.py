@@ -100,9 +100,7 @@ class ForwardHeld(_Request, frozen=True, tag="forward"):
 
 
 class EditHeld(_Request, frozen=True, tag="edit"):
-    """Request to forward a held message with the bytes `hex`, or with the changes of the rewrite fault
-    `rewrite`.
-    """
+    """Request to forward a held message: as the bytes `hex`, or as changed by the rewrite fault `rewrite`."""
 
     number: int
     hex: str = ""

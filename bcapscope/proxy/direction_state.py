@@ -130,7 +130,7 @@ class DecisionBuilder:
 
     @property
     def note(self) -> Message | None:
-        """All different notes as one message; None if there are no notes."""
+        """All notes as one message, without duplicates; None if there are no notes."""
         return joined_clauses(self.notes)
 
 
@@ -147,13 +147,13 @@ class UndecidedMessage(NamedTuple):
 
 
 def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitRequests:
-    """Choose the held requests to send although the client no longer waits: only stops.
+    """Among held requests whose client no longer waits, choose the requests to send: the stops.
 
     Return the bytes to send, and the frames and other bytes to drop.
 
     A motion is dangerous if it starts after its client has stopped waiting. A stop is never dangerous. If the
-    bytes sent so far end within a frame, the result begins with the rest of this frame. Otherwise, the
-    controller would read the stop as the rest of the frame.
+    proxy has already sent the start of a frame, the result begins with the rest of this frame. Without this
+    rest, the controller would read the stop as part of the frame.
     """
     if not state.is_stream:
         return _split_frames([item for data in held for item in parse_datagram(data)])

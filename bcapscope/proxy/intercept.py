@@ -19,16 +19,16 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow, Transpo
 from bcapscope.traffic.pairing_windows import RETRY_WITHIN_NS
 
 MAX_HELD = 1000
-"""Maximum number of held messages. Above this limit, the proxy forwards messages at once, with a note for the
-user.
+"""Maximum number of held messages. Above this limit, the proxy forwards messages immediately, with a note for
+the user.
 """
 
 MAX_BYTES = 16 << 20
 """Maximum total size of all held messages in bytes."""
 
 HOLD_TIME_NS = 60_000_000_000
-"""Default time in ns for which the proxy holds a message: long enough to edit the message, and so short that
-a robot does not wait for ever.
+"""Default time in ns for which the proxy holds a message: long enough to edit the message, but short enough
+that a robot does not wait for ever.
 """
 
 _Subject: TypeAlias = tuple[AttemptedCall, Direction]
@@ -154,7 +154,7 @@ class Intercept:
         return len(self._held) >= MAX_HELD or held >= MAX_BYTES
 
     def hold_or_pass(self, client: int, message: WireMessage) -> InterceptResult | None:
-        """Decide whether to hold a message. Return None if the intercept does not concern the message.
+        """Decide whether to hold a message. Return None if the intercept does nothing with the message.
 
         The proxy must pass all messages to this method, in order.
         """
@@ -210,9 +210,7 @@ class Intercept:
         ]
 
     def mark_abandoned(self, flow: Flow, why: Message) -> None:
-        """Store the reason `why` a client no longer waits for the held messages of `flow`, a direction of its
-        traffic.
-        """
+        """Store `why` a client no longer waits for the held messages of `flow`."""
         for held in self.held:
             if held.flow is flow and held.abandoned_because is None:
                 self._held[held.number] = held._replace(abandoned_because=why)

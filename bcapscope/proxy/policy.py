@@ -71,7 +71,7 @@ class PolicyDecision(msgspec.Struct, frozen=True):
 
     Attributes:
         note: What a proxy rule did, such as "loss=5%: dropped"; None if no rule changed the data.
-        actions: Actions to do at once, in order. `Policy.pop_due_actions` returns further actions later.
+        actions: Actions to do immediately, in order. `Policy.pop_due_actions` returns further actions later.
         ticket: Number that identifies data that waits for a `LateDecision`; 0 if no data waits.
     """
 

@@ -244,8 +244,8 @@ class Relay:
             self._record_and_perform(arrival, decision.note, decision.actions)
 
     def record_undecided(self, session: RelaySession, up: bool) -> None:
-        """Write data without a decision to the ring now, so that later records of this direction follow this
-        data.
+        """Write the data that still waits for a decision to the ring now, so that later records of this
+        direction follow this data.
         """
         for ticket, each in list(self._undecided.items()) if self._undecided else ():
             if each.session is session and each.up is up:
@@ -383,7 +383,7 @@ class Relay:
             session.sweep(self.now)
 
     def _adopt_new_handlers(self) -> None:
-        """Start to call the handlers of new file descriptors that have the numbers of closed descriptors."""
+        """Start to call the handlers of new file descriptors that reuse the numbers of closed descriptors."""
         self._just_unwatched.clear()
         self._handlers.update(self._new_handlers)
         self._new_handlers.clear()

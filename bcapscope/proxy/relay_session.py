@@ -70,7 +70,9 @@ class RelaySession(ABC):
 
     @abstractmethod
     def evictable_idle_ns(self, now: int) -> int | None:
-        """Return how many ns the client has been idle; None if it must not be evicted for another client."""
+        """Return how many ns the client has been idle; None if the proxy must not evict this client for
+        another client.
+        """
 
     @abstractmethod
     def close(self, reset: bool, why: Message) -> None:

@@ -138,10 +138,10 @@ class RequestGuard:
     def refusal_reason(self, request: Frame) -> Message | None:
         """Return the reason why the guard refuses a request; None if the request passes.
 
-        Controllers interpret a damaged frame in different ways. Some controllers read the values of the
-        arguments one after the other, as orin_bcap's C, C#, Java and Python do. Other controllers use the
-        lengths of the arguments, as the older C client does. The guard refuses a damaged frame if it would
-        refuse one of the possible interpretations. Bytes inside the value of an argument are data: no
+        Controllers interpret a damaged frame in different ways. To find the next argument, some controllers
+        read the whole value before it, as orin_bcap's C, C#, Java and Python do. Other controllers use the
+        given length of each argument, as the older C client does. The guard refuses a damaged frame if it
+        would refuse one of the possible interpretations. Bytes inside the value of an argument are data: no
         controller takes them for a frame.
         """
         if _only_stops(request):
@@ -191,8 +191,8 @@ def _is_whole(frame: Frame) -> bool:
 def _reads_one_way(frame: Frame) -> bool:
     """Return whether all controllers agree that a frame is compressed, or all agree that it is plain.
 
-    A frame that looks compressed must be valid when unpacked. Read as a plain frame, the same bytes would
-    announce at least 376 arguments; the frame must be too short for these.
+    All agree on a compressed frame only if it is valid when unpacked, and too short to be a plain frame: as a
+    plain frame, the same bytes would announce at least 376 arguments.
     """
     raw = frame.raw
     if not has_zlib_header(raw):

@@ -32,8 +32,9 @@ SET_POINT_DEADLINE_NS = 2_000_000
 mode)."""
 
 BATCH_SIZE = 16
-"""Number of datagrams that the relay writes to the ring at once. While the relay writes to the ring, new
-datagrams wait."""
+"""Number of datagrams that the relay collects before it writes these datagrams to the ring. While the relay
+writes to the ring, new datagrams wait.
+"""
 
 DELAY_FIGURES = 9
 """Number of figures that the watcher process writes for the relay: the fields of `RelayDelays`, in order."""
@@ -291,9 +292,9 @@ class RingWriter(_Ring):
             )
 
     def _write_holes(self, client: int, size: int) -> bool:
-        """Write the holes of a client's streams if the next record also has room. Return whether the ring had
-        room for the holes and the next record. If holes were written alone, many short holes would follow
-        each other instead of one long hole.
+        """Write the holes of a client's streams if the ring also has room for the next record. Return whether
+        the ring had room for the holes and the next record. If holes were written alone, many short holes
+        would follow each other instead of one long hole.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:

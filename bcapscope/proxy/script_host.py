@@ -50,7 +50,9 @@ _READ = 1 << 16
 
 
 class ScriptHost:
-    """Carries out the orders of the proxy. This class uses no socket and no clock."""
+    """Handles each `ScriptOrder` that the proxy sends to the scripts. This class uses no socket and no
+    clock.
+    """
 
     def __init__(self, addons: AddonRunner) -> None:
         """Run `addons`, and collect their messages for the user."""
@@ -63,7 +65,7 @@ class ScriptHost:
         addons.notify = self._notices.append
 
     def execute(self, order: ScriptOrder) -> ScriptAnswer:
-        """Carry out an order of the proxy. Return the answer of the scripts.
+        """Handle a `ScriptOrder` of the proxy, and return the answer of the scripts.
 
         Raises:
             KeyError: The order refers to an unknown client.

@@ -39,7 +39,7 @@ LOADS_WITHIN = 30.0
 """Time in seconds that the scripts have to load."""
 
 FINISHES_WITHIN = 3.0
-"""At the end, the scripts have this time in seconds for the last messages and the hook `done`."""
+"""When the proxy ends, the scripts have this time in seconds for the last messages and the hook `done`."""
 
 _POLL_INTERVAL = 0.05
 _EXIT_DELAY = 0.05
@@ -192,7 +192,9 @@ class ScriptProcess:
         self._flush()
 
     def receive(self) -> bytes:
-        """Return the bytes that have arrived from the process; b"" if there are none, or if it has ended."""
+        """Return the bytes that have arrived from the process; b"" if nothing has arrived, or if the process
+        has ended.
+        """
         return self._receive() or b""
 
     def locate(self) -> None:
@@ -244,8 +246,9 @@ class ScriptProcess:
                 self._rules.on_scripts_ended(now)
 
     def _receive(self) -> bytes | None:
-        """Return the bytes that have arrived from the process: None if there are none yet, b"" if it has
-        ended."""
+        """Return the bytes that have arrived from the process: None if nothing has arrived yet, b"" if the
+        process has ended.
+        """
         try:
             return self._socket.recv(1 << 16)
         except BlockingIOError:

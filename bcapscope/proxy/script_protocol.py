@@ -89,7 +89,7 @@ class FinishScripts(_WireFrame, frozen=True):
 
 
 ScriptOrder: TypeAlias = ClientConnected | MessageShown | ClientGone | ExpireCalls | FinishScripts
-"""Order from the proxy. The scripts answer each order once, in the order of the requests."""
+"""Order from the proxy. The scripts answer each order once, and first the order that arrived first."""
 
 
 class WireSentence(_WireFrame, frozen=True):

@@ -96,7 +96,7 @@ class ScriptLink(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class PendingOrder:
-    """An order to the scripts that has no answer yet.
+    """An order that the scripts have not answered yet.
 
     Attributes:
         hook: Name of the hook that the order calls.
@@ -214,8 +214,8 @@ class ScriptQueue:
         )
 
     def send_gone(self, client: int, now: int) -> None:
-        """Report to the scripts that a client is gone. Before this call, the caller must remove the client's
-        waiting messages.
+        """Report to the scripts that a client is gone. Remove the client's waiting messages before you use
+        this method.
         """
         self._send_order(ClientGone(client), PendingOrder("gone", now, client))
 
@@ -398,7 +398,9 @@ class ScriptQueue:
 
 
 def _is_of(waiting: PendingOrder, flow: Flow) -> bool:
-    """Return whether an order shows a message that waits for a decision and has this client and direction."""
+    """Return whether an order shows the scripts a message of this client and direction that waits for a
+    decision.
+    """
     return waiting.token is not None and waiting.message is not None and waiting.message.flow is flow
 
 

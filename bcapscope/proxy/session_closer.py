@@ -51,8 +51,9 @@ class _ClientState:
 
 
 class SessionCloser(PipelineSubscriber):
-    """Follows the last serial and the taken arms of each client, to close sessions that clients leave
-    open."""
+    """Remembers the last serial of each client and the arms that each client took, to close sessions that
+    clients leave open.
+    """
 
     def __init__(self, handles: HandleTracker, slave_mode: SlaveModeTracker) -> None:
         """Use the handle and slave-mode trackers of the pipeline to which this object subscribes."""

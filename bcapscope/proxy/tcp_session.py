@@ -133,7 +133,9 @@ class TcpSession(RelaySession):
         return sent_at if sent == len(data) else 0
 
     def on_nothing_held(self, up: bool) -> None:
-        """If the source of a direction has ended, forward this end now. Also resume reading."""
+        """If the sender of a direction has ended its stream, forward the end of the stream now. Also resume
+        reading.
+        """
         self._shut_sink_when_flushed(self._up if up else self._down)
         self._update_masks()
 
@@ -153,7 +155,7 @@ class TcpSession(RelaySession):
         for half in (self._up, self._down):
             if half.pending and not reset_both:
                 self._send_last(half)
-            # No reset toward the controller after a release: a reset would discard the released requests.
+            # After sending held requests, close without a reset: a reset would discard these requests.
             self._close_sink(half, reset_both and not (released and half.up), cause)
         self._relay.remove_client(self, why)
 
@@ -184,7 +186,9 @@ class TcpSession(RelaySession):
         self._relay.ring.write_required(how, self.number, cause, received_at, sent_at=sent_at, up=half.up)
 
     def _send_last(self, half: _HalfConnection) -> None:
-        """Write as many pending bytes as the system accepts at once. Report the remaining bytes as lost."""
+        """Write as many pending bytes as the system accepts without waiting. Report the remaining bytes as
+        lost.
+        """
         rest, sent, when = len(half.pending), 0, time.time_ns()
         with suppress(OSError):
             sent = half.sink.send(half.pending)
@@ -360,8 +364,9 @@ class TcpSession(RelaySession):
             self._close(False, Message("client.ended"))
 
     def _on_source_broken(self, half: _HalfConnection, problem: int) -> None:
-        """Handle a broken source: end the session, or keep the other connection open if rules hide the
-        end."""
+        """Handle the failure of a sender's connection: end the session, or keep the other connection open if
+        a rule hides the end.
+        """
         was_reset = problem in _RESETS
         if was_reset:
             self._record_end(RingRecordKind.RESET, half, received_at=time.time_ns())

@@ -31,7 +31,8 @@ from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timest
 
 EXPIRE_AFTER_NS = 600_000_000_000
 """The relay removes a client that is silent for this time in ns. The time is long, because the controller
-sees a removed client that sends again as a new client. The socket of a silent client costs almost nothing.
+would regard a removed client that sends again as a new client. The socket of a silent client costs almost
+nothing.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000

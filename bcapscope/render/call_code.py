@@ -169,8 +169,8 @@ def _name_arguments(opened: ObjectHandle) -> Sequence[str]:
 def _call_lines(
     function_id: int, arguments: Sequence[Variant], chain: Sequence[ObjectHandle]
 ) -> Iterator[str]:
-    """Yield the lines that make the call: by a method if one takes these arguments, or else by function
-    number.
+    """Yield the lines that make the call: with a method if a method takes these arguments, otherwise with the
+    function number.
     """
     function = FUNCTIONS.get(function_id)
     subject = chain[-1].kind if chain else None

@@ -84,7 +84,7 @@ class CallRecordRenderer:
 
 
 class CallPackets:
-    """Adds the member `packets` to calls as JSON: the capture and the packet of each frame of a call."""
+    """Adds the member `packets` to the JSON of a call: the capture and the packet of each frame."""
 
     def __init__(self, origin_of: Callable[[int], PacketOrigin | None], only_path: str | None) -> None:
         """Prepare to add the member `packets` to calls.

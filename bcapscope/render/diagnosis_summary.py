@@ -18,7 +18,7 @@ def diagnosis_summary(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> str:
-    """Return the line: the number of findings of each severity, and how much traffic was examined."""
+    """Return the summary line: the number of findings of each severity, and how much traffic was examined."""
     if not totals.frames:
         return words("diagnosis.nothing")
     counts = Counter(severities)

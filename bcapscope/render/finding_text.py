@@ -25,8 +25,8 @@ def finding_sentence(finding: Finding, words: MessageFormatter) -> str:
 
 
 def finding_depths(findings: Sequence[Finding]) -> list[int]:
-    """Return the indentation depth of each finding: 0 without a cause, otherwise one more than its cause, at
-    most 4.
+    """Return the indentation depth of each finding: 0 for a finding without a cause, otherwise the depth of
+    the cause plus one, at most 4.
     """
     depths: list[int] = []
     for finding in findings:

@@ -42,7 +42,7 @@ def json_ready(value: object) -> object:
 
 
 def text_fragment(text: str | None) -> orjson.Fragment:
-    """Return a string as JSON by `json_text`, in a form that `orjson.dumps` inserts unchanged."""
+    """Convert a string to JSON with `json_text`. `orjson.dumps` inserts the result unchanged."""
     return orjson.Fragment(json_text(text))
 
 
@@ -70,8 +70,8 @@ def packet_objects(
 
 
 def with_packets(record: bytes, origin_of: Callable[[int], PacketOrigin | None]) -> bytes:
-    """Add the member `packets` to a JSON object: captures and packets of the frames that the object names.
-    The names of the members that hold frame numbers end in `frame` or `frames`.
+    """Add the member `packets` to a JSON object: the capture and the packet of each frame that the object
+    names. The names of the members that hold frame numbers end in `frame` or `frames`.
     """
     frames = sorted(set(_cited_frames(json.loads(record))))  # orjson reads no lone surrogates
     return b'%b,"packets":%b}' % (record[:-1], orjson.dumps(packet_objects(frames, origin_of)))

@@ -9,7 +9,7 @@ from bcapscope.render.number import number_text, single_text
 
 
 def untyped_text(variant: Variant) -> str | None:
-    """Return a value in the notation without its type. The notation can be parsed only if the type is known.
+    """Return a value in the notation without its type. To parse the result, a program must know the type.
 
     The result is None if the notation cannot express the value. Examples are a VARIANT array inside a VARIANT
     array, strings that contain a separator in an array, and types that b-CAP does not have.

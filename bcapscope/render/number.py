@@ -56,7 +56,7 @@ def singles_text(values: tuple[float, ...]) -> str:
 
 
 def single_text(value: float) -> str:
-    """Return an R4 value as text: with seven to nine digits: the fewest that give the same R4 value when
+    """Return an R4 value as text. Use the fewest digits, from seven to nine, that give the same R4 value when
     parsed.
     """
     texts = (f"{value:.{digits}g}" for digits in (7, 8))

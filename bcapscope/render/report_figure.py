@@ -137,7 +137,7 @@ def histogram_bars(bins: Sequence[Bin], least: float, most: float) -> HistogramB
 
     If the values span a large range, the bars are equally wide on a logarithmic axis.
 
-    The result has no bars without values.
+    The result omits bars without values.
     """
     low, high = max(least, bins[0].low), min(most, bins[-1].high)
     spread = low > 0 and high / low > _WIDE_SPREAD

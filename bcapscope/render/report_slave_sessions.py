@@ -345,8 +345,9 @@ class _SessionDrawing:
 
 
 def _axis_number(place: int) -> str:
-    """Return the number by which plotly names the axes of a diagram. `place` counts the diagrams from 0; for
-    the first diagram, the result is ""."""
+    """Return the number by which plotly names the axes of a diagram. `place` is the index of the diagram,
+    counted from 0. For the first diagram, the result is "".
+    """
     return "" if place == 0 else str(place + 1)
 
 

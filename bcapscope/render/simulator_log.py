@@ -55,7 +55,7 @@ def _full_value_text(variant: Variant) -> str:
     base = variant.vt & ~ARRAY
     shown = value[:LONGEST_VALUE]
     if base == VT.R8:
-        # fast path, because every slvMove has two number arrays: format all elements at once
+        # fast path, because every slvMove has two number arrays: format all elements in one step
         return repr([*shown])
     texts: list[str] = []
     room = LONGEST_VALUE

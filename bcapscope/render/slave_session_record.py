@@ -1,7 +1,8 @@
 """Slave-mode sessions as JSON, one object per session.
 
-Names of JSON members with a unit end in `_ms`, `_hz` or `_ppm`. Times are in seconds since 1970 with nine
-decimals. Missing values are null. JSON members whose names end in `frame` or `frames` hold frame numbers.
+If a JSON member has a unit, the member's name ends in `_ms`, `_hz` or `_ppm`. Times are in seconds since 1970
+with nine decimals. Missing values are null. JSON members whose names end in `frame` or `frames` hold frame
+numbers.
 """
 
 from __future__ import annotations

@@ -32,14 +32,14 @@ _SERVICE_START = CallKind(1, None)
 class ScriptLookup:
     """Finds the recorded call that answers a request of one client.
 
-    `find` returns the next recorded call with the same function, command and arguments. If all calls with
-    these arguments were returned already, `find` returns the last of them again. If no recorded call has the
-    same arguments, `find` ignores the arguments. A Service_Start after the last recorded Service_Start begins
-    the script again.
+    `find` returns the next recorded call with the same function, command and arguments. If `find` has already
+    returned all recorded calls with these arguments, `find` returns the last such call again. If no recorded
+    call has the same arguments, `find` ignores the arguments. If the client sends a further Service_Start
+    after the last recorded one, `find` begins again at the first recorded call.
     """
 
     def __init__(self, calls: Iterable[ScriptCall]) -> None:
-        """Index the calls of a script by function, command and arguments."""
+        """Index recorded calls by function, command and arguments."""
         self._calls: dict[CallKind, list[ScriptCall]] = {}
         self._positions: dict[tuple[CallKind, tuple[Variant, ...]], list[int]] = {}
         self._next: dict[CallKind, int] = {}
@@ -50,7 +50,7 @@ class ScriptLookup:
             alike.append(call)
 
     def for_new_client(self) -> ScriptLookup:
-        """Return a lookup with the same index that begins at the start of the script."""
+        """Return a lookup with the same index, which begins at the first recorded call."""
         lookup = copy(self)
         lookup._next = {}
         return lookup
@@ -93,7 +93,8 @@ class _ReplayClient:
         report: Callable[[CallReport, bool], None],
     ) -> None:
         """`report` is a function that gets each answered call, and whether the reply comes from the
-        script."""
+        recording.
+        """
         self.last_heard = 0
         self._number = number
         self._delays = delays
@@ -120,7 +121,7 @@ class _ReplayClient:
         self.last_heard = now
         decision = self._responder.receive_request(frame)
         if decision.kind is RequestKind.BUSY and self._is_unanswered:
-            # The recording has no reply to this call, so the call ends when the client sends another one.
+            # The recording has no reply to this call, so the call ends with the client's next request.
             self._responder.abandon_call()
             decision = self._responder.receive_request(frame)
         if decision.kind is RequestKind.NEW:
@@ -190,7 +191,8 @@ class _ReplayClient:
 
 
 class RecordedController(ClientHost):
-    """Plays the role of a recorded controller. For each client, the script starts from its beginning.
+    """Plays the role of a recorded controller. Each client gets the recorded replies from the beginning of
+    the recording.
 
     `unknown_calls` counts the calls without a usable recorded reply, which get E_NOTIMPL. The replay may use
     a clock that stops while the process does not run, because the clock only measures the recorded delays.

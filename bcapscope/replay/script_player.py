@@ -47,8 +47,9 @@ class PlayedCall(NamedTuple):
 
     @property
     def differs(self) -> bool:
-        """Whether the result codes of the recorded and the played call differ, or only one of them has a
-        reply."""
+        """Whether the result codes of the recorded and the played call differ, or only one of the two calls
+        has a reply.
+        """
         result = self.result
         return self.script_call.hresult != (None if isinstance(result, CallTimedOut) else result.reply.code)
 

@@ -155,7 +155,8 @@ def _interpolate(before: _Step, after: _Step, time: int) -> Joints:
 class TimedMove:
     """An ordinary motion for which calls wait. The next motion may begin at `done_at`, in ns.
 
-    The simulator assumes that Hold stops the motion at once, and that Unhold continues the motion from rest.
+    The simulator assumes that Hold stops the motion immediately, and that Unhold continues the motion from
+    rest.
     """
 
     def __init__(
@@ -175,7 +176,9 @@ class TimedMove:
         return self.done_at == NEVER
 
     def hold(self, now: int) -> None:
-        """Stop the motion at the commanded joints so that it can be resumed, unless it has ended."""
+        """Unless the motion has ended, stop the motion at the commanded joints, so that a client can resume
+        it.
+        """
         left = self._arm.ends - now
         if left > 0 and not self.is_held:
             self._arm.halt(now)

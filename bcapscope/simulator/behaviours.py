@@ -11,7 +11,7 @@ class Certainty(StrEnum):
     """How certain it is that a real controller behaves like the simulator."""
 
     DOCUMENTED = "documented"
-    """DENSO's documents or lists, or published descriptions of its commands, state the behaviour."""
+    """DENSO's documents or lists, or published descriptions of DENSO's commands, state the behaviour."""
     OBSERVED = "observed"
     """DENSO's server or driver, or published captures, show the behaviour, or users have reported it."""
     ASSUMED = "assumed"

@@ -156,8 +156,8 @@ class CallExecutor:
         return raw
 
     def _reply_arguments(self, function_id: int, answer: CallResult) -> tuple[Variant, ...]:
-        """Return the arguments of a reply: its value if it has one, otherwise EMPTY or nothing, as the
-        profile decides.
+        """Return the arguments of a reply: the value if there is one. Otherwise, the profile decides between
+        EMPTY and no argument.
         """
         if function_id not in _FUNCTIONS_WITH_RESULT or answer.hresult == E_NOTIMPL:
             return ()

@@ -134,8 +134,8 @@ class Hand:
 
     @property
     def collides_at(self) -> int | None:
-        """Time in ns at which the fingers hit the object in a motion that is not a grip; None if they do not
-        hit it.
+        """Time in ns at which the fingers hit the object in a motion that is not a grip; None if the fingers
+        do not hit the object.
         """
         return self.ends if self._touches_object and not self._force else None
 

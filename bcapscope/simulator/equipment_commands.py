@@ -7,8 +7,8 @@ result codes: the list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Co
 touch an object without gripping it: DENSORobot/denso_robot_ros issue 46. Source for the fact that the hand
 needs the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
 
-A call that moves a hand lasts as long as the motion. The samples send the next command at once, and a moving
-hand would refuse this command. No force acts on the simulated robot. The simulator has one arm.
+A call that moves a hand lasts as long as the motion. The samples send the next command immediately, and a
+moving hand would refuse this command. No force acts on the simulated robot. The simulator has one arm.
 SyncTimeStart, SyncTimeEnd, SyncMoveStart and SyncMoveEnd therefore do not change motions; the simulator only
 checks their order.
 """
@@ -153,7 +153,7 @@ def _stored_motion(hand: Hand, closes: bool, force: float) -> tuple[float, float
 def _start(
     context: CallContext, hand: Hand, goal: float, speed: float, force: float, *, waits: bool
 ) -> RunningCall | None:
-    """Begin a motion, unless the state forbids it, the hand moves, or COBOTTA's motor is off.
+    """Begin a motion, unless the state forbids a motion, the hand already moves, or COBOTTA's motor is off.
 
     If the call `waits`, it lasts as long as the motion. A waiting call fails if the 2FG hand grips nothing.
     """

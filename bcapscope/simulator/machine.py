@@ -47,8 +47,8 @@ MAX_ACTIVE = 32
 MAX_LOGGED = 128
 
 OTHER_CLIENT = 0
-"""Owner number for the arm if the pendant, or a client on another network, has it. Numbers of clients start
-at 1.
+"""Number of the arm's owner while the pendant, or a client on another network, has the arm. Numbers of
+clients start at 1.
 """
 
 
@@ -273,7 +273,7 @@ class Machine:
             raise RefusedError(SOFTWARE_LIMIT + axis)
 
     def stop(self, now: int, code: int, is_reported: bool = True) -> None:
-        """End motions and slave mode at once; the calls that wait for a motion or for slave mode return
+        """End motions and slave mode now; the calls that wait for a motion or for slave mode return
         `code`.
 
         If slave mode was on, the next slvMove also returns `code` (issues 20 and 49 of

@@ -45,8 +45,8 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: CallContext, interpolation: Variant, pose: Variant, option: Variant) -> HandlerOutcome:
-    """Run Robot_Move. To the end of a line or circle, the simulated arm moves as in PTP. The arm does not
-    move along a free curve.
+    """Run Robot_Move. For a line or a circle, the simulated arm moves to the end as in PTP. For a free curve,
+    the arm does not move.
     """
     kind, read = integer_of(interpolation), context.machine.memory.read
     if kind == _CIRCLE:
@@ -91,7 +91,7 @@ def drive(
 
 
 def halt(context: CallContext) -> None:
-    """Stop the arm at once; the call of a running motion returns 83201404, and slave mode ends."""
+    """Stop the arm immediately; the call of a running motion returns 83201404, and slave mode ends."""
     context.machine.stop(context.now, IS_STOPPING)
 
 
@@ -126,7 +126,9 @@ def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> 
 
 
 class _MotionOptions(NamedTuple):
-    """Internal speed in percent or None, minimum duration in ns, and whether the call returns at once."""
+    """Internal speed in percent or None, minimum duration in ns, and whether the call returns before the
+    motion ends.
+    """
 
     speed: float | None
     time: int

@@ -1,7 +1,8 @@
 """Events at a controller that no client asked for, such as the emergency stop or an action on the pendant.
 
-The fields of an event have been validated. A method of the event applies it. Events have the same notation as
-faults of messages. In a document, the field `action` says which event or fault an entry is.
+The fields of an event have been validated. Each event has a method that applies the event to the controller.
+Events have the same notation as faults of messages. In a document, the field `action` of an entry names the
+event or fault.
 """
 
 from __future__ import annotations

@@ -57,7 +57,9 @@ class SimulatorClock:
         return self._monotonic() - self.paused_ns
 
     def update(self) -> int:
-        """Return the model's time. If an event is long overdue, the time goes back to when it was due."""
+        """Return the model's time. If an event is long overdue, set the model's time back to the time when
+        the event was due.
+        """
         ours = self._monotonic()
         now = ours - self.paused_ns
         if now - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
@@ -71,10 +73,9 @@ class SimulatorClock:
     def arrival_time(self, received_at: int) -> int:
         """Return the model's time at which a request arrived; `received_at` is in ns since 1970.
 
-        If the request waited too long to be read, the model's time goes back to the request's arrival. This
-        does not happen while a call runs, because a request that arrives then is most likely a retry of that
-        call.
-        Only the last pause is stored, because the simulator reads requests soon after they arrive.
+        If the request waited too long to be read, the model's time goes back to the request's arrival. While
+        a call runs, the time does not go back, because the request is most likely a retry of the running
+        call. Only the last pause is stored, because the simulator reads requests soon after they arrive.
         """
         now, ours = self.update(), self._monotonic()
         moment = ours - max(0, self._wall() - received_at)
@@ -101,7 +102,7 @@ class SimulatorClock:
         return self.latest_time
 
     def on_replies_sent(self) -> None:
-        """Record that all replies are sent. If sending took too long, the model's time pauses from the last
+        """Record that all replies are sent. If sending took too long, set the model's time back to the last
         update.
         """
         ours = self._monotonic()

@@ -45,7 +45,7 @@ _SPIN_NS = 60_000
 _MAX_DATAGRAMS = 1024  # maximum number of datagrams to read before the second datagram is processed
 _READ_SIZE = 256  # maximum number of bytes to read from one connection in a row
 _READ_SIZE_PACED = 16384  # `_READ_SIZE` in modes where each set point has its own arrival time
-# a match inside a frame does no harm, because both halves are delivered
+# a match inside a frame is harmless, because the server delivers both halves of the frame
 _BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")
 _MAX_ACCEPTED = 16  # maximum number of connections accepted in a row
 _SPARE_DESCRIPTORS = 3  # reserved for clients that send a stop when no other descriptor is free
@@ -122,7 +122,7 @@ class SimulatorServer:
         self._stops: list[_Connection] = []  # connections accepted beyond the limit for a stop, oldest first
         self._spares = SpareDescriptors(_SPARE_DESCRIPTORS)
         self._is_paused = False
-        self._tidied_at = -_TIDY_INTERVAL_NS  # no spare descriptors yet: the command itself needs them first
+        self._tidied_at = -_TIDY_INTERVAL_NS  # reserve no descriptors yet: the program needs some first
         self._spin_until = 0
         self._may_be_more = True
         self._polled_empty_at = 0  # time of the latest poll that found no data
@@ -185,8 +185,8 @@ class SimulatorServer:
     def _wait(self, readers: list[int], until: float, due: int | None, now: int) -> ReadyDescriptors:
         """Wait for readable and writable sockets; shortly after a request, poll instead of sleeping.
 
-        If a poll found no bytes, the bytes of the next poll arrived between both polls. If several datagrams
-        arrived, a later poll finds the remaining datagrams.
+        If a poll found no bytes, bytes that the next poll finds arrived between these two polls. If several
+        datagrams arrived, a later poll finds the remaining datagrams.
         """
         end = self._spin_until if due is None else min(self._spin_until, due)
         self._may_be_more = True
@@ -227,10 +227,10 @@ class SimulatorServer:
 
     def _read_datagrams(self) -> None:
         """Read the waiting datagrams, so that the system's buffer does not overflow. Answer the first
-        datagram at once, and queue the remaining datagrams.
+        datagram immediately, and queue the remaining datagrams.
         """
         receive, turns = self._receive, self.datagram_queue
-        # 0 requests no arrival time, because the datagram arrived between two polls
+        # with a size of 0, the system reports no arrival time: the datagram arrived between two polls
         asked = ANCILLARY_SIZE if self._may_be_more else 0
         for number in range(_MAX_DATAGRAMS if self._may_be_more else 1):
             try:
@@ -265,7 +265,7 @@ class SimulatorServer:
                 if (accepted := accept_connection(self._tcp, self._free_descriptor)) is None:
                     break
             except OSError:
-                self._is_paused = True  # otherwise `select` would report the same connection again at once
+                self._is_paused = True  # otherwise `select` would immediately report this client again
                 break
             sock, address = accepted
             sock.setblocking(False)
@@ -440,7 +440,7 @@ def serve(
 ) -> None:
     """Serve until interrupted, and call `idle` after each step; `idle` returns whether it has more work.
 
-    The loop calls `on_readable` with each readable descriptor in `extra`; `on_readable` may change that list.
+    The loop calls `on_readable` with each readable descriptor in `extra`; `on_readable` may change `extra`.
     """
     is_busy = False
     while True:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bcapscope.testing.recording_context import RecordingContext
 
 _SOURCES = pytest.StashKey[dict[str, "RecordingContext"]]()
-"""The simulator and the proxy that a test uses, by the name of the fixture."""
+"""For the name of each fixture that a test uses, its simulator or proxy."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -25,7 +25,8 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers",
         "bcap(profile=None, scenario=None, faults=(), seed=None): set up the fixture bcap_simulator; the "
-        "arguments are those of bcapscope.Simulator. With bcap_proxy, the proxy has the faults.",
+        "arguments are those of bcapscope.Simulator. If a test uses bcap_proxy, the proxy injects the "
+        "faults.",
     )
 
 

@@ -1,4 +1,4 @@
-"""The calls and the findings of a recording, which may still be written."""
+"""The calls and the findings of a recording, even while bcapscope is writing the recording."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class RecordedTraffic(PipelineSubscriber):
         calls: Calls in the order in which they ended, each with the object of its handle. The list includes
             calls without a reply.
         findings: Findings of `bcapscope diagnose`, root cause first.
-        totals: Totals of the traffic, to which the findings refer.
+        totals: Totals of the traffic in which the findings were found.
     """
 
     needs_targets = True

@@ -114,8 +114,9 @@ class Call:
         may_continue_in: The client's next call, if it may consist of later attempts of this call; None for
             a complete call.
         was_overtaken: Whether the controller answered a later request; known only if `may_go_on` is set.
-        stray_replies: Replies and notices for attempts of this call that were not captured. They came before
-            the capture showed that the attempts belong to this call, and are also reported as stray replies.
+        stray_replies: Replies and notices for attempts of this call that were not captured. These frames are
+            also reported as stray replies, because they came before the capture showed that the attempts
+            belong to this call.
         is_at_controller: Whether the user says that the capture was taken at the controller.
         last_activity: Time of the latest frame of the call, ns since 1970.
         no_reply_expected: Whether a reply can no longer follow, although the client has not begun another
@@ -236,7 +237,9 @@ class Call:
 
     @property
     def first_attempt_seen(self) -> bool:
-        """Whether the first attempt of the call was captured. If not, `request` is a retry."""
+        """Whether the first attempt of the call was captured. If the first attempt was not captured,
+        `request` is a retry.
+        """
         frame = self.request.item
         return frame.reserved in (0, frame.serial) or self.conversation.transport is Transport.TCP
 
@@ -266,8 +269,7 @@ class Call:
 
     @property
     def all_unseen_serials(self) -> tuple[int, ...]:
-        """Serials of the attempts that were not captured, with that of the first attempt if a retry names
-        it."""
+        """Serials of all attempts that were not captured: the retries and the first attempt."""
         if self.first_attempt_seen:
             return self.unseen_serials
         return (self.request.item.reserved, *self.unseen_serials)

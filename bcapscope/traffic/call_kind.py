@@ -17,9 +17,9 @@ handle and command.
 """
 
 MAX_SERIALS = 1024
-"""Minimum number of latest requests of a conversation that `RecentRequests` remembers; the maximum is twice
-this number. A thousand requests are enough to match a reply that is a second late, even if the client sends a
-set point every millisecond.
+"""`RecentRequests` remembers at least this many of the latest requests of each conversation, and at most
+twice as many. A thousand requests are enough to match a reply that is a second late, even if the client sends
+a set point every millisecond.
 """
 
 MAX_CONVERSATIONS = 256
@@ -120,8 +120,7 @@ class CallKinds:
 class RecentRequests:
     """Remembers recent requests, so that a reply can be shown with the function of its request.
 
-    A reply belongs to the latest request with the same serial. DENSO's C server assigns replies in the same
-    way.
+    A reply belongs to the latest request with the same serial.
     """
 
     def __init__(self) -> None:

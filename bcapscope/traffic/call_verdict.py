@@ -50,9 +50,9 @@ class CallVerdict(StrEnum):
     EXECUTED_TWICE = "executed twice"
     """The controller executed the call more than once: replies to its attempts differ in result or value. A
     server that recognises a retry sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c).
-    The two replies in DENSO Wave 2009 are equal as well. A second execution also shows in skipped handles
-    before the accepted handle, at most one per unanswered attempt. The controller then created objects
-    whose handles the client never received.
+    DENSO Wave 2009 also shows two equal replies to a retried call. The verdict is the same if the controller
+    skipped handles before the accepted handle, at most one per unanswered attempt. The controller then
+    created objects whose handles the client never received.
     """
     REPLY_LATE = "reply late"
     """A reply was captured after the client had sent the next attempt or begun another call. The client
@@ -74,8 +74,8 @@ class CallVerdict(StrEnum):
     """
     CANNOT_TELL = "cannot tell"
     """The client retried, and the capture does not show whether requests or replies were lost, or whether a
-    reply was late: each of these verdicts would be wrong in some course of events that gives the same capture
-    (`tests/traffic/possible_worlds.py`)."""
+    reply was late. Several courses of events give the same capture (`tests/traffic/possible_worlds.py`).
+    """
 
 
 _NO_RESULTS = (E_BUSY, S_EXECUTING)
@@ -104,8 +104,9 @@ def verdict_of(call: Call) -> CallVerdict:
 
 
 def _by_frames(call: Call) -> CallVerdict:
-    """Return the verdict on a call with retries or further frames, from the frames that surely belong to
-    it."""
+    """Return the verdict on a call with retries or further frames. Only frames that surely belong to the call
+    count.
+    """
     if call.skipped_handles or _replies_differ(call):
         return CallVerdict.EXECUTED_TWICE
     if _sure(call, call.late_replies):
@@ -144,7 +145,7 @@ def _by_attempts(call: Call, lost: Sequence[FrameObservation]) -> CallVerdict:
 
 
 def _is_unseen_lost(call: Call, received: Set[int]) -> bool:
-    """Return whether an attempt that was not captured did not reach the controller.
+    """Return whether the network evidently lost an attempt before a capture point at the controller.
 
     A capture at the controller holds a reply to each attempt that reaches it, even if the capture lacks the
     attempt itself. `received` holds the serials of the attempts with replies or notices.

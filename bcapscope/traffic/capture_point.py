@@ -29,7 +29,7 @@ delay a frame by milliseconds.
 """
 
 _REACTIONS = 3  # number of reactions to collect, because a single short reaction can be a coincidence
-_MARGIN = 2  # factor on the shortest round trips, because other round trips take longer
+_MARGIN = 2  # the shortest round trips are multiplied by this factor, because others take longer
 
 
 class CapturePoint(StrEnum):
@@ -55,8 +55,9 @@ class CrossingWindow:
     """
 
     def __init__(self, taken_at: CapturePoint | None = None) -> None:
-        """Create a window. `taken_at` is the capture point; None if it is unknown. The window of a capture at
-        the client needs no reactions."""
+        """Create a window. `taken_at` is the capture point; None if it is unknown. For a capture at the
+        client, the window is fixed.
+        """
         self.considered_below_ns = 0 if taken_at is CapturePoint.CLIENT else LONGEST_ROUND_TRIP_NS
         self._taken_at = taken_at
         self._shortest: list[int] = []
@@ -71,7 +72,7 @@ class CrossingWindow:
     def add_answered_call(self, call: Call, following: FrameObservation) -> None:
         """Learn from the time between the reply to a call and the client's next request.
 
-        A retried call shows nothing: the client may have given up when the reply came.
+        Retried calls are ignored, because the client may have given up before the reply came.
         """
         is_retried = not call.first_attempt_seen or call.last_attempt is not call.request
         if (

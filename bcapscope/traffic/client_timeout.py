@@ -37,7 +37,7 @@ _MAX_KINDS = 64
 def attempt_distances(call: Call) -> list[int]:
     """Return the times in ns between successive attempts of a call.
 
-    If the capture lacks attempts between two captured attempts, the time between these two is divided evenly.
+    If the capture lacks attempts between two captured attempts, all distances between them count as equal.
     """
     attempts = call.attempts
     if len(attempts) == 1:

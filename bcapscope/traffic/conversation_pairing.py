@@ -64,7 +64,7 @@ class ConversationPairing:
         self._kind_of = (kinds or CallKinds()).kind_of
         self._is_tcp = conversation.transport is Transport.TCP
         self._reserved_usage = ReservedFieldUsage()
-        # reserved field of the latest first attempt; on UDP only 0 (zero) or 1 (not zero)
+        # reserved field of the latest first attempt; for UDP, 1 if the field is not 0
         self._first_reserved = -1
         self._serials = SerialTable()
         self._by_serial = self._serials.open_calls
@@ -92,7 +92,9 @@ class ConversationPairing:
         return sum(call.memory_bytes for call in self.open_calls)
 
     def add_request(self, observation: FrameObservation, frame: Frame, number: int) -> bool:
-        """Add a request. Return whether the request starts a new call, whose number is then `number`."""
+        """Add a request. If the request starts a new call, give this call the number `number` and return
+        True.
+        """
         serial, reserved = frame.serial, frame.reserved
         if self._unseen_requests.waiting:
             strays = self._unseen_requests.pop_before(serial)
@@ -164,7 +166,9 @@ class ConversationPairing:
             self._apply(call, CallEvent.NOTICE if is_notice else CallEvent.UNDELIVERED_REPLY, observation)
 
     def add_own_request(self, observation: FrameObservation, frame: Frame) -> None:
-        """Add a proxy's own request to a call if the request is a copy of a client's request."""
+        """If a request that the proxy sent on its own is a copy of a client's request, add the copy to the
+        client's call.
+        """
         prior = self._by_serial.get(frame.serial)
         if prior is not None:
             self._add_to_prior(prior, observation, frame)
@@ -236,7 +240,7 @@ class ConversationPairing:
     def _add_after_strays(
         self, strays: Sequence[StrayReply], observation: FrameObservation, frame: Frame, number: int
     ) -> bool:
-        """Add a request, and the stray replies before it that answer attempts of its call."""
+        """Add a request. Add to its call the stray replies that answer earlier attempts of the call."""
         is_new = self.add_request(observation, frame, number)
         call = self._by_serial.get(frame.serial)
         if call is not None:  # not evicted
@@ -269,7 +273,7 @@ class ConversationPairing:
         self._budget.held += size
 
     def _add_later_attempt(self, observation: FrameObservation, frame: Frame, number: int) -> bool:
-        """Add a retry on UDP. Return True if it starts a new call because its first attempt is missing."""
+        """Add a retry on UDP. If the first attempt was not captured, start a new call and return True."""
         serial, reserved = frame.serial, frame.reserved
         origin, newest = self._by_serial.get(reserved), None
         if origin is None:

@@ -17,7 +17,7 @@ from bcapscope.traffic.observation import Conversation
 
 MAX_OBJECTS = 4096
 """Maximum number of objects that are remembered per client. Beyond the limit, the oldest object is dropped.
-DENSO's C server allows 1000 (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+DENSO's C server allows 1000 objects (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
 MAX_SESSIONS = 1024
 """Maximum number of ended sessions that are remembered. Beyond the limit, the oldest session is dropped."""
@@ -34,8 +34,8 @@ class TrackedObject:
     Attributes:
         name: Name that the call gave when it opened the object, such as `Arm`; "" if it gave no name.
         parent: Label of the object through which this object was opened; "" for a controller or if unknown.
-        known_to_client: Whether the client received the handle. False if the reply was late, or if a repeated
-            execution of the call created the object.
+        known_to_client: Whether the client received the handle. `known_to_client` is False if the reply was
+            late, or if a repeated execution of the call created the object.
     """
 
     kind: ObjectClass

@@ -45,7 +45,7 @@ class ServerEvidenceKind(StrEnum):
     RESULT = "result"
     """The server sent a result code that no request can carry."""
     CALL = "call"
-    """The client sent a function with the arguments of this function."""
+    """The client sent a request whose arguments fit its function."""
     GUESS = "guess"
     """The other end sent first. No frame shows which end is the server."""
 

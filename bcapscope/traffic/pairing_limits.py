@@ -13,4 +13,4 @@ FRAME_COST = 512
 """Overhead of a frame in bytes."""
 
 LARGE_CALL = 64 * 1024
-"""Maximum size in bytes of a settled call that is kept in memory as the newest call."""
+"""Maximum size in bytes of a settled call that `ConversationPairing` keeps as the newest call."""

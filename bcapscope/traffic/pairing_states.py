@@ -1,7 +1,7 @@
 """Table of how events change the state of a call while its frames are captured.
 
 For each state and event, `TRANSITIONS` has the next state, and the role of the event's frame in the call.
-`ConversationPairing` decides by serials, bytes and times which event a frame is. A pair of state and event
+`ConversationPairing` determines the event of a frame from serials, bytes and times. A pair of state and event
 that is missing from the table cannot occur.
 """
 

@@ -40,8 +40,8 @@ class PipelineSubscriber:
     pipeline computes only the events that its subscribers need.
 
     Attributes:
-        needs_targets: Whether `on_call` needs the object of each call's handle. If False, the `target` of
-            `on_call` may be None.
+        needs_targets: Whether `on_call` needs the object of each call's handle. If `needs_targets` is False,
+            the `target` of `on_call` may be None.
     """
 
     needs_targets: ClassVar[bool] = False
@@ -103,10 +103,10 @@ class Pipeline:
         """Create a pipeline.
 
         Args:
-            handles: Handle tracker to update, for a caller that reads the tracker. If None, the pipeline
-                follows handles only if a subscriber needs targets.
-            slave_mode: Slave-mode tracker to update, for a caller that reads the tracker. If None, the
-                pipeline follows slave mode only if a subscriber overrides `on_slave_mode`.
+            handles: Handle tracker that the pipeline updates and the caller reads. If `handles` is None, the
+                pipeline follows handles only if a subscriber needs targets.
+            slave_mode: Slave-mode tracker that the pipeline updates and the caller reads. If `slave_mode` is
+                None, the pipeline follows slave mode only if a subscriber overrides `on_slave_mode`.
             joiner: Joiner for captures of one conversation from several places; None for traffic from one
                 place.
             taken_at: Where the capture was taken; None if only the traffic shows it.
@@ -165,8 +165,8 @@ class Pipeline:
         self._emit(self._tracker.close())
 
     def _adder(self, joiner: Joiner | None) -> Callable[[Observation], None]:
-        """Return the function that adds an observation. This function is a closure, because closures take a
-        tenth less time than methods.
+        """Return the function that adds an observation. The returned function is a closure, because a closure
+        takes a tenth less time than a method.
         """
         observe, emit, frame_handlers = self._tracker.observe, self._emit, self._frame_handlers
 
@@ -185,7 +185,8 @@ class Pipeline:
             if observation.flow not in joiner.passing:
                 self._add_joined(joiner.add(observation))
                 return
-            for on_frame in frame_handlers:  # the code of `add`, inlined because nearly all captures use it
+            # the same code as in `add`, because a call of `add` would slow down nearly all captures
+            for on_frame in frame_handlers:
                 on_frame(observation)
             settled = observe(observation)
             if settled:

@@ -49,7 +49,7 @@ class ReservedFieldUsage(NamedTuple):
         """Return the updated usage after a retry.
 
         Args:
-            origin: Serial of the call's first attempt, known from this attempt or from a retry that names it.
+            origin: Serial of the call's first attempt, even if only a retry shows this serial.
             previous: Serial of the call's previous attempt.
             starts_with_zero: Whether the client's latest first attempt has 0 in the reserved field.
         """

@@ -33,8 +33,9 @@ class SerialTable:
         return self._settled.get(serial) or self._older_settled.get(serial)
 
     def add_skipped(self, before: int, after: int, call: Call) -> None:
-        """Add the serials between two attempts of a call, which are those of attempts that were not
-        captured."""
+        """Add the serials between two attempts of a call; these serials belong to attempts that were not
+        captured.
+        """
         serials = skipped_serials(before, after)
         call.unseen_serials += serials
         for serial in serials:

@@ -35,8 +35,8 @@ class SlaveModeEffect(Enum):
     """What a call shows about slave mode, or how the call changes slave mode."""
 
     SET_POINT = "set point"
-    """The call is a set point. The controller accepted it or found the buffer full, or the reply was not
-    captured.
+    """The call is a set point. The controller accepted the set point or found the buffer full, or the reply
+    was not captured.
     """
     SET_POINT_FAILED = "set point failed"
     """The call is a set point that the controller refused for a reason other than a full buffer or inactive

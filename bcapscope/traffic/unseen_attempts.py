@@ -42,12 +42,12 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
 
 
 class UnseenRequests:
-    """Stray replies of one client to requests that were not captured.
+    """Stray replies to one client: the capture lacks the requests that they answer.
 
     The serial of a stray reply is either older or newer than the client's latest captured serial. If the
-    serial is older, the client sent the request before the capture began, or the capture missed it. If the
-    serial is newer, the request may be a retry of the client's newest call. The client's next request shows
-    whether the client has used a newer serial, and perhaps for which call.
+    serial is older, the client sent the request before the capture began, or the capture missed the request.
+    If the serial is newer, the request may be a retry of the client's newest call. The client's next request
+    shows whether the client has used a newer serial, and perhaps for which call.
 
     Attributes:
         waiting: Whether stray replies wait for the client's next request.
@@ -57,7 +57,7 @@ class UnseenRequests:
         self._recent: list[StrayReply] = []
         self._noticed: set[int] = set()
         self._latest = 0  # serial of the latest attempt of the newest call, before the next request
-        self._newest: Call | None = None  # the newest call, which the stray replies followed
+        self._newest: Call | None = None  # the client's newest call before the stray replies
         self.waiting = False
 
     def add_stray_reply(self, stray: StrayReply, newest: Call | None) -> None:
@@ -82,10 +82,10 @@ class UnseenRequests:
         del self._recent[: -2 * MAX_UNSEEN]
 
     def pop_before(self, serial: int) -> list[StrayReply]:
-        """Return the stray replies before the next request, which has the serial `serial`.
+        """Return the stray replies that came before the client's next request, which has the serial `serial`.
 
-        Set `request_missed` of a stray reply to False if the client had not used its serial before this
-        request. If the request is a copy of the client's latest request, nothing changes.
+        Set `request_missed` of a stray reply to False if the client had not used the reply's serial before
+        this request. If the request is a copy of the client's latest request, nothing changes.
         """
         newest, strays = self._newest, self._recent
         latest = serial - MAX_UNSEEN if newest is None else newest.last_attempt.item.serial
@@ -109,9 +109,9 @@ class UnseenRequests:
     def assign(self, strays: Sequence[StrayReply], call: Call, named: int) -> None:
         """Add stray replies to the call of the client's next request, if they answer its attempts.
 
-        The other stray replies may answer attempts of the previous call. `named` is the reserved field of the
-        next request. If `named` is the serial of an attempt that was not captured, an attempt before it may
-        be the last attempt of another call.
+        Stray replies that do not answer attempts of this call may answer attempts of the previous call.
+        `named` is the reserved field of the next request. If `named` is the serial of an attempt that was not
+        captured, an earlier attempt may be the last attempt of another call.
         """
         unseen, newest = call.all_unseen_serials, self._newest
         is_joined = call is newest and named in call.unseen_serials
@@ -146,8 +146,8 @@ def find_retried_call(
 ) -> tuple[Call | None, Call | None]:
     """Find the call of a retry that names an attempt which was not captured.
 
-    Return the client's newest call twice if the frame is probably its retry. Return None and the newest call
-    if another call is as probable. Return None twice if the frame is no retry of the newest call.
+    Return the call to which the retry probably belongs, and the call to which it possibly belongs. Each is
+    the client's newest call or None.
 
     Args:
         newest: The client's newest call; None if there is none.
@@ -173,8 +173,8 @@ def find_retried_call(
 def settle_continuation(call: Call, convention: ReservedConvention, latest_answered: int) -> None:
     """Set `may_go_on` of an unanswered call whose retries may have been captured as the client's next call.
 
-    The next call may likewise continue in the call after it. The controller sends S_EXECUTING only for the
-    first attempt of a call that it receives, so a call ends where another call was executed.
+    The call after the next call may also contain retries of `call`. The controller sends S_EXECUTING only for
+    the first attempt of a call that it receives. A second S_EXECUTING therefore belongs to another call.
 
     Args:
         call: The call, which is about to be complete.
@@ -183,7 +183,7 @@ def settle_continuation(call: Call, convention: ReservedConvention, latest_answe
     """
     later, call.may_continue_in = call.may_continue_in, None
     if convention in (ReservedConvention.SEED, ReservedConvention.OWN):
-        return  # the reserved field of the next call names its own first attempt
+        return  # the reserved field shows that the next call does not continue this call
     was_received = call.was_received
     while later is not None and not (was_received and later.was_executed):
         if later.reply is not None or later.may_go_on or not later.abandoned_at:

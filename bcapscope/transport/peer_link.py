@@ -42,7 +42,7 @@ class Link(Protocol):
     def peer(self) -> Address: ...
 
     def send(self, data: bytes) -> None:
-        """Send data at once, without waiting.
+        """Send data without waiting.
 
         Raises:
             OSError: The data cannot be sent, and the link has no `LinkReceiver` to report the error to.

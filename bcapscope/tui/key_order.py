@@ -2,8 +2,8 @@
 
 Textual chooses the widget for a key as soon as it reads the key. The widget handles the key later, after
 Textual has offered the key to the widget's parents. Fast typing, pasting and remote terminals can deliver `/`
-and letters in one packet. Without `KeyOrderApp`, all these keys would go to the list, and none to the field
-that `/` opens.
+and letters in one packet. Without `KeyOrderApp`, the letters would go to the list, and not to the field that
+`/` opens.
 """
 
 from __future__ import annotations

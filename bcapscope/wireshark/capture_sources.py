@@ -27,7 +27,7 @@ _NETWORK = re.compile(r"[^\s,]+")
 
 
 class CaptureOptionError(BcapError):
-    """The options of a capture interface are invalid; the error names the wrong one."""
+    """The options of a capture interface are invalid; the error text names the invalid option."""
 
 
 class DialogType(StrEnum):
@@ -50,11 +50,12 @@ class DialogOption:
         tooltip: Text that explains the input.
         default: Initial value; "" for none.
         placeholder: Example that Wireshark shows in an empty input.
-        choices: Values of a list, with the text for each.
+        choices: For each value of a list, the text that Wireshark shows.
         range: Smallest and largest number; "" for no limits.
         is_required: Whether Wireshark asks for a value before it captures.
-        option: Option of the command; "" if it is `call`.
-        each_value: Pattern of each value in a text with several. The command gets the option once for each.
+        option: Name of the command's option; "" if the name is the same as `call`.
+        each_value: Pattern of each value if the input can contain several values. The command gets the option
+            once per value.
     """
 
     call: str
@@ -97,7 +98,8 @@ class CaptureSource:
         """Return the command and its options for the options that Wireshark passes. The others have defaults.
 
         Raises:
-            CaptureOptionError: An option is unknown, missing, without a value, or excludes another one.
+            CaptureOptionError: An option is unknown, missing or without a value, or cannot be combined with
+                another option.
         """
         values = self._values(given)
         words, used = [self.command], dict[str, str]()

@@ -27,7 +27,7 @@ def link_type_sentences() -> Iterator[str]:
 
 
 def option_sentences(source: CaptureSource) -> Iterator[str]:
-    """Yield the inputs of an interface's dialog, and after each list its values."""
+    """Yield a sentence for each input of an interface's dialog. The values of a list follow the input."""
     for number, option in enumerate(source.options):
         yield _sentence("arg", number=number, **_input(option))
         for value, display in option.choices.items():

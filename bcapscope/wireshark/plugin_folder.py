@@ -31,12 +31,14 @@ def default_plugin_folder() -> Path:
 
 
 def extcap_folders(folder: Path | None) -> tuple[Path, ...]:
-    """Return the folders for the launcher: `extcap` in `folder`, or all that Wireshark searches."""
+    """Return the folders for the launcher: `extcap` in `folder`. If `folder` is None, return all folders in
+    which Wireshark looks for launchers.
+    """
     return default_extcap_folders() if folder is None else (folder / "extcap",)
 
 
 def install(folder: Path, launcher_folders: Iterable[Path]) -> tuple[Path, Path, list[Path]]:
-    """Write dissector, coloring rules and launchers; return the paths of each.
+    """Write dissector, coloring rules and launchers; return the paths of these files.
 
     Raises:
         FileWriteError: A file cannot be written, or another program has a file with the same name.
@@ -53,7 +55,7 @@ def install(folder: Path, launcher_folders: Iterable[Path]) -> tuple[Path, Path,
 
 
 def _write(path: Path, text: str, mode: int) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")  # a name that Wireshark does not load
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")  # Wireshark loads no file with this name
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary.write_text(text, encoding="utf-8", newline="")

@@ -111,7 +111,7 @@ def test_recordings_of_the_official_libraries(name: str, port: int, retries: int
 
 def test_jitter_is_the_distance_of_a_cycle_from_the_period(tmp_path: Path) -> None:
     help_ = " ".join(run_here("slave", "--help").out.split())
-    assert "At 8 ms, a cycle of 10 ms has a jitter of 2 ms" in help_
+    assert "If the period is 8 ms, a cycle time of 10 ms has a jitter of 2 ms" in help_
     steady = tmp_path / "steady.pcap"
     with open_capture(SESSION) as capture:
         points = [packet for packet in capture if b"s\x00l\x00v\x00M\x00o\x00v\x00e" in packet[1]]

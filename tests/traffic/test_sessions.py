@@ -77,8 +77,8 @@ def _line(records: dict[int, Record], next_call: int | None, passed: bool) -> st
         elif accepted or gone_on or record.attempt != last:
             role = "late<"
         known.add(record.raw)
-        if role in (">", ">>", "..."):
-            waiting_since = record.time
+        if role in (">", ">>") or (role == "..." and record.attempt == last):
+            waiting_since = record.time  # a client discards a notice that answers an earlier attempt
         accepted = accepted or role == "<"
         words.append(f"{role}{number}")
         roles.append((role, record))

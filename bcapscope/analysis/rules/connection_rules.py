@@ -40,7 +40,7 @@ class ConnectionChecker(RuleChecker):
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         client = self.clients.find(conversation)
-        if client is not None:  # the registry may still remember a closed client
+        if client is not None:  # the registry remembers some clients whose conversation was closed
             self.by_client[conversation] = True
             for occurrence in _closing_occurrences(client):
                 self.report_occurrence(occurrence)
@@ -93,8 +93,8 @@ def _hung_up(last: Call, closing: ConnectionEnd) -> Occurrence:
 
 
 def _hung_up_by_proxy(last: Call, closing: ConnectionEnd) -> Occurrence:
-    """Describe that a proxy closed its connection to the client, while its connection to the controller was
-    open.
+    """Return the problem that a proxy closed its connection to the client while its connection to the
+    controller was open.
     """
     near = last.conversation
     server = str((near.controller_leg or near).server)

@@ -185,8 +185,8 @@ class ErrorListChecker(RuleChecker):
     def _compare(self, errors: _ControllerErrors, refused: _RefusedCalls, read: _ErrorRead) -> None:
         """Report an error that a client read, if this error explains the first refusal.
 
-        The error list begins with the newest error. An error that the client reads after the refusal's own
-        error is therefore older than the refusal.
+        The error list begins with the newest error. An error that comes after the error of the refusal in
+        this list is therefore older than the refusal.
         """
         first, code = refused.first, read.code
         read_at = read.call.request.time

@@ -322,7 +322,9 @@ def _explain_arm_missing(call: Call, client: ClientState) -> RefusalReason | Non
 
 
 def _error_since(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the call number of the client's latest error; () if this error occurred before `call`."""
+    """Return the number of the call that reported the client's latest error; () unless this error came after
+    `call`.
+    """
     error = client.latest_error
     return (error.number,) if error is not None and error.number > call.number else ()
 

@@ -103,9 +103,7 @@ def _error_to_clear(call: Call, client: ClientState) -> tuple[int, ...]:
 
 
 def _marked_guess(fact: Message, code: int) -> Message:
-    """Return `fact`. If bcapscope only guesses the meaning of the code from the form of RC7's codes, add a
-    remark about this guess.
-    """
+    """Return `fact`, with a remark if the code's meaning is only a guess from the form of RC7's codes."""
     digits = rc7_digits_guessed(code)
     return fact if digits is None else Message("finding.rc7-guess", fact=fact, digits=digits)
 

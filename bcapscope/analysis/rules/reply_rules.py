@@ -296,8 +296,8 @@ class _Grouping(TypedDict, total=False):
 
 
 def _grouped_by_place(call: Call) -> _Grouping:
-    """Return arguments for `report_call`, so that calls that two places captured get a separate finding with
-    separate advice.
+    """Return arguments for `report_call`, so that calls captured at two places get a finding and advice of
+    their own.
     """
     advice = advice_by_place(call)
     return {} if advice is None else {"group_key": group_by_place(call), "advice": advice}

@@ -48,8 +48,8 @@ MIXED_CONVENTIONS = DiagnosisRule(
 )
 
 _FIRST_FUNCTIONS = (ID["Service_Start"], ID["Controller_Connect"])
-"""Functions with which a session begins. If the first captured call has serial 0 but none of these functions,
-the capture began in the middle of a session.
+"""Functions with which a session begins. If the first captured call has serial 0 and another function, the
+capture began in the middle of a session.
 """
 
 

@@ -142,8 +142,8 @@ class RuleChecker:
     Attributes:
         needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove), of which there may
             be millions. If False, `on_call` gets only the first set point of each run of alike set points
-            (see `AlikeSetPoints`). If True, `on_call` gets the client's state before the run for all set
-            points of a run of alike set points.
+            (see `AlikeSetPoints`). If True, `on_call` gets every set point of a run, each with the client's
+            state before the run.
         by_client: Data of the checker for each client, until the client is dropped from memory.
     """
 

@@ -26,8 +26,8 @@ class AxisLag:
     """Finds the lag at which the returned poses match the commanded poses best.
 
     The lag is an estimate. The lag includes the time in the controller's buffer, the servo lag, and the age
-    of the reported pose. To find fractions of a cycle, a parabola is laid through the errors of the best lag
-    and of the two lags next to it.
+    of the reported pose. To find fractions of a cycle, `AxisLag` fits a parabola to the errors of the best
+    lag and its two neighbours.
     """
 
     def __init__(self, axes: int) -> None:

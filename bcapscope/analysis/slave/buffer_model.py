@@ -3,15 +3,16 @@ arrived.
 
 The model is a prediction, not an observation. It assumes:
 
-- The controller takes one set point per period (8 ms) from the buffer, and the first set point at once.
+- The controller takes the first set point from the buffer as soon as this set point arrives, and then takes
+  one set point per period (8 ms).
 - A set point reaches the controller at the time when the answered attempt was captured. If no attempt was
   answered, the time of the first attempt counts. The network delay is ignored, because it is nearly the same
   for all set points.
 - The controller does not put a refused set point into the buffer.
-- The clocks of the controller and of the capture agree. In reality the clocks drift slightly, so the result
-  codes of captured replies correct the model. The buffer holds at most one set point per slot. S_BUF_FULL
-  means that the buffer is full. In modes in which the controller sets the pace, a set point is in the buffer
-  before its reply arrives.
+- The clocks of the controller and of the capture agree. In reality the clocks drift slightly, so the model
+  uses the result codes of captured replies as corrections. The buffer holds at most one set point per slot.
+  S_BUF_FULL means that the buffer is full. In modes in which the controller sets the pace, a set point is in
+  the buffer before its reply arrives.
 
 The controller's phase is the moment in each period at which the controller takes a set point. A capture does
 not show this phase. If only one period lacks a set point, the phase may be the reason, so the model counts

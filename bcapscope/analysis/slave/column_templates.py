@@ -1,8 +1,8 @@
-"""Read the numbers in many frames at once.
+"""Read the numbers in many frames together.
 
-The frames of a slave-mode session's set points differ only in serial, reserved and the numbers in their
-arguments. A `ColumnReader` learns a template from one frame that was fully decoded and has no problems. With
-this template, the reader reads the numbers of all similar frames into columns.
+The frames of a slave-mode session's set points differ only in the serial, the reserved field and the numbers
+in their arguments. A `ColumnReader` learns a template from one frame that was fully decoded and has no
+problems. With this template, the reader reads the numbers of all similar frames into columns.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class NumberPicker:
 
     Attributes:
         pick: Function that returns the pose and the time stamp in an argument; it returns () for a missing
-            pose, and None for a missing time stamp. To learn a template, the reader passes an argument with
-            indexes in place of the numbers. The function must therefore not depend on the values of the
-            numbers.
+            pose, and None for a missing time stamp. To learn a template, `ColumnReader` calls `pick` with an
+            argument in which each number is replaced by its index. The function must therefore not depend on
+            the values of the numbers.
     """
 
     argument: int
@@ -65,8 +65,8 @@ class PoseColumns:
 
 
 class _ColumnTemplate:
-    """The bytes of a typical frame, which bytes may differ in similar frames, and where the
-    pose and the time stamp are.
+    """Bytes of a typical frame, with the positions of the bytes that may differ in similar frames, of the
+    pose and of the time stamp.
     """
 
     def __init__(self, raw: bytes, form: FrameTemplate, pose: Sequence[int], stamp: int | None) -> None:

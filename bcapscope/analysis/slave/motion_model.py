@@ -2,8 +2,8 @@
 poses.
 
 A controller takes one set point per period, no matter when within the period the set point arrived. Velocity
-and acceleration are therefore computed from one step per period, not from the times at which the client sent
-the set points.
+and acceleration are therefore computed from one step per period, not from the times when the client sent the
+set points.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from bcapscope.protocol.slave_mode.poses import Axis
 JUMP_TIMES = 5.0
 """Minimum ratio of an isolated jump to the larger of the steps before and after it.
 
-No robot can change its speed this much within 8 ms. At the start or end of a normal motion, a step has a
-small step only before it or only after it.
+No robot can change its speed this much within 8 ms. At the start of a normal motion, only the step before a
+large step is small; at the end, only the step after it.
 """
 
 SMALLEST_JUMP = 0.2
@@ -318,7 +318,7 @@ class MotionModel:
         alone[1:-1] = _stands_out(sizes[1:-1], np.maximum(sizes[:-2], sizes[2:]))
         alone[counted] = False
         counted |= np.logical_or.reduce(alone, axis=1)
-        counted[:-1] |= counted[1:]  # the step before a counted jump is not also an outlier
+        counted[:-1] |= counted[1:]  # do not count the step before a counted jump as an outlier
         beside = np.maximum(sizes[:-3], sizes[3:])
         turns = np.signbit(steps[1:-2, self._measured]) != np.signbit(steps[2:-1, self._measured])
         stray[1:-2] = _stands_out(sizes[1:-2], beside) & _stands_out(sizes[2:-1], beside) & turns

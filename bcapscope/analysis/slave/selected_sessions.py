@@ -46,8 +46,8 @@ class SelectedSlaveSessions(PipelineSubscriber):
             self._report(self._detector.add_set_points(calls))
 
     def remaining_sessions(self, ended_at: int = 0) -> list[SlaveSession]:
-        """Return the slave-mode sessions that were not yet passed to `on_slave_session`, as they would be if
-        the traffic ended now.
+        """Return the slave-mode sessions that were not yet passed to `on_slave_session`, as if the traffic
+        ended now.
         """
         return self._chosen(self._detector.remaining_sessions(ended_at))
 

@@ -96,8 +96,8 @@ class SlaveSessionBuilder:
     @property
     def last_activity(self) -> int:
         """Time of the reply to the latest set point, in ns since 1970; without a reply, time of its request.
-        0 if unknown. The result is never earlier than `entered_at`, although a client that does not wait for
-        the reply to slvChangeMode sends set points before `entered_at`.
+        0 if unknown. The result is at least `entered_at`: a client that does not wait for the reply to
+        slvChangeMode can send set points before `entered_at`.
         """
         last = max(self.batch[-1].time, self.batch[-1].reply_time) if self.batch else self._last_activity
         return max(last, self.entered_at or 0)

@@ -65,8 +65,8 @@ silent longest.
 """
 
 MAX_HELD_BACK = 256
-"""Maximum number of ended slave-mode sessions that are held back. Beyond this number, the detector returns
-the oldest of these sessions at once.
+"""Maximum number of ended slave-mode sessions that are held back. If there are more, the detector returns the
+oldest of these sessions without waiting longer.
 """
 
 MAX_CONTROLLERS = 64
@@ -119,8 +119,8 @@ class SlaveSessionDetector:
         return self._on_time(call)
 
     def add_set_points(self, calls: Sequence[Call]) -> Sequence[SlaveSession]:
-        """Add alike set points from `PipelineSubscriber.on_set_points`; return the slave-mode sessions that
-        are now complete.
+        """Add the set points that `PipelineSubscriber.on_set_points` received; return the slave-mode sessions
+        that are now complete.
         """
         self._remaining = None
         first = calls[0]
@@ -159,8 +159,7 @@ class SlaveSessionDetector:
         return tuple(map(self._release, found))
 
     def remaining_sessions(self, ended_at: int = 0) -> tuple[SlaveSession, ...]:
-        """Return the slave-mode sessions that were not returned yet, as they would be if the traffic ended
-        now.
+        """Return the slave-mode sessions that were not returned yet, as if the traffic ended now.
 
         This method changes nothing.
 
@@ -333,8 +332,8 @@ class SlaveSessionDetector:
     # ends
 
     def _end_session(self, builder: SlaveSessionBuilder, exit_: SessionExit) -> None:
-        """End a slave-mode session. If an error had already ended the session, this error stays the reason of
-        the end.
+        """End a slave-mode session. If an error ended the session earlier, the session keeps this error as
+        its end.
         """
         controller = self._controller_of(builder)
         if self._active.pop(builder.key, None) is not None:
@@ -373,7 +372,7 @@ class SlaveSessionDetector:
         controller = self._controller_of(builder)
         exit_ = _find_exit_cause(ended, controller)
         others = controller.calls_between(builder.began_at(exit_.time) - BEFORE_NS, exit_.time + AFTER_NS)
-        # process waiting set points here: `_begin_session` can add set points to a session after its end
+        # some set points may still wait: `_begin_session` can add set points to a session after its end
         return builder.processed(ended.slave_setup).session(
             exit_, ended.slave_setup, tuple(map(call_fact, others[-MAX_LISTED:]))
         )
@@ -406,8 +405,8 @@ def _call_frames(call: Call) -> tuple[int, ...]:
 
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
-    """Return the end of a slave-mode session. If the set points do not show the cause of the end, search
-    other calls for this cause.
+    """Return why and when a slave-mode session ended. If the set points do not show why, search the other
+    calls for a cause.
     """
     builder, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
@@ -432,7 +431,7 @@ def _silent_exit(builder: SlaveSessionBuilder) -> SessionExit:
 
 
 def _exit_by_call(reason: ExitReason, call: Call, frames: tuple[int, ...] = ()) -> SessionExit:
-    """Return the end of a session that `call` ended, as proved by the frames of `call` and by `frames`."""
+    """Return the end of a session that `call` ended. The frames of `call`, and `frames`, prove this end."""
     return SessionExit(reason, _call_end(call), (*_call_frames(call), *frames), call.hresult, call_fact(call))
 
 

@@ -49,8 +49,8 @@ _UNKNOWN = -1
 _STEP = 1
 _SERIALS = 1 << 16
 _MOST_UNCAPTURED = 1000
-"""Maximum number of skipped serials that count as attempts that were not captured. A client that skips more
-serials does not count serials one by one.
+"""Maximum number of skipped serials that count as attempts that were not captured. If a client skips more
+serials, its serials do not increase one by one.
 """
 _TINY_STEP = 0.02
 """A step of an axis counts as motion only if it is larger than this share of the axis's largest step so far.
@@ -70,7 +70,7 @@ class SlaveSetup(NamedTuple):
     """Facts that are known before the first set point: slave mode, formats and the robot's position.
 
     Attributes:
-        known_by: Name of the command that shows `mode_value`.
+        known_by: Name of the command from which `mode_value` is known.
     """
 
     mode_value: int | None

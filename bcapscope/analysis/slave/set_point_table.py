@@ -1,4 +1,4 @@
-"""Set points as columns (NumPy arrays), so that many set points can be processed at once."""
+"""Set points as columns (NumPy arrays), so that many set points can be processed together."""
 
 from __future__ import annotations
 

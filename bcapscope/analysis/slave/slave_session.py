@@ -99,8 +99,8 @@ class ExitReason(StrEnum):
     ERROR = "error"
     """The controller refused a set point with an error that ends slave mode."""
     OTHER_CALL = "other call"
-    """The controller refused a set point because slave mode was off. An error in another call, of this or
-    another client, had ended slave mode.
+    """The controller refused a set point because slave mode was off. Another call, which any client can have
+    made, had failed with an error that ends slave mode.
     """
     OTHER_CLIENT = "other client"
     """Another client of the controller called slvChangeMode."""

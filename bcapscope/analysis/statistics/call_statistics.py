@@ -175,7 +175,7 @@ class _CallTally:
         self.smooth_latencies, self.other_latencies = [], []
 
     def merge(self, other: _CallTally) -> None:
-        """Flush another tally, then add its counts."""
+        """Flush `other`, then add its counts to this tally."""
         for name in ("calls", "retries", "retried", "late", "executing", "request_bytes", "waited"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.outcomes.update(other.outcomes)
@@ -207,7 +207,9 @@ class _CallTally:
 
 
 class StatisticsBuilder(PipelineSubscriber):
-    """Counts completed calls. The memory for the counts grows with the number of call kinds, not of calls."""
+    """Counts completed calls. The memory for the counts grows with the number of call kinds, not with the
+    number of calls.
+    """
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
         """Create a builder that counts the calls for which `is_selected` returns True, by default all
@@ -301,8 +303,8 @@ class SlicedStatistics:
     started.
 
     Captures may be read out of chronological order. If a call starts more than `GRACE_NS` before the latest
-    call, all slices so far are completed. Later calls of a completed slice are then returned in a second
-    slice for the same time.
+    call, all slices so far are completed. Calls that are added to a completed slice later are returned in a
+    second slice for the same time.
     """
 
     def __init__(self, nanoseconds: int) -> None:

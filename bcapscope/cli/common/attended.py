@@ -27,7 +27,7 @@ attended_option = click.option(
 def open_publisher(job: str) -> WatcherSubscriber:
     """Return the subscriber that publishes the traffic to the screen. `job` is a `ReadJob` as JSON.
 
-    The imports are inside this function, because only the process of the watcher needs these modules.
+    The imports are inside this function, because only the watcher process needs these modules.
     """
     import msgspec
 

@@ -77,9 +77,9 @@ class CaptureReader:
     ) -> None:
         """Choose the input: captures, a live interface, or pasted hex text. The path ``-`` is standard input.
 
-        `side` selects which capture to read of a conversation that was captured at both sides; None for both.
-        `taken_at` is the place where the captures were taken; None to infer the place from the traffic.
-        `comment_words` chooses the language of the comments on pasted frames.
+        If a conversation was captured at both sides, `side` is the side to read; None for both. `taken_at` is
+        the place where the captures were taken; None to infer the place from the traffic. `comment_words`
+        chooses the language of the comments on pasted frames.
 
         Raises:
             click.UsageError: there is no input, or more than one kind, or standard input is closed.
@@ -180,15 +180,15 @@ class CaptureReader:
         self._input.remember_origins()
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return the capture that holds a packet, and the packet's number there. `packet` counts all packets
-        of the input.
+        """Return the capture that holds a packet, and the packet's number there. `packet` is the packet's
+        number among all packets of the input.
 
         The result is None for live traffic and for pasted text.
         """
         return self._input.origin_of(packet)
 
     def citing_words(self) -> MessageFormatter:
-        """Return the formatter of the command.
+        """Return the formatter for the command's messages.
 
         If several captures are read, the formatter adds to each frame number the capture and packet of the
         frame.
@@ -291,7 +291,7 @@ class CaptureReader:
                 idle_at = 0
                 try:
                     while (packet := interrupts.read_or_stop(partial(next, packets, None))) is not None:
-                        # under constant other traffic, the capture never calls `capture.on_idle`
+                        # while other traffic arrives constantly, the capture never calls `capture.on_idle`
                         if packet[0] >= idle_at:
                             self.on_idle(packet[0])
                             idle_at = packet[0] + _IDLE_INTERVAL

@@ -65,7 +65,7 @@ class DataOutput:
 
 
 def echo(text: str | bytes, end: bool = True) -> None:
-    """Write a line to stdout at once. If `end` is False, the line gets no newline.
+    """Write a line to stdout without buffering. If `end` is False, the line gets no newline.
 
     Raises:
         BrokenPipeError: the reader closed stdout.

@@ -95,7 +95,7 @@ def bundled(
 _PATH = click.Path(allow_dash=True)
 
 paths = click.argument("paths", nargs=-1, metavar="PATH...", type=_PATH)
-"""Argument PATH: any number of captures. The argument may be missing if an option names the input."""
+"""Argument PATH: any number of captures. Users may leave PATH out if an option selects the input."""
 
 captures = click.argument("paths", nargs=-1, required=True, metavar="PATH...", type=_PATH)
 """Argument PATH: one or more captures."""
@@ -233,7 +233,9 @@ def output_option(help_: str, allow_dash: bool = False) -> Callable[[F], F]:
 
 
 class _RecordPath(click.Path):
-    """Click parameter type of a path for a new file or of a named pipe, which is not opened yet."""
+    """Click parameter type: the path of a new file or of a named pipe. The type does not open the file or
+    pipe.
+    """
 
     def __init__(self) -> None:
         super().__init__(dir_okay=False, path_type=Path)

@@ -34,9 +34,9 @@ class AtomicFile:
     """A file that is written under a temporary name in the same folder. When the file is complete, `commit`
     renames it.
 
-    If `commit` is not called, the file is removed, even if a signal ends the command after
-    `interrupt_on_end_signals`. The file is open only during a write, so the limit of open files does not
-    matter.
+    If `commit` is not called, the file is removed. After a call of `interrupt_on_end_signals`, this is true
+    even if a signal ends the command. The file is open only during a write, so the limit of open files does
+    not matter.
     """
 
     def __init__(self, path: Path) -> None:

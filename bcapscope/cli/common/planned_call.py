@@ -114,7 +114,8 @@ class PlannedCallParser:
 
 
 def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]) -> None:
-    """Check that each call has its object: an option names the object, or an earlier call opens it.
+    """Check that each call that needs an object has one: the user named the object with an option, or an
+    earlier call opens it.
 
     Raises:
         click.UsageError: a call needs an object that is neither named nor opened.
@@ -135,7 +136,9 @@ def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]
 
 
 def _begins_with_handle(params: Sequence[Param], texts: Sequence[str]) -> bool:
-    """Return whether the user typed the handle, although `call` would add a missing handle."""
+    """Return whether the user typed a handle as the first argument. This is unnecessary, because `call` adds
+    the handle.
+    """
     if len(texts) < len(params):
         return False
     try:

@@ -71,7 +71,7 @@ class RuleOptions:
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
         """Create the rules of the proxy; return None if the options define no rules.
 
-        If a fault starts after a time, that time runs from the moment this method is called.
+        Some faults start only after a certain time. This time counts from the call of this method.
         """
         guard = self._make_guard()
         if not (self.faults or guard or self.intercept or self.scripts or self.control):
@@ -97,8 +97,8 @@ class RuleOptions:
     def attach_rules(
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
     ) -> ControlServer | None:
-        """Send the reports of the rules to the relay. Open the control socket and return its server; return
-        None without --control.
+        """Make the rules send their reports to the relay. Open the control socket and return its server;
+        return None without --control.
 
         Clients of the control socket can also read the entries of `state`.
 
@@ -273,8 +273,8 @@ _OPTIONS = (
     click.option(
         "--read-only",
         is_flag=True,
-        help="Refuse requests that energise or move the robot or change its state, and unknown requests, "
-        "with E_ACCESSDENIED. Stops always pass: Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, "
+        help="Refuse, with E_ACCESSDENIED, unknown requests and requests that energise or move the robot "
+        "or change its state. Stops always pass: Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, "
         "HandStop, TwofgStop, slvChangeMode 0, releases, Controller_Disconnect and Service_Stop. "
         "Controller_Connect also passes, because clients need its handle to read anything.",
     ),
@@ -325,8 +325,8 @@ _OPTIONS = (
         metavar="TIME",
         callback=_parsing_callback(_script_limit),
         help="Give the scripts this much time for one message, 1ms to 10s (default: 100ms). If a script "
-        "takes longer, all scripts are switched off. Then stops pass, motion is refused with "
-        "E_ACCESSDENIED, and everything else passes unchanged.",
+        "takes longer, all scripts are switched off. The proxy then refuses motion with "
+        "E_ACCESSDENIED, and forwards everything else, including stops, unchanged.",
     ),
     click.option(
         "--script-memory",

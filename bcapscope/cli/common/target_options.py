@@ -59,8 +59,8 @@ _OPTIONS = (
         "--retries",
         type=options.IntegerRange(0, 100),
         default=DEFAULT_RETRIES,
-        help="Maximum number of retries of a request on UDP. In an Async mode, the value 4 means 3 "
-        "retries, as DENSO recommends. On TCP there are no retries: the only attempt waits as long "
+        help="Maximum number of retries of a request on UDP. In an Async mode, bcapscope makes 3 retries "
+        "instead of 4, as DENSO recommends. On TCP there are no retries: the only attempt waits as long "
         "as all UDP attempts together.",
     ),
     click.option(

@@ -215,8 +215,8 @@ class ControllerSession:
     async def call(
         self, function: Function, arguments: Sequence[Variant], initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """Make a call and return its record. If the controller refuses the call or does not answer, also
-        return the record.
+        """Make a call and return its record. Return the record even if the controller refuses the call or
+        does not answer.
 
         Raises:
             NotConnectedError: No connection is open.

@@ -1,8 +1,8 @@
 """Recovery after an error: read the errors, clear them, and return to slave mode.
 
 The steps are those of DENSO Wave 2009, How to use the Slave mode (Clearing errors). bcapscope clears the
-errors, starts RobSlave again, moves to the first position, and enters slave mode. Before these steps, it
-reads the errors, because clearing deletes them.
+errors, starts RobSlave again, moves to the first position, and enters slave mode. Before these steps,
+bcapscope reads the errors, because clearing deletes them.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class RecoveryStep(StrEnum):
 
 
 class LastSlaveSession:
-    """The latest slave-mode session. After an error, the user usually wants to continue it.
+    """The latest slave-mode session. After an error, the user usually wants to continue this session.
 
     Attributes:
         mode: Number of the slave mode; 2 (joints, Sync) if there was no session yet.

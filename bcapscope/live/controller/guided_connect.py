@@ -138,8 +138,8 @@ async def _open_first_robot(session: ControllerSession, name: str, option: str) 
 async def _open_robot(
     session: ControllerSession, name: str, option: str
 ) -> tuple[HistoryRecord, Reason | None]:
-    """Open and select a robot. Open a robot. Return the record of the call, and the robot's name and type as
-    text, or None if the call failed.
+    """Open and select a robot. Return the record of the call, and a text with the robot's name and type. If
+    the call failed, return None instead of the text.
     """
     robot = await session.open_object(session.controller, ObjectClass.ROBOT, name, option)
     record = session.last_record

@@ -164,8 +164,8 @@ class HaltConnection:
                 await self._handle_loss(error_reason(error))
 
     async def _handle_loss(self, reason: Reason) -> None:
-        """Wait before the connection is reopened. If HALT is pending, wait for `_REOPEN_DELAY`; otherwise,
-        wait for the interval of heartbeats.
+        """Wait before the connection is reopened. If HALT is pending, wait for `_REOPEN_DELAY` seconds;
+        otherwise, wait for the interval of heartbeats.
 
         A pending HALT fails after `RETRY_WITHIN` seconds, because a HALT that is sent minutes later could
         interrupt another motion.
@@ -227,7 +227,7 @@ class HaltConnection:
         """Halt the robot.
 
         If the controller refuses HALT for the first time, reopen the connection, because the controller may
-        have forgotten it.
+        have forgotten this connection.
         """
         self._report(HaltUpdate(HaltState.HALTING))
         began = self._loop.time()

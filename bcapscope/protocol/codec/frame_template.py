@@ -32,8 +32,9 @@ take much memory.
 """
 
 MAX_TEMPLATES = 1024
-"""Maximum number of templates that a `FrameTemplates` object keeps. A full object drops all templates and
-learns new templates."""
+"""Maximum number of templates that a `FrameTemplates` object keeps. When the maximum is reached, the object
+drops all templates and learns new templates.
+"""
 
 MAX_SHAPES_PER_LENGTH = 8
 """Maximum number of `_FrameShape` objects that `FrameTemplates` tries for one frame length."""

@@ -22,13 +22,13 @@ from bcapscope.protocol.codec.frame_content import has_compressed_header
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 
 LARGEST_UNCONFIRMED = 64 * 1024
-"""Size in bytes of the largest frame for which the splitter waits although the arguments do not confirm the
-length field. Frames of real sessions are below 10 KiB. With this limit, a corrupted length field delays at
-most 64 KiB of the stream instead of the whole stream.
+"""If the arguments do not confirm a frame's length field, the splitter waits for the whole frame only if the
+frame is not longer than this number of bytes. Frames of real sessions are below 10 KiB. With this limit, a
+corrupted length field delays at most 64 KiB of the stream instead of the whole stream.
 """
 
 LARGEST_GARBAGE = 64 * 1024
-"""Size in bytes of the largest piece of garbage, which is bytes that belong to no frame. The splitter returns
+"""Maximum size in bytes of a piece of garbage. Garbage is bytes that belong to no frame. The splitter returns
 longer garbage in several pieces, so that garbage does not fill the memory.
 """
 

@@ -195,8 +195,8 @@ class _FieldBuilder:
         text: str = "",
         problems: tuple[Problem, ...] = (),
     ) -> FrameField:
-        """Return a field without children. The field has the problems in its bytes, then the given
-        `problems`.
+        """Return a field without children. The problems of the field are the problems found in its bytes,
+        followed by `problems`.
         """
         return FrameField(
             name, start, stop, value, None, text, "", (*self.problems_within(start, stop), *problems)

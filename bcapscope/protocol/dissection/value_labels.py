@@ -181,7 +181,9 @@ def _string_meaning(function_id: int | None, name: str, value: str) -> str | Mes
 
 
 def _all_of(id: str, meanings: Sequence[Message]) -> str | Message:
-    """Join meanings with the message `id`, which joins two; return "" if there are no meanings."""
+    """Join meanings into one text, two at a time, with the message `id`. If there are no meanings, return
+    "".
+    """
     if not meanings:
         return ""
     *others, found = meanings

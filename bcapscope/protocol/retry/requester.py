@@ -146,9 +146,9 @@ class Requester:
     def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:
         """Start a conversation with the controller.
 
-        `convention` is for the reserved field, and also selects TCP or UDP; only UDP has retries and a size
-        limit. Do not start with serial 0, because the C server mistakes a new client's first request with
-        serial 0 for a retry.
+        `convention` says how to fill the reserved field. The conventions for UDP and TCP differ, so
+        `convention` also selects UDP or TCP. Only UDP has retries and a size limit. Do not start with serial
+        0, because the C server mistakes a new client's first request with serial 0 for a retry.
 
         Raises:
             ValueError: `convention` is `UNKNOWN`, or `first_serial` is not in 1..65535.

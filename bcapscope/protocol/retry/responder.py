@@ -133,14 +133,14 @@ class Responder:
     In a first attempt, the reserved field is 0 or the frame's own serial. Any other value in the reserved
     field is the serial of the first or the previous attempt of the same call. A request belongs to a
     remembered call if its reserved field names an attempt of this call, and function and arguments are the
-    same. The responder then adds both serials of the request to the call. If a known serial arrives with
-    other contents, the client has restarted.
+    same. The responder then stores the serial and the reserved field of the request as serials of this call.
+    If a known serial arrives with other contents, the client has restarted.
 
     In two cases, a request does not show whether it is a new call or a retry:
 
     * A retry from a client of the old C library (`ReservedConvention.CHAIN`) names the previous attempt. If
-      the previous attempt was lost, its serial is unknown. The request may then be a retry of a known call,
-      or a retry of a new call with the same contents.
+      the previous attempt was lost, the responder does not know the serial of that attempt. The request may
+      then be a retry of a known call, or a retry of a new call with the same contents.
     * A new program on the port of an earlier program may start with the same serial. A call of the new
       program may have the contents of an earlier call whose serial is the same or slightly higher. The new
       call then looks like a delayed attempt of the earlier call.

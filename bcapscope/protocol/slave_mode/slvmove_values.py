@@ -24,7 +24,7 @@ _ROW, _WORD, _DATA, _OTHER, _END = "numbers", "integer", "bytes", "other", "end"
 
 _Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each element
 
-# For each number of values in a result with receive format 4 or 5, the types of its two poses.
+# the types of the two poses in a result with receive format 4 or 5, by the total number of values
 _POSE_PAIRS = {15: (PoseType.P, PoseType.J), 18: (PoseType.T, PoseType.J)}
 
 _SIZES = {pose_type: len(axes) for pose_type, axes in AXES.items()}
@@ -291,7 +291,7 @@ def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[
 
 def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
     """Return whether elements fit a guessed arrangement. User I/O must be valid. If there is hand I/O without
-    mini I/O, its upper 8 bits must be 0.
+    mini I/O, the upper 8 bits of the hand I/O must be 0.
     """
     named, problems = _name_parts(layout, parts)
     if not all(_is_valid_user_io(run) for run in (_user_io(named, "write"), _user_io(named, "read")) if run):

@@ -14,7 +14,7 @@ from bcapscope.protocol.tables.table_rows import table_rows
 
 
 class CallEffect(IntEnum):
-    """Strongest effect that a call can have on the robot, from weakest to strongest."""
+    """Strongest effect that a call can have on the robot. A larger number is a stronger effect."""
 
     READS = 0
     """Only reads data from the controller."""

@@ -5,7 +5,7 @@ functions in this module accept both.
 
 Codes of RC8 and later controllers have the form 8 L S nnnnn. L is the error level, and S is the part of the
 controller that reports the error. All 7687 codes in the error list of nkawa/Denso_CobottaPro900_MQTT_Control
-(src/vendor/denso_cobotta/error_list.xlsx) have this form. No paper documents how RC7 puts its four-digit
+(src/vendor/denso_cobotta/error_list.xlsx) have this form. No source documents how RC7 puts its four-digit
 codes into 32 bits. This module therefore decodes both 0000600B and 8000600B as RC7's 600B, and marks the
 meaning as a guess.
 """
@@ -65,7 +65,7 @@ programs, pendant.
 """
 
 
-# No slots, because `text` is cached, which makes the JSON of a million replies faster.
+# No `__slots__`: the class caches `text`, which speeds up the JSON of a million replies.
 @dataclass(frozen=True)
 class HresultInfo:
     """Everything known about a result code.
@@ -267,8 +267,8 @@ def _info_as_rc7(code: int) -> HresultInfo:
 
 
 def _info_from_row(code: int, row: dict[str, str], axis: int | None = None) -> HresultInfo:
-    """Return the meaning of a listed code. The table's `row` describes this code, or the codes of all eight
-    axes.
+    """Return the meaning of a listed code. `row` is the table's row for this code, or the common row for the
+    codes of all eight axes.
     """
     level, subsystem = _level_and_subsystem(code)
     key = f"hresult.{code:08X}" if axis is None else f"hresult.axis.{code & ~0xF:08X}"

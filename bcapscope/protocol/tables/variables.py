@@ -64,9 +64,9 @@ def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
 def write_effect(name: str, value: Variant) -> CallEffect:
     """Return the strongest effect that writing a variable can have.
 
-    `name` may be in upper or lower case; "" if unknown. A program on the controller may wait for any
-    variable, so a write has the effect `MOVES`. The exceptions are @SERVO_ON, which switches the motor, and
-    @STOP, which stops a task.
+    `name` is the variable's name in upper or lower case, or "" if the name is unknown. A program on the
+    controller may wait for any variable, so a write has the effect `MOVES`. The exceptions are @SERVO_ON,
+    which switches the motor, and @STOP, which stops a task.
     """
     folded = name.casefold()
     if folded == SERVO_ON.casefold():

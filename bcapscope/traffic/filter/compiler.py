@@ -80,7 +80,9 @@ from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, token
 __all__ = ["Filter", "FilterError", "compile_filter"]
 
 DEEPEST_PARENTHESES = 40
-"""Maximum depth of nested parentheses. People write far fewer, and Python's recursion limit is far higher."""
+"""Maximum depth of nested parentheses. Real expressions are nested far less deeply, and Python's recursion
+limit is far higher.
+"""
 
 R = TypeVar("R")
 Getters: TypeAlias = Mapping[str, Callable[[Any], object]]
@@ -97,7 +99,7 @@ class Filter:
         getter_names: Names of the getters that must be passed to `bind`.
         warnings: Comparisons that are valid, but probably a mistake.
         unknown_values: Values in the expression that are missing from bcapscope's tables. An unknown value
-            can be right, but may also be the reason why a filter selects nothing.
+            may be valid, or a typing mistake that makes the filter select nothing.
     """
 
     expression: str

@@ -71,8 +71,7 @@ class FilterField(NamedTuple):
         meaning: Description of the field in the help.
         unit: Unit assumed for a number that is written without a unit; "" if the field has no unit.
         values: All words that the field can have as its value; () if it can have any word.
-        known: Function that returns the usual words of the field, which may also have other words as its
-            value.
+        known: Function that returns the usual values of the field; other words are also permitted.
         reads_as: Name of the field whose getter this field uses; "" if the field has its own getter.
     """
 
@@ -95,7 +94,7 @@ SINCE_FIRST = "t"
 
 
 def _known_commands() -> frozenset[str]:
-    # Filters rarely compare commands with unknown words, and the catalogue of commands takes 10 ms to load.
+    # Load the catalogue of commands only when a filter needs it, because loading takes 10 ms.
     from bcapscope.protocol.tables.command_catalogue import commands_of  # noqa: PLC0415
 
     return frozenset(command.name for id in FUNCTIONS for command in commands_of(id))

@@ -55,7 +55,9 @@ class ComparedField(NamedTuple):
     start: int
 
     def mismatch(self, case: str, **places: str) -> Message:
-        """Return the message with the id ``filter.`` and `case`. The message names the field and its type."""
+        """Return the message whose id is ``filter.`` followed by `case`. The message names the field and its
+        type.
+        """
         type_ = Message(f"filter.type.{self.type.name.lower()}")
         return Message(f"filter.{case}", name=self.name, type=type_, **places)
 

@@ -34,7 +34,7 @@ class ClockEstimate(NamedTuple):
             Between and beyond the points, the offset changes linearly.
         error: Uncertainty of the offset, ns: half the distance between its bounds.
         drift: How much faster the controller-side clock runs, as a ratio: 1e-6 is a lead of one microsecond
-            per second. None if the traffic does not show the drift.
+            per second. `drift` is None if the traffic does not show it.
     """
 
     points: tuple[tuple[int, int], ...]

@@ -23,10 +23,10 @@ polls with a reused serial, deviate more.
 """
 
 SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
-"""Conditions for joining two captures that did not run at the same time by their clocks. The values are the
-minimum number of equal frames, the minimum share of equal frames, and the maximum median deviation in ns.
-Either one of the clocks was wrong, or the client ran the same program twice. A second run has another client
-port, other values or other pauses.
+"""Conditions for joining two captures that, according to their clocks, did not run at the same time. The
+values are the minimum number of equal frames, the minimum share of equal frames, and the maximum median
+deviation in ns. In such captures, either a clock was wrong, or the client ran the same program twice. A
+second run has another client port, other values or other pauses.
 """
 
 ConversationEnds: TypeAlias = tuple[Endpoint, Endpoint, Transport]
@@ -44,8 +44,8 @@ class SharedConversation(NamedTuple):
         offset: Rough time in ns from a frame in the first capture to the same frame in the second capture.
         request_offset: The offset of the requests only; None without a common request.
         reply_offset: The offset of the replies only; None without a common reply.
-        is_sure: Whether the evidence suffices even if, by their clocks, the captures did not run at the same
-            time.
+        is_sure: Whether the evidence suffices even if the captures, according to their clocks, did not run at
+            the same time.
     """
 
     ends: tuple[ConversationEnds, ConversationEnds]
@@ -60,8 +60,7 @@ class FrameSample:
 
     Attributes:
         count: Number of frames in the sample.
-        frames: Time of each frame, by conversation, direction and bytes. If several frames are equal, the
-            time is that of the first one.
+        frames: For each conversation, direction and bytes, the time of the first frame that has them.
     """
 
     def __init__(self) -> None:

@@ -61,7 +61,7 @@ MAX_SENDERS = 16
 """Maximum number of conversations with the same request that are compared with each other."""
 
 MAX_REQUESTS = 65536
-"""Maximum number of requests that the joiner remembers to compare new conversations."""
+"""Maximum number of requests that the joiner remembers, to find the same request in new conversations."""
 
 _REQUEST = Direction.REQUEST
 
@@ -110,8 +110,8 @@ class Joiner:
     other observations unchanged.
 
     Attributes:
-        passing: Flows of which no observation waits, because they are not the leg of a proxy. Callers need
-            not add the observations of these flows.
+        passing: Flows whose observations never wait, because their conversation is not the leg of a proxy.
+            Callers need not add the observations of the flows in `passing`.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class Joiner:
         """Start without conversations.
 
         Args:
-            comments: Comments on the latest packets, by packet number.
+            comments: For each of the latest packet numbers, the comments on the packet.
             only: Place from which observations are returned without joining; None to join. If a conversation
                 has no second leg, its observations are always returned.
         """
@@ -320,8 +320,8 @@ class Joiner:
         second leg.
 
         Args:
-            calls: Minimum number of nested calls; 0 for the number that proves a second leg when the holding
-                time ends.
+            calls: Minimum number of nested calls that proves a second leg; 0 to use the result of
+                `fewest_calls`.
         """
         found: list[tuple[NestedCalls, _NewConversation, _NewConversation]] = []
         for suspect in new.suspects:

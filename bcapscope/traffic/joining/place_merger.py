@@ -36,8 +36,12 @@ NO_COMMENTS: Mapping[int, tuple[str, ...]] = {}
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """When the capture of a place began and ended, ns since 1970. None means that the capture lasted from the
-    beginning, or to the end, of the traffic that is read.
+    """The time that the capture of a place covers.
+
+    Attributes:
+        begins: Time of the first packet, ns since 1970; None if the capture covers the beginning of the
+            traffic.
+        ends: Time of the last packet, ns since 1970; None if the capture covers the end of the traffic.
     """
 
     begins: int | None = None
@@ -83,7 +87,7 @@ class PlaceMerger:
             is_relayed: Whether a proxy is between the places.
             coverage: When the capture of each place began and ended.
             clock_error: Uncertainty of the difference between the clocks of both places, ns.
-            comments: Comments on packets, by packet number.
+            comments: For each packet number, the comments on the packet.
         """
         self.conversation = conversation
         self._deliver = deliver
@@ -198,7 +202,7 @@ class PlaceMerger:
     def _is_missed(self, observation: Observation, place: CapturePlace, is_at_end: bool) -> bool:
         """Return whether the other place was capturing at the time when this frame should have passed it."""
         if not self._is_relayed and self.conversation.transport is Transport.TCP:
-            return False  # TCP retransmits lost bytes, so the other capture has a gap
+            return False  # TCP retransmits lost bytes, so the missing frame is a gap in the other capture
         other, time = self._coverage[1 - place], observation.time
         if other.begins is not None and time < other.begins:
             return False
@@ -242,8 +246,8 @@ class PlaceMerger:
     def _complete_overdue(
         self, key: tuple[Direction, bytes], place: CapturePlace, observation: Observation
     ) -> bool:
-        """Add the second sighting of a request that already counted as lost. Return whether the sighting
-        belonged to such a request.
+        """Return whether a sighting belongs to a request that already counted as lost, and add the sighting
+        to this request.
         """
         joined = self._overdue.get(key)
         if joined is None or not joined.is_request or place is not CapturePlace.CONTROLLER_SIDE:

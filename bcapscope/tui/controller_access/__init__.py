@@ -1,1 +1,1 @@
-"""How the Tester uses the session of `live.controller`. This package contains no widgets."""
+"""How the Tester uses a `ControllerSession` to talk to the controller. This package contains no widgets."""

@@ -64,8 +64,8 @@ class PlaybackSettings:
 
 @dataclass(frozen=True, slots=True)
 class PreparedTrajectory:
-    """A trajectory that is ready to play. The pre-flight check ran before the player connected, so it does
-    not know the robot's position.
+    """A trajectory that is ready to play. The pre-flight check ran before the player connected, so the check
+    does not know the robot's position.
     """
 
     settings: PlaybackSettings
@@ -130,7 +130,7 @@ def prepare_trajectory(settings: PlaybackSettings, type_name: str) -> PreparedTr
 
 
 POLL_SECONDS = 0.1
-"""Maximum time in seconds of one poll for the player's messages."""
+"""Maximum time in seconds that `next_messages` waits for messages from the player."""
 
 
 class PlayerSlot:
@@ -149,10 +149,17 @@ class PlayerSlot:
         """Start a player; raises `OSError` if its process cannot be started."""
         assert self._player is None
         self._ended = None
-        self._player = await asyncio.to_thread(PlayerProcess, plan)
+        starting = asyncio.ensure_future(asyncio.to_thread(PlayerProcess, plan))
+        try:
+            self._player = await asyncio.shield(starting)
+        except asyncio.CancelledError:  # the screen is closed while the process starts
+            player = await starting
+            await asyncio.to_thread(player.close)
+            raise
 
     async def next_messages(self) -> list[PlayerMessage]:
-        """Wait at most `POLL_SECONDS` seconds for messages of the player, and return those that arrived.
+        """Wait at most `POLL_SECONDS` seconds for messages from the player, and return the messages that
+        arrived.
 
         The last message of a player always says how the run ended.
         """
@@ -250,9 +257,10 @@ class PlaybackRun:
     def buffer_margin(self) -> tuple[int, float, float] | None:
         """Margin of the controller's buffer, according to a model.
 
-        The margin has the number of buffer slots, the time in ms that a full buffer lasts, and the time in ms
-        left at the longest pause. The controller in the model takes one set point every 8 ms. The margin is
-        None before the first set point, and in a mode in which an empty buffer is not an error.
+        The margin consists of the number of buffer slots, the time in ms that a full buffer lasts, and the
+        part of this time that was left after the longest pause. The controller in the model takes one set
+        point every 8 ms. The margin is None before the first set point, and in a mode in which an empty
+        buffer is not an error.
         """
         mode, progress = self.mode, self.progress
         if mode is None or progress is None or not progress.cycle or mode.underflow_is_error is False:

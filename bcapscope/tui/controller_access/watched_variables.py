@@ -96,7 +96,9 @@ READ_INTERVAL = 0.5
 
 
 class VariableWatcher:
-    """Watches variables through one session; only the session's thread changes `variables`."""
+    """Watches variables through one `ControllerSession`; only the thread of this object changes
+    `variables`.
+    """
 
     def __init__(self, session: ControllerSession) -> None:
         self._session = session

@@ -206,7 +206,7 @@ class ViewsScreen(BaseScreen):
     Each list has the name of its view as its id.
 
     Attributes:
-        VIEWS: Label id of each view, by the view's name. The screen starts with the first view.
+        VIEWS: For each view name, the label id of the view. The screen starts with the first view.
     """
 
     VIEWS: ClassVar[Mapping[str, str]]

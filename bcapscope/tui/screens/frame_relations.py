@@ -76,7 +76,7 @@ def related_filter(relation: str, frame: AnnotatedFrame, settled: PairingResult 
 
     Args:
         relation: Kind of relation: ``client``, ``handle``, ``chain`` (same call) or ``kind`` (same function).
-        frame: Frame to whose related frames the filter applies.
+        frame: Frame whose related frames the filter selects.
         settled: Call or stray reply that contains the frame; None if the call is not complete yet.
     """
     client = f"client == {frame.observation.flow.conversation.client}"
@@ -116,8 +116,8 @@ def find_frame(text: str, journal: ObservationStore) -> int | None:
     """Find a frame by its number, or by a time in seconds after the start, such as ``12.5s``.
 
     Returns:
-        Number of the frame. For a time, this is the first frame at or after the time. For a number or time
-        that is too large, this is the last frame. None if the text is neither a number nor a time.
+        Number of the frame; None if the text is neither a number nor a time. For a time, the result is the
+        first frame at or after the time. If the number or time is too large, the result is the last frame.
     """
     text = text.strip()
     number = parse_integer(text, 0, 1 << 63)
@@ -133,8 +133,8 @@ def find_frame(text: str, journal: ObservationStore) -> int | None:
 
 
 def notes_by_packet(marks: Mapping[int, str], read_frame: Callable[[int], AnnotatedFrame]) -> dict[int, str]:
-    """Return the notes on frames by packet number. The note on a frame has the number of the packet that
-    completed the frame.
+    """Return the notes for each packet number. A note on a frame belongs to the packet that completed the
+    frame.
     """
     notes: dict[int, str] = {}
     for number, note in sorted(marks.items()):

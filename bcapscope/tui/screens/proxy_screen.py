@@ -62,7 +62,7 @@ _HELD_ACTIONS = frozenset({"forward", "drop", "edit", "bytes"})
 
 
 class ProxyScreen(ViewsScreen):
-    """Shows the state of a proxy, and sends orders to the proxy."""
+    """Shows the state of a proxy, and controls the proxy."""
 
     NAME = "proxy"
     ABOUT = "proxy.about"
@@ -183,7 +183,9 @@ class ProxyScreen(ViewsScreen):
 
     @work(thread=True, group="order")
     def _send_order(self, order: control.ControlRequest, done: Callable[[], None] = lambda: None) -> None:
-        """Send an order to the proxy, and call `done` after the proxy has carried out the order."""
+        """Send a control request to the proxy, and call `done` after the proxy has carried out the
+        request.
+        """
         try:
             with self._control_lock:
                 self._control_client.request(order, control.DoneResponse)

@@ -259,8 +259,8 @@ class SlaveScreen(BaseScreen):
                 self._set_playing(False)
 
     async def _release_controller(self, status: SessionStatus) -> bool:
-        """Leave slave mode and give the arm back. The player, which is a separate client, needs slave mode
-        and the arm.
+        """Leave slave mode and release the arm. The player, which is a separate client, needs slave mode and
+        the arm.
         """
         session = self._session
         try:

@@ -1,7 +1,7 @@
 """The Tester: the functions of the b-CAP Tester window, in a terminal.
 
-The widgets post each request of the user as a message. This screen passes the user's requests to the session,
-and the results to the widgets.
+The widgets post the user's actions as messages. This screen carries out these actions through a
+`ControllerSession`, and passes the results to the widgets.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ _EXECUTE_CONTROLLER = 17
 class TesterOptions(NamedTuple):
     """Initial state of the Tester.
 
-    If `host` is empty, the Tester starts the built-in simulator. The session's threads call `tap` with each
-    packet.
+    If `host` is empty, the Tester starts the built-in simulator. The threads of the `ControllerSession` call
+    `tap` with each observation.
     """
 
     requests_folder: Path

@@ -125,7 +125,9 @@ _NAMED_VALUES: dict[tuple[str, str], Mapping[int, str]] = {
 
 
 class FunctionForm(Vertical):
-    """A form with one row per argument, except the handle. The form reports invalid text at once."""
+    """A form with one row per argument, except the handle. The form reports invalid text while the user
+    types.
+    """
 
     def __init__(self, function: Function, *, id: str | None = None) -> None:
         super().__init__(id=id)

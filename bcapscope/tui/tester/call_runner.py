@@ -1,4 +1,6 @@
-"""Make the calls that widgets request. The session makes the calls, and the widgets get the results."""
+"""Make the calls that widgets request. `ControllerSession` sends the calls to the controller, and the widgets
+get the results.
+"""
 
 from __future__ import annotations
 
@@ -106,7 +108,7 @@ class ObjectMissingError(BcapError):
 
 
 class CallRunner:
-    """Connects the Tester's widgets to the session.
+    """Makes the calls that the Tester's widgets request, through a `ControllerSession`.
 
     The coroutines of this class run in the screen's event loop.
     """
@@ -187,8 +189,8 @@ class CallRunner:
 async def run_armed(
     session: ControllerSession, ask_to_arm: Callable[[], Awaitable[bool]], step: CallStep
 ) -> HistoryRecord:
-    """Run a step in the session's event loop. If the step needs arming, ask the user to arm, then run the
-    step again.
+    """Run a step in the event loop of the `ControllerSession`. If the step needs arming, ask the user to arm,
+    then run the step again.
 
     Raises:
         NotArmedError: The user refused to arm.

@@ -188,7 +188,7 @@ def status_pieces(
     if reply_monitor.is_reply_overdue(now):
         text = label("tester.status.silent", seconds=age // _SECOND)
         pieces = [(f" ◌ {name} ", "bad"), (f"{text} ", "bad")]
-    # no reply is due, as in slave mode, so the controller may or may not be reachable
+    # no reply is expected, such as in slave mode, so silence does not show that the controller is gone
     elif age >= _LONG_SILENCE:
         text = label("tester.status.age", seconds=age // _SECOND)
         pieces = [(f" ● {name} ", ""), (f"{text} ", "dim")]

@@ -81,8 +81,8 @@ _STEP_MARKS = {None: "○", True: "●", False: "✗"}
 
 
 class RecoveryDialog(ModalScreen[None]):
-    """Shows the steps of a recovery after an error. The dialog starts the first step at once, which reads the
-    errors. The user starts every other step.
+    """Shows the steps of a recovery after an error. The dialog immediately starts the first step, which reads
+    the errors. The user starts all later steps.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss", "shell.close", key_display="esc")]

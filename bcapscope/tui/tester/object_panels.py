@@ -69,8 +69,8 @@ class OpenObjectRow(Horizontal):
         self._open_objects = tuple(each for each in open_objects if each.kind is self._kind)
 
     def find_open(self, owner: ObjectClass | None = None) -> ObjectHandle | None:
-        """Return the most recently opened object with the name in the field. If `owner` is given, the
-        object's owner must be of this class.
+        """Return the most recently opened object with the name in the field. If `owner` is given, the parent
+        of the object must have the class `owner`.
         """
         name = self.object_name.casefold()
         for each in reversed(self._open_objects):

@@ -1,4 +1,6 @@
-"""Input of a value of any b-CAP type, with a list of types, and a field that checks the text at once."""
+"""Input of a value of any b-CAP type, with a list of types, and a field that checks the text while the user
+types.
+"""
 
 from __future__ import annotations
 
@@ -35,9 +37,7 @@ _BY_NAME = {vt_name(vt): vt for vt in PARAMETER_TYPES}
 
 
 def type_numbers(names: Iterable[str]) -> tuple[int, ...]:
-    """Return the numbers of types such as ``VT_R4|VT_ARRAY``, but not for ``VARIANT``, which allows any
-    type.
-    """
+    """Return the numbers of types such as ``VT_R4|VT_ARRAY``; skip ``VARIANT``, which allows any type."""
     return tuple(_BY_NAME[name] for name in names if name in _BY_NAME)
 
 

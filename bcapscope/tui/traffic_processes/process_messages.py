@@ -136,7 +136,7 @@ class SaveJob(msgspec.Struct, frozen=True):
 
     Attributes:
         target: Name of the new file, which must not exist.
-        notes: Notes by packet number.
+        notes: Maps packet numbers to the notes on these packets.
         max_packets: Number of packets to save from a capture that may still grow; 0 for all.
     """
 

@@ -108,8 +108,8 @@ class TrafficReader:
                     return
 
     def _load_pipeline(self) -> Pipeline:
-        """Return the pipeline. The first call loads pipeline and diagnosis, because loading at the start
-        would delay the first frames.
+        """Return the pipeline. Pipeline and diagnosis are loaded only when they are first needed, because
+        loading at the start would delay the first frames.
         """
         if self._pipeline is None:
             joiner = Joiner(self._observer.comments)

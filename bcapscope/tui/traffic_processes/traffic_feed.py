@@ -35,7 +35,9 @@ _END_TIMEOUT = 2.0
 
 @dataclass(frozen=True, slots=True)
 class SourceProblem:
-    """A report that the source may send no more traffic. `reason` says why; "" if the problem is over."""
+    """A report that the source may send no more traffic. `reason` says why no more traffic may come; "" if
+    the problem is over.
+    """
 
     reason: str
 
@@ -59,12 +61,12 @@ class TrafficFeed:
     """
 
     def __init__(self, job: ReadJob, reports: BinaryIO | None = None) -> None:
-        """Start a process that reads the traffic. If `reports` is given, the feed instead uses the traffic
-        that a proxy's watcher reads.
+        """Start a process that reads the traffic. If `reports` is given, no process is necessary, because the
+        watcher of a proxy reads the traffic.
 
         Args:
             job: What to read. If `reports` is None, the feed adds a temporary folder and the screen's
-                language.
+                language to the job.
             reports: Stream with the `ReadProgress` and `TrafficAnalysis` messages of a proxy's watcher.
         """
         self._folder: TemporaryFolder | None = None
@@ -89,7 +91,7 @@ class TrafficFeed:
             send_message(_pipe(self._reader.stdin), self.job)
             self._start_thread(self._read_reports, self._reader.stdout)
         else:
-            # `close` does not join this thread, because it ends when the proxy ends, which is later.
+            # `close` does not wait for this thread, because the thread runs until the proxy ends.
             threading.Thread(target=self._read_reports, args=(reports,), daemon=True, name="feed").start()
 
     def _start_thread(self, target: Callable[..., None], *arguments: object) -> None:
@@ -118,7 +120,7 @@ class TrafficFeed:
         return path if lasts else Path("live.pcapng")
 
     def subscribe(self, listener: FeedListener) -> None:
-        """Pass earlier updates to `listener` at once, and all later updates from another thread."""
+        """Pass earlier updates to `listener` immediately, and all later updates from another thread."""
         with self._lock:
             self._listener = listener
             waiting, self._undelivered = self._undelivered, []
@@ -126,7 +128,9 @@ class TrafficFeed:
             listener(message)
 
     def open_journal(self) -> bool:
-        """Open the journal and the call store. Return False if they do not exist yet."""
+        """Open the journal and the call store. Return False if the files of the journal and the call store do
+        not exist yet.
+        """
         if self.journal is None:
             folder = Path(self.job.folder)
             try:
@@ -185,7 +189,9 @@ class TrafficFeed:
                 self._publish(message)
 
     def make_save_job(self, target: str, notes: dict[int, str]) -> SaveJob:
-        """Return a job that writes all packets seen so far to a new file, with `notes` by packet number."""
+        """Return a job that writes all packets seen so far to a new file. `notes` maps packet
+        numbers to notes.
+        """
         most = 0
         if self.journal is not None and not self.progress.ended and len(self.journal):
             most = self.journal.read_frame(len(self.journal)).observation.packet

@@ -63,8 +63,8 @@ class TrafficPublisher:
         self._last_analysis_count = 0
 
     def load_diagnosis(self) -> RunningDiagnosis:
-        """Return the diagnosis of the traffic. The first call loads it, because loading at the start would
-        delay the first frames.
+        """Return the diagnosis of the traffic. The diagnosis is loaded only when it is first needed, because
+        loading at the start would delay the first frames.
         """
         if self._diagnosis is None:
             from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415

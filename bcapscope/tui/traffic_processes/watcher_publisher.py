@@ -1,6 +1,6 @@
 """Publishes traffic from the watcher of a proxy to the screen that started the proxy.
 
-The screen reads the proxy's frames and calls from files of the same kind as the reader process writes. The
+The screen reads the proxy's frames and calls from the same kinds of files that the reader process writes. The
 watcher's reports go to the standard output of the relay. The relay writes its addresses to standard output
 before it accepts clients, so the addresses come before all reports.
 """

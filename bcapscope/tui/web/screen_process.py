@@ -19,8 +19,8 @@ The time is longer than `tui.app.CLOSE_TIMEOUT`, within which the process closes
 """
 
 RELOAD_WITHIN = 2.0
-"""Maximum time in seconds that a new viewer waits for a seat. When a viewer reloads the page, its old seat
-becomes free only after some time.
+"""Maximum time in seconds that a new viewer waits for a seat. When a viewer reloads the page, the viewer's
+old seat becomes free only after some time.
 """
 
 _KILLED_WITHIN = 2.0

@@ -2,8 +2,8 @@
 
 The address that bcapscope prints contains a token. The printed address opens a page that sets a cookie and
 forwards to a secret path. All other pages are below the secret path and need the cookie. Browsers send a
-cookie to every port of a host, so another user's server on the same host could collect the cookie. To keep
-the cookie from other servers, it is limited to the secret path.
+cookie to every port of a host, so another user's server on the same host could collect the cookie. Therefore
+bcapscope limits the cookie to the secret path, which other servers do not know.
 """
 
 from __future__ import annotations

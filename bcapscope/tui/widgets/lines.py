@@ -189,8 +189,8 @@ class Lines(ScrollView, can_focus=True):
         return strip
 
     def line_state(self, index: int) -> str:
-        """Return a text that differs whenever the line must be drawn again without a call of `reset_lines` or
-        `repaint`.
+        """Return a text that describes how a line looks. If this text changes, the list draws the line again,
+        even without `reset_lines` or `repaint`.
         """
         return ""
 

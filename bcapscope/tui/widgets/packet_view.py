@@ -101,7 +101,7 @@ class FieldTree(Lines):
 
     @property
     def offset_in_frame(self) -> int:
-        """Offset in the frame of the field under the cursor; 0 if there is no field."""
+        """Offset of the field under the cursor from the start of the frame; 0 if there is no field."""
         row = self._entries[self._visible[self.cursor]].row if self._visible else None
         return 0 if row is None else row.start
 
@@ -394,8 +394,8 @@ class PacketView(Horizontal, PlainContainer):
         yield HexView(id="bytes")
 
     def show_packet(self, observation: Observation | None, call_kind: CallKind | None = None) -> None:
-        """Show an observation; None shows nothing. For a reply, `call_kind` is the function and command of
-        its request.
+        """Show an observation; if `observation` is None, show nothing. For a reply, `call_kind` is the
+        function and command of its request.
         """
         found = () if observation is None else frame_sections(observation, call_kind)
         self.query_one(HexView).show_sections(found)

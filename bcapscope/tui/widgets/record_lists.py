@@ -113,7 +113,8 @@ class FrameList(RecordList):
     """Shows the frames of the journal that `open_journal` sets.
 
     Attributes:
-        marks: Notes by frame number; "" for a frame that the user marked without a note.
+        marks: For the number of each frame that the user marked, the user's note; "" for a mark without a
+            note.
         related: Numbers of the frames of the call under the cursor.
         evidence: Numbers of the frames that prove the selected finding.
     """
@@ -163,7 +164,7 @@ class FrameList(RecordList):
         return f"{self._gutter(number)}{self._renderer.line(frame, call_kind, comments)}"
 
     def line_state(self, index: int) -> str:
-        """Return the marks before a line. The line is drawn again if they change."""
+        """Return the marks before a line. The list draws the line again if the marks change."""
         return self._gutter(self.record_at(index))
 
     def _gutter(self, number: int) -> str:
