@@ -177,7 +177,7 @@ def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
     # Flush each line, so that text printed before a kill is not lost.
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
-            # type: ignore[union-attr] # no script has replaced the stream yet
+            # No script has replaced the stream yet.
             stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]
 
 
