@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 
 from bcapscope.protocol.codec.frame import Frame, Framing, encode_frame, parse_datagram
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.wireshark.dissector import dissector_text
-from tests import strategies
 from tests.wireshark.compressed import compressed_frames
 from tests.wireshark.corpus import corpus
-
-VERSIONS = ("lua52", "lua53", "lua54")
+from tests.wireshark.lua_runtime import VERSIONS, dissector_functions, lua_runtime
 
 _DESCRIBE = """
 local function add(lines, ...) lines[#lines + 1] = table.concat({ ... }, " ") end
@@ -48,20 +44,10 @@ def _decoded(raw: bytes) -> str:
     )
 
 
-def _runtime(version: str) -> Any:
-    lua = pytest.importorskip(f"lupa.{version}", reason=f"lupa with {version} is not installed")
-    return lua.LuaRuntime(encoding=None)
-
-
-def _functions(version: str) -> Any:
-    before_wireshark = dissector_text().partition("-- The dissector: fields")[0].rpartition("do\n")[0]
-    return _runtime(version).execute((before_wireshark + _DESCRIBE).encode())
-
-
 @pytest.mark.parametrize("version", VERSIONS)
 def test_frames_are_decoded_alike(version: str) -> None:
-    decode, _ = _functions(version)
-    frames = [data for data in corpus(strategies.mutated_frames(), 1000) if len(data) >= 15]
+    decode, _ = dissector_functions(version, _DESCRIBE)
+    frames = [data for data in corpus("mutated_frames", 1000) if len(data) >= 15]
     serial_line = encode_frame(
         7, 0, 64, [Variant(VT.UI1 | ARRAY, bytes(range(256)), 256)], Framing.SERIAL_LINE
     )
@@ -72,8 +58,8 @@ def test_frames_are_decoded_alike(version: str) -> None:
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_streams_and_datagrams_are_split_alike(version: str) -> None:
-    _, split = _functions(version)
-    for raw in corpus(strategies.streams(), 500):
+    _, split = dissector_functions(version, _DESCRIBE)
+    for raw in corpus("streams", 500):
         pieces = StreamSplitter().feed(raw)
         assert split(raw, True).decode() == _lines(*((each.start, each.stop - each.start) for each in pieces))
         sizes = [len(item.raw) for item in parse_datagram(raw)]
@@ -84,5 +70,5 @@ def test_streams_and_datagrams_are_split_alike(version: str) -> None:
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_the_whole_dissector_compiles(version: str) -> None:
-    loaded = _runtime(version).eval(b"load")(dissector_text().encode())
+    loaded = lua_runtime(version).eval(b"load")(dissector_text().encode())
     assert not isinstance(loaded, tuple), loaded

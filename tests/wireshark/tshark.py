@@ -187,4 +187,6 @@ def shown_text(text: str | None) -> str | None:
         return None
     text = text.replace("\0", "\u2400").encode("utf-16-le", "surrogatepass").decode("utf-16-le", "replace")
     text = _without_nonchars(text.replace("\r\n", "\n"))
-    return re.sub("[\x01-\x1f]", lambda found: " " if found[0] in "\t\n\r" else f"\\x{ord(found[0]):x}", text)
+    return re.sub(
+        "[\x01-\x1f\x7f]", lambda found: " " if found[0] in "\t\n\r" else f"\\x{ord(found[0]):x}", text
+    )

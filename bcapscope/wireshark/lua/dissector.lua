@@ -193,8 +193,15 @@ end
 -- What is known of each frame, by its key. Plain values take a tenth of the memory of a table per frame.
 local is_request_by_key, kind_by_key, peer_by_key, request_time_by_key, first_by_key
 
+-- Keys of frames that Wireshark passes again in a later packet: the key there, and the key when they came first
+local first_key_of
+
+-- Keys of the bytes of streams that continue garbage
+local is_lost_by_key
+
 local function forget_frames()
     flows, flow_count = {}, 0
+    first_key_of, is_lost_by_key = {}, {}
     is_request_by_key, kind_by_key, peer_by_key, request_time_by_key, first_by_key = {}, {}, {}, {}, {}
 end
 
@@ -266,6 +273,7 @@ end
 -- first, in the order of the capture.
 local links = {}
 local function links_of(pinfo, frame, key)
+    key = first_key_of[key] or key
     if is_request_by_key[key] == nil then
         local flow = flow_of(pinfo)
         local conversation = flow.conversation
@@ -547,10 +555,37 @@ local function dissect_datagram(tvb, pinfo, tree)
     return size
 end
 
+-- Return the pieces of a stream's next bytes that this packet shows, and the offset of the first byte that needs
+-- more bytes. While Wireshark reads a capture, it may pass bytes in several packets. The first one shows their
+-- pieces. Later, Wireshark passes them only in the last of these packets, which then shows them.
+local function stream_pieces(raw, pinfo, base_key)
+    if pinfo.visited or pinfo.can_desegment == 0 then return split_stream(raw, is_lost_by_key[base_key]) end
+    local flow = flow_of(pinfo)
+    local stream = flow.stream or new_stream()
+    flow.stream = stream
+    local pieces, rest, done, is_lost = continue_stream(stream, raw)
+    if is_lost then is_lost_by_key[base_key] = true end
+    if done > 0 then
+        local new_pieces = {}
+        for _, piece in ipairs(pieces) do
+            if piece.at >= done then
+                new_pieces[#new_pieces + 1] = piece
+            else
+                local earlier = flow.base_key + piece.at * OFFSET_UNIT
+                first_key_of[base_key + piece.at * OFFSET_UNIT] = first_key_of[earlier] or earlier
+            end
+        end
+        pieces = new_pieces
+    end
+    flow.base_key = base_key
+    return pieces, rest
+end
+
 -- dissect_tcp_pdus would trust every length field; the splitter finds the next frame after damaged bytes.
 local function dissect_stream(tvb, pinfo, tree)
     local raw = tvb:raw(0, tvb:len())
-    local pieces, rest = split_stream(raw)
+    local base_key = pinfo.number + tvb:offset() * OFFSET_UNIT
+    local pieces, rest = stream_pieces(raw, pinfo, base_key)
     if rest < #raw and pinfo.can_desegment > 0 then
         pinfo.desegment_offset = rest
         pinfo.desegment_len = DESEGMENT_ONE_MORE_SEGMENT
@@ -559,8 +594,7 @@ local function dissect_stream(tvb, pinfo, tree)
     end
     if #pieces == 0 then return tvb:len() end
     pinfo.cols.protocol = "b-CAP"
-    local info = dissect_pieces(tvb, raw, pieces, pinfo, tree, pinfo.number + tvb:offset() * OFFSET_UNIT, no_notes)
-    pinfo.cols.info = info
+    pinfo.cols.info = dissect_pieces(tvb, raw, pieces, pinfo, tree, base_key, no_notes)
     return tvb:len()
 end
 

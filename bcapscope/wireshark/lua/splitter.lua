@@ -2,7 +2,7 @@
 --
 -- Each function returns pieces: offset, size, and whether the piece is a frame.
 --
--- Exports: assess_header, stream_piece, split_datagram, split_stream
+-- Exports: assess_header, stream_piece, split_datagram, split_stream, new_stream, continue_stream
 
 function split_datagram(raw)
     local pieces, pos, size = {}, 0, #raw
@@ -57,18 +57,19 @@ local function ends_at(raw, pos, length, trust)
     return byte(raw, stop + 1) == SOH
 end
 
--- Return the offset of the next whole frame after `pos`; nil if more bytes are needed to find it.
+-- Return the offset of the next whole frame from `pos` on, or of the largest piece of garbage's end, and whether
+-- it is a frame; nil if more bytes are needed.
 local function next_frame(raw, pos)
     local limit, at = pos + LARGEST_GARBAGE, pos
     while true do
         at = raw:find("\1", at + 1, true)
-        if not at or at > limit then return #raw >= limit and limit or nil end
+        if not at or at > limit then return #raw >= limit and limit or nil, false end
         at = at - 1
         local trust, length = assess_header(raw, at, false)
         if trust == "incomplete" then return nil end
         if trust == "confirmed" then
             if #raw < at + length then return nil end
-            if byte(raw, at + length) == EOT then return at end
+            if byte(raw, at + length) == EOT then return at, true end
         end
         at = at + 1
     end
@@ -78,28 +79,54 @@ function stream_piece(raw, at, size)
     return { at = at, size = size, is_in_stream = true, is_frame = byte(raw, at + 1) == SOH and size >= HEADER_SIZE }
 end
 
--- Return the pieces that are complete, and the offset of the first byte that needs more bytes.
-function split_stream(raw)
-    local pieces, pos = {}, 0
-    while pos < #raw do
-        local size
-        if byte(raw, pos + 1) == SOH then
-            local trust, length = assess_header(raw, pos, true)
-            if trust == "incomplete" then return pieces, pos end
-            if trust ~= "none" then
-                local ends = ends_at(raw, pos, length, trust)
-                if ends == nil then return pieces, pos end
-                size = ends and length
-            end
+-- Return the size of the piece at `pos`, and whether a frame begins after it; nil if more bytes are needed.
+local function next_piece(raw, pos, is_synchronized)
+    if is_synchronized and byte(raw, pos + 1) == SOH then
+        local trust, length = assess_header(raw, pos, true)
+        if trust == "incomplete" then return nil end
+        if trust ~= "none" then
+            local ends = ends_at(raw, pos, length, trust)
+            if ends == nil then return nil end
+            if ends then return length, true end
         end
-        if not size then
-            local stop = next_frame(raw, pos)
-            if not stop then return pieces, pos end
-            if stop == pos then return pieces, pos end
-            size = stop - pos
-        end
-        pieces[#pieces + 1] = stream_piece(raw, pos, size)
-        pos = pos + size
     end
-    return pieces, pos
+    local stop, is_frame = next_frame(raw, pos)
+    if stop == pos then return next_piece(raw, pos, true) end
+    return stop and stop - pos, is_frame
+end
+
+-- Return the pieces that are complete, the offset of the first byte that needs more bytes, and whether a frame
+-- begins there. `is_lost` tells that the bytes continue garbage, where a frame needs more evidence.
+function split_stream(raw, is_lost)
+    local pieces, pos, is_synchronized = {}, 0, not is_lost
+    while pos < #raw do
+        local size, is_frame_next = next_piece(raw, pos, is_synchronized)
+        if not size then break end
+        pieces[#pieces + 1] = stream_piece(raw, pos, size)
+        pos, is_synchronized = pos + size, is_frame_next
+    end
+    return pieces, pos, is_synchronized
+end
+
+-- Wireshark's desegmentation passes the bytes that need more bytes again, with the next segment after them. If
+-- the pieces end before the latest segment, Wireshark passes the bytes of these pieces again too. So a stream
+-- remembers what Wireshark will pass again (`pending`), and how many bytes at its start already had their
+-- pieces (`done`).
+function new_stream() return { pending = "", done = 0, is_lost = false } end
+
+-- Do the same as `split_stream` for bytes that continue a stream. Also return how many bytes at the start of
+-- `raw` had their pieces in an earlier call, and whether `raw` begins in garbage.
+function continue_stream(stream, raw)
+    local passed, done, is_lost = #stream.pending, stream.done, stream.is_lost
+    if passed == 0 or #raw <= passed or sub(raw, 1, passed) ~= stream.pending then
+        done, is_lost = 0, is_lost and passed == 0
+        passed = 0
+    end
+    local pieces, rest, is_synchronized = split_stream(raw, is_lost)
+    if rest > 0 and rest < #raw and rest <= passed then
+        stream.pending, stream.done, stream.is_lost = raw, rest, is_lost
+    else
+        stream.pending, stream.done, stream.is_lost = sub(raw, rest + 1), 0, not is_synchronized
+    end
+    return pieces, rest, done, is_lost
 end
