@@ -16,7 +16,7 @@ class Severity(StrEnum):
     ERROR = "error"
     """A request failed or had no effect."""
     WARNING = "warning"
-    """The request succeeded this time, but the next such request can fail."""
+    """The request succeeded this time, but the same request can fail later."""
     NOTE = "note"
     """Information that helps you to understand the other findings."""
 

@@ -305,7 +305,7 @@ class SlicedStatistics:
     """Computes figures of calls for each slice of time. A call belongs to the slice in which the call
     started.
 
-    The calls of different captures may not be in chronological order. If a call starts more than `GRACE_NS`
+    Captures are not always read in chronological order. If a call starts more than `GRACE_NS`
     before the latest call, all slices so far are completed. If a call belongs to a slice that is already
     completed, it is returned later in a second slice for the same time.
     """
