@@ -196,8 +196,8 @@ def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
 
 
 def _judge_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether two shares of calls differ notably. The shares count events that are not random, such as
-    refusals.
+    """Return whether the share of calls with an event differs notably between two captures. The event is not
+    random: a refusal, for example.
     """
     return isinstance(good, float) and isinstance(bad, float) and abs(good - bad) > NOTABLE_SHARE
 

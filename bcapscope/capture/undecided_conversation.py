@@ -25,7 +25,9 @@ request identifies the server, so real traffic needs one or two items.
 
 
 def endpoints_of(key: bytes) -> tuple[Endpoint, Endpoint]:
-    """Return the two ends in a key. A key has both addresses and then both ports, as in a packet."""
+    """Decode a key: return the two endpoints that it contains. A key has both addresses and then both ports,
+    as in a packet.
+    """
     size = (len(key) - 4) // 2
     family = socket.AF_INET if size == 4 else socket.AF_INET6
     hosts = (socket.inet_ntop(family, key[:size]), socket.inet_ntop(family, key[size : 2 * size]))

@@ -297,8 +297,8 @@ class Relay:
         return True
 
     def release_held(self, session: RelaySession) -> bool:
-        """Send the held messages that the proxy's rules release when a client ends. Return whether the relay
-        sent any message.
+        """Before a client is disconnected, send those of its held messages that the policy lets through.
+        Return whether the relay sent any message.
         """
         if self.policy is None or session.number not in self.sessions:
             return False

@@ -168,7 +168,7 @@ class CallExecutor:
         return () if self._has_no_argument(function_id) else (EMPTY,)
 
     def _has_no_argument(self, function_id: int) -> bool:
-        """Return whether the profile sends no argument, not even EMPTY, in a reply without a value."""
+        """Return whether a reply without a value is empty. Other profiles send the value EMPTY instead."""
         which = self._profile.no_argument
         if which is not NoArgument.SLVCHANGEMODE:
             return which is NoArgument.ALWAYS
