@@ -1,4 +1,4 @@
-"""bcapscope: see, test and simulate b-CAP, the Ethernet protocol of DENSO robot controllers.
+"""bcapscope decodes, tests and simulates b-CAP, the Ethernet protocol of DENSO robot controllers.
 
 docs/python.md describes the names of this module. Each name is loaded on first use, so that
 ``import bcapscope`` is fast. CHANGELOG.md says how these names may change.
@@ -65,7 +65,7 @@ _NAMES_BY_MODULE = {
     "traffic.filter.compiler": "FilterError",
     "traffic.filter.getters": "AnnotatedFrame",
 }
-"""The public names, by the module that defines them. ``Proxy=EmbeddedProxy`` means that `EmbeddedProxy` has
+"""For each module, the public names that it defines. ``Proxy=EmbeddedProxy`` means that `EmbeddedProxy` has
 the public name `Proxy`.
 """
 
@@ -77,7 +77,7 @@ _OBJECTS = {
 __all__ = list(_OBJECTS)  # to add a public name, add an import above and an entry in _NAMES_BY_MODULE
 
 
-if not TYPE_CHECKING:  # If type checkers saw `__getattr__`, they would accept wrong names.
+if not TYPE_CHECKING:  # type checkers must not see `__getattr__`, because they would then accept every name
 
     def __getattr__(name: str) -> object:
         """Import the module that defines a public name, and return the object that has this name."""

@@ -6,7 +6,7 @@ import signal
 
 
 def main() -> None:
-    """Load the modules of the command line, then run the command."""
+    """Load the modules of the command line. Then run the command that the user typed."""
     python_ends = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if python_ends:  # while modules load, Ctrl-C ends the process without a traceback
         signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -59,8 +59,7 @@ class TooLargeError(LocalProtocolError):
 
 
 class RemoteProtocolError(BcapError):
-    """The peer violated the protocol, for example with a reply whose value has the wrong type for the
-    function.
+    """The peer violated the protocol. For example, the value in a reply has the wrong type for the function.
 
     Attributes:
         raw: The frame or bytes that the peer sent.
@@ -96,7 +95,7 @@ class ControllerError(BcapError):
 
 
 class AttemptEvent(NamedTuple):
-    """A reply to an attempt, in time or late, or a send error.
+    """A reply to an attempt, or an error in sending the attempt. The reply can be in time or late.
 
     Attributes:
         time: Time of the event in ns, on the same clock as `Attempt.sent`.
@@ -123,7 +122,7 @@ class Attempt(NamedTuple):
     events: tuple[AttemptEvent, ...] = ()
 
     def describe(self, start: int) -> Message:
-        """Describe the attempt in one line of text, which combines equal consecutive events.
+        """Describe the attempt in one line of text. This text combines consecutive events that are equal.
 
         Args:
             start: Time in ns that the text shows as 0 ms, on the same clock as `sent`.

@@ -58,7 +58,7 @@ one raw layer. scapy builds and copies layers by recursion, and a segment of 64 
 """
 
 _UNKNOWN_FUNCTION = re.compile(r"Unknown\((-?\d{1,10})\)", re.ASCII)
-"""A name from `function_name` for a number without a function."""
+"""Matches the name that `function_name` returns if no function has the number."""
 
 
 def _function_id(name: str) -> int:
@@ -93,7 +93,7 @@ class _CodeField(LEIntEnumField):  # type: ignore[misc] # mypy skips scapy
         super().__init__(name, default, {})
 
     def any2i_one(self, pkt: Packet | None, x: Any) -> Any:
-        """Accept a name, or a number, signed or unsigned."""
+        """Accept a name, a signed number or an unsigned number."""
         if isinstance(x, str):
             return self._find(x)
         return x & 0xFFFFFFFF if isinstance(x, int) and -(2**31) <= x < 0 else x
@@ -117,7 +117,8 @@ class _FunctionField(_CodeField):
 
 
 class _ReadArguments(list[Variant]):
-    """The arguments of a frame that was read. Until you set others, a changed frame keeps their bytes.
+    """The arguments of a frame that was read. A changed frame keeps the bytes of these arguments until you
+    set other arguments.
 
     `encode_argument` cannot restore the bytes of damaged arguments.
     """
@@ -128,8 +129,8 @@ class _ReadArguments(list[Variant]):
 
 
 class _ArgumentsField(StrField):  # type: ignore[misc] # as above
-    """The arguments of a frame: Python values and `Variant` objects. Programs read all arguments as `Variant`
-    objects.
+    """Field with the arguments of a frame. Programs may set Python values and `Variant` objects. Programs
+    read all arguments as `Variant` objects.
     """
 
     islist = 1
@@ -138,7 +139,7 @@ class _ArgumentsField(StrField):  # type: ignore[misc] # as above
         # A list, since scapy takes a tuple of two or three numbers for a range of packets.
         values = list(x) if isinstance(x, list | tuple) and not isinstance(x, Variant) else [x]
         for value in values:
-            variant_of(value)  # raises an exception for a value without a type
+            variant_of(value)  # `variant_of` raises an exception for a value without a type
         return values
 
     def i2h(self, pkt: Packet | None, x: Any) -> Any:
@@ -233,9 +234,9 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         """Return the complete frames of a stream, with the following bytes as padding; None if no frame is
         complete.
 
-        Bytes outside any frame become raw layers. For `TCPSession`, the result holds all complete frames,
-        because scapy 2.8 loses track of the stream if an unfinished frame follows two frames. For a socket,
-        the result holds the first frame, so that `sr1` can match it.
+        Bytes outside any frame become raw layers. For `TCPSession`, the result holds all complete frames. The
+        reason is a fault of scapy 2.8: if an unfinished frame follows two frames, scapy loses track of the
+        stream. For a socket, the result holds the first frame, so that `sr1` can match it.
         """
         packet = metadata.get("original")
         size = 0 if packet is not None else _whole_frame_size(data)
@@ -298,7 +299,9 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @property
     def frame(self) -> Frame:
-        """The frame, as `bcapscope.decode` returns it; its `problems` list the damage."""
+        """The frame, as `bcapscope.decode` returns it; the attribute `problems` of this frame describes any
+        damage.
+        """
         return Frame(self.self_build())
 
     def do_dissect(self, s: bytes) -> bytes:
@@ -363,7 +366,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         return raw
 
     def hashret(self) -> bytes:
-        """Return the serial as bytes, by which scapy finds the reply to a request."""
+        """Return the serial as bytes. scapy uses these bytes to find the reply to a request."""
         return struct.pack("<H", self.serial)
 
     def answers(self, other: Packet) -> bool:

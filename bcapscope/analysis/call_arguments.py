@@ -1,4 +1,4 @@
-"""Read the arguments and results of calls for the rules."""
+"""Functions with which the rules read the arguments and the results of calls."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def text_argument(call: Call, index: int) -> str:
 
 
 def result_of(call: Call) -> Value:
-    """Return the value of a successful reply; None for a failure or an empty reply."""
+    """Return the value of a successful reply; None if the call failed or the reply has no value."""
     if call.reply is None or is_failure(call.reply.item.code) or not call.reply.item.arguments:
         return None
     return call.reply.item.arguments[0].variant.value

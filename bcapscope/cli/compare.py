@@ -49,16 +49,16 @@ def command(
     color: str,
     words: MessageFormatter,
 ) -> None:
-    """Compare two captures by the figures of `stats` and `slave` and the findings of `diagnose`.
+    """Compare two captures: their figures in `stats` and `slave`, and their findings in `diagnose`.
 
-    Notable differences come first. A difference is notable if it is larger than usual between two good runs.
-    Calls are compared by function and command; the calls of all clients are counted together. Slave-mode
-    sessions are compared in the order in which they began.
+    Notable differences come first. A difference is notable if it is larger than the usual differences between
+    two good captures. Calls are compared by function and command; the calls of all clients are counted
+    together. Slave-mode sessions are compared in the order in which they began.
 
     --filter selects calls in both captures, as for `stats`, `slave` and `diagnose`.
 
-    Exit codes: as for `decode`; if the two captures give different codes, the higher code. 4: one of the
-    captures could not be read.
+    Exit codes: as for `decode`. If the two captures give different codes, `compare` exits with the higher
+    code. 4: one of the captures could not be read.
     """
     if good == bad == "-":
         raise click.UsageError("both captures are standard input (-): give a file for one of them")

@@ -94,8 +94,8 @@ def command(
     Several captures are read as one, in the order of their first packets.
 
     Each line shows the number of a frame, its time, source > destination, transport, direction, serial and
-    reserved. Then follow the function or the result, the command and the arguments. If a frame is damaged,
-    its line ends with !! and the problems. On a terminal, long lines are folded.
+    reserved. After these, it shows the function or the result, the command and the arguments. If a frame is
+    damaged, its line ends with !! and a list of the problems. On a terminal, long lines are folded.
 
     Exit codes: 0: everything was read; 2: invalid command line; 3: a capture is damaged or incomplete, and
     everything before the damage was printed; 4: nothing could be read; 6: the output could not be written;
@@ -135,7 +135,8 @@ def command(
 def _choose_format(
     styles: tuple[FrameFormat, ...], has_columns: bool, dump: bool, full: bool
 ) -> FrameFormat | None:
-    """Return the chosen output format; None for one line per frame.
+    """Return the output format that the options select. Return None for the default format, which has one
+    line per frame.
 
     Raises:
         click.UsageError: the options contradict each other.
@@ -153,8 +154,8 @@ def _choose_format(
 
 
 def _csv_lines(reader: CaptureReader, wanted: Filter | None) -> Iterator[str]:
-    """Yield a CSV header and a row per frame. If there are several captures, each row ends with the capture
-    and packet of the frame.
+    """Yield a CSV header, then one row for each frame. If there are several captures, each row ends with the
+    capture and packet of the frame.
     """
     table, several = CsvTableRenderer(), len(reader.paths) > 1
 
@@ -176,7 +177,7 @@ def _citing(
 ) -> Callable[[Observation, CallKind | None, tuple[str, ...]], T]:
     """Return a function that calls `render` and, if there are several captures, passes the result to `cite`.
 
-    `cite` adds the name of the capture and the packet number of the frame.
+    `cite` adds the name of the frame's capture, and the frame's packet number.
     """
     if len(reader.paths) < 2:
         return render
@@ -194,7 +195,7 @@ def _line_with_origin(words: MessageFormatter, line: str, origin: PacketOrigin) 
 
 
 def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterator[AnnotatedFrame]:
-    """Yield each selected frame with the kind of its call, and with the comments that the capture has on its
+    """Yield each selected frame with the kind of its call, and with the capture's comments on the frame's
     packet.
     """
     frames = _render_frames(reader, None, AnnotatedFrame)
@@ -207,7 +208,7 @@ def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterat
 def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:
     """Render each selected frame, and yield the result.
 
-    `render` gets the frame, the kind of its call, and the comments that the capture has on its packet.
+    `render` gets the frame, the kind of its call, and the capture's comments on the frame's packet.
     """
     if wanted is not None:
         return starmap(render, _frames_with_context(reader, wanted))

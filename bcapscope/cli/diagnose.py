@@ -100,7 +100,7 @@ def command(
     when the traffic ends. With --json, new findings go to stdout, with "final": false.
 
     --filter selects calls: `diagnose` shows only findings about the selected calls, and their causes. The
-    rules still read all calls, because most of them depend on earlier or missing calls. --rule and --severity
+    rules still read all calls, because most rules depend on earlier or missing calls. --rule and --severity
     then select among the findings that remain.
 
     Exit codes: 0: everything was read, with or without findings; 1: everything was read, and a finding has

@@ -77,8 +77,8 @@ def _print_sentences(sentences: Iterable[str]) -> None:
 def _capture(
     source: CaptureSource, pipe: str | None, given: tuple[str, ...], words: MessageFormatter
 ) -> None:
-    """Capture until Wireshark ends the capture. If capturing fails, print the reason, which Wireshark then
-    shows.
+    """Capture until Wireshark ends the capture. If capturing fails, print the reason. Wireshark then shows
+    this reason.
     """
     from bcapscope.live.extcap_capture import CaptureFailedError, run_capture, wireshark_connected
 

@@ -73,10 +73,10 @@ def command(
     force: bool,
     words: MessageFormatter,
 ) -> None:
-    """Write the set points of slave mode (slvMove) with the poses that the controller returned.
+    """Write the set points of slave mode (slvMove), each with the pose that the controller returned.
 
-    Each row is one set point with the time of its first attempt; retries add no rows. Set points that the
-    controller refused are left out. Set points whose reply was not captured are included.
+    Each row shows one set point and the time of its first attempt. Retries add no rows. Set points that the
+    controller refused are left out. A set point is included even if its reply was not captured.
 
     Each slave-mode session gets a file: FILE.csv if there is one session; FILE-1.csv, FILE-2.csv and so on
     if there are several. The number in a file name is the number of the session in the capture. Existing

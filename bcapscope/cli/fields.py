@@ -16,8 +16,7 @@ _KIND_NAMES: dict[tuple[RecordKind, ...], str] = {(RecordKind.FRAME,): "frames",
 def command() -> None:
     """List the fields that --filter can use, with their types, and explain the syntax of filters.
 
-    Each line shows the name of a field, whether frames, calls or both have the field, its type and its
-    meaning.
+    Each line describes one field: its name, its owner (frames, calls or both), its type and its meaning.
     """
     output = DataOutput()
     rows = [

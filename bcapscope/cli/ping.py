@@ -70,7 +70,7 @@ class _PingResult:
     type=options.NumberRange(0),
     default=8.0,
     show_default=True,
-    help="Make a call every this many ms.",
+    help="Time in ms from one call to the next.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @options.language
@@ -81,8 +81,9 @@ def command(
 
     `ping` connects and makes calls that only read data from the controller. `ping` sends each call once,
     without retries. At the end, `ping` judges whether the network is fit for set points every 8 ms (Sync) and
-    every 1 ms (Async). The network is fit if nearly all replies arrive within 8 ms or 1 ms, and retries make
-    up for losses. If no program listens on the port, `ping` reports the closed port immediately.
+    every 1 ms (Async). The network is fit if nearly all replies arrive within 8 ms (Sync) or 1 ms (Async),
+    and retries make up for losses. If no program listens on the port, `ping` reports the closed port
+    immediately.
 
     After Ctrl-C, `ping` prints the results so far and ends.
 

@@ -63,12 +63,14 @@ if TYPE_CHECKING:
     multiple=True,
     help="Accept only clients at this address or in this network; may be repeated. Default: all.",
 )
-@options.record_option("Record the traffic of both legs to a new capture, or to a named pipe with a reader.")
+@options.record_option(
+    "Record the traffic of both legs to a new capture, or to a named pipe that a program reads."
+)
 @click.option(
     "--ring",
     metavar="RING",
     callback=options.parsed_by(parse_rotation),
-    help="Record to a ring of files, such as 10x100MB, 24x1h or 24x1h,500MB; the oldest file is removed.",
+    help="Record to a ring of files, such as 10x100MB, 24x1h or 24x1h,500MB. A new file replaces the oldest.",
 )
 @click.option(
     "--forget",
@@ -89,22 +91,22 @@ if TYPE_CHECKING:
     "form",
     flag_value=TrafficFormat.TREE,
     type=TrafficFormat,
-    help="Show every field of a frame, or with --calls the frames of each call.",
+    help="Show every field of each frame. With --calls, show the frames of each call.",
 )
 @click.option(
     "--json",
     "form",
     flag_value=TrafficFormat.JSON,
     type=TrafficFormat,
-    help="Print one JSON object per frame, or with --calls one per call.",
+    help="Print one JSON object per frame. With --calls, print one per call.",
 )
 @click.option(
     "-f",
     "--filter",
     "wanted",
     metavar="EXPRESSION",
-    help="Show only frames, or with --calls only calls, that match this filter. `bcapscope fields` lists the "
-    "fields.",
+    help="Show only frames that match this filter. With --calls, show only calls that match. "
+    "`bcapscope fields` lists the fields.",
 )
 @options.time_format
 @options.color
@@ -142,14 +144,14 @@ def command(
     the traffic.
 
     Ctrl-C ends the open sessions, closes the recording and prints a summary. A second Ctrl-C ends the proxy
-    immediately. In a script, end a proxy in the background with SIGTERM, as in kill $!: shells start
-    background jobs of scripts with Ctrl-C (SIGINT) ignored.
+    immediately. In a shell script, end a background proxy with SIGTERM, as in kill $!. In such a script,
+    background jobs ignore Ctrl-C (SIGINT).
 
-    Rules change or refuse traffic. Each message passes the rules in this order: scripts (--script), held
-    messages (--intercept), faults (--fault, --rules), and the guard (--read-only, --block, --allow-command).
-    With `--control ADDRESS`, you can change the rules while the proxy runs: `bcapscope proxy ctl ADDRESS`.
-    When the proxy ends, it sends all held replies. Held requests are sent if they stop the robot, and dropped
-    otherwise.
+    Rules change or refuse traffic. The proxy applies its rules to each message in this order: scripts
+    (--script), held messages (--intercept), faults (--fault, --rules), and the guard (--read-only, --block,
+    --allow-command). With `--control ADDRESS`, you can change the rules while the proxy runs: `bcapscope
+    proxy ctl ADDRESS`. When the proxy ends, it sends all held replies. It sends a held request only if this
+    request stops the robot, and drops all other held requests.
 
     All scripts run in one separate process. Messages that a script can change wait for the script; stops
     never wait. All scripts are switched off if one of them exceeds --script-timeout, or if their process
@@ -218,8 +220,8 @@ class _ProxyRun:
     def _open(
         self, opened: ExitStack, proxy_options: ProxyOptions
     ) -> tuple[ProxySupervisor, Callable[[], None]]:
-        """Start the proxy. Return the proxy and a function that tells the user or the parent process where
-        the proxy listens.
+        """Start the proxy. Return the proxy and a function. This function tells the user, or the parent
+        process, where the proxy listens.
         """
         listening: list[str] = []
         scripts = self.rules.start_scripts(opened)

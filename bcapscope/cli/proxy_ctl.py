@@ -52,7 +52,7 @@ def command(context: click.Context, address: str, as_json: bool, words: MessageF
 
 
 class _ControlCommand:
-    """Sends requests to a running proxy. With --json, the responses of the proxy are printed as JSON."""
+    """Sends requests to a running proxy. With --json, it prints the responses of the proxy as JSON."""
 
     def __init__(self, address: str, as_json: bool, words: MessageFormatter) -> None:
         self.words = words
@@ -186,7 +186,7 @@ def _edit(ctl: _ControlCommand, number: int, changes: tuple[str, ...], data: str
 @command.command("clients", short_help="List the clients.")
 @click.pass_obj
 def _clients(ctl: _ControlCommand) -> None:
-    """List the clients. For each client, show how long it has been connected, the numbers of messages in each
+    """List the clients. For each client, show how long it has been connected, how many messages went in each
     direction, and its connection to the controller.
     """
     response = ctl.request(control.ListClients(), control.ClientsResponse)

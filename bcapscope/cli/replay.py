@@ -145,8 +145,8 @@ def command(
     if the robot is at the first set point; --anywhere skips this check.
 
     As server, `replay` answers each call with the reply that the next equal call got in the recording. Ctrl-C
-    ends the server. In a script, end `replay` with SIGTERM, as in kill $!: shells start background jobs of
-    scripts with Ctrl-C (SIGINT) ignored.
+    ends the server. In a shell script, end a background `replay` with SIGTERM, as in kill $!. In such a
+    script, background jobs ignore Ctrl-C (SIGINT).
 
     Exit codes: 0: all results were as recorded; 2: invalid command line; 3: the capture is damaged and
     contains no calls to play; 4: the capture cannot be read, or replay cannot listen on the address; 5: there
@@ -181,7 +181,7 @@ def _serve(
     delays: bool,
     words: MessageFormatter,
 ) -> None:
-    """Answer clients like the recorded controller until the user ends the command."""
+    """Give clients the replies of the recorded controller, until the user ends the command."""
     standin = RecordedController(script, serving.log.on_call, delays=delays)
     with exit_on(SimulatorListenError, ExitCode.UNREADABLE), serving.listen(standin, *address) as server:
         host, port = server.address
@@ -246,7 +246,7 @@ class _PreflightCheck:
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
         """Check all set points, and exit if any of them fail the pre-flight check.
 
-        Print the results that failed; if all passed and `shown` is True, print all results.
+        Print the results of failed checks. If no check failed and `shown` is True, print all results.
         """
         found = [preflight_run(run, with_limits(limits, self._limits)) for run in self.runs]
         bad = [each for each in found if not each.is_playable]

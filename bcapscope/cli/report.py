@@ -1,4 +1,6 @@
-"""``bcapscope report``: write one HTML page about captures, to read in a browser or to mail."""
+"""``bcapscope report``: write one HTML page about captures, which you can read in a browser or send by
+mail.
+"""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ from bcapscope.simulator.simulator_server import SimulatorServer
 @click.option(
     "--profile",
     type=click.Choice(list(PROFILES)),
-    help="Simulate this kind of controller. Default: the profile of the scenario, otherwise "
+    help="Simulate this kind of controller. Default: the profile of the scenario; without a scenario, "
     f"{DEFAULT_PROFILE}.",
 )
 @click.option(
@@ -91,7 +91,7 @@ from bcapscope.simulator.simulator_server import SimulatorServer
     default=5007,
     help="Listen on this port, UDP and TCP; 0 chooses a free port.",
 )
-@options.record_option("Record the traffic to a new capture, or to a named pipe that is read.")
+@options.record_option("Record the traffic to a new capture, or to a named pipe that a program reads.")
 @click.option("-q", "--quiet", is_flag=True, help="Do not print the calls.")
 @attended_option
 @options.language
@@ -114,8 +114,8 @@ def command(
     `sim` prints one line per call. While `sim` runs, you can type commands. "reset" forgets all clients, as
     Reset on the pendant does. "stop" presses the emergency stop, and "go" releases the emergency stop.
     "detector" switches the detector of late set points in the Async modes of RC7 on or off. "quit" ends
-    `sim`. In a script, end a `sim` in the background with SIGTERM, as in kill $!: shells start background
-    jobs of scripts with Ctrl-C (SIGINT) ignored.
+    `sim`. In a shell script, end a background `sim` with SIGTERM, as in kill $!. In such a script, background
+    jobs ignore Ctrl-C (SIGINT).
 
     --scenario simulates a controller with a known problem. `diagnose` finds the root cause in a capture of
     the traffic. Lines that begin with # show what the scenario does.
@@ -247,7 +247,7 @@ class _TypedCommands:
 
 
 def _can_be_read() -> bool:
-    """Return whether stdin can be polled. Programs on Windows and background jobs cannot poll stdin."""
+    """Return whether stdin can be polled. Background jobs cannot poll stdin. On Windows, no program can."""
     if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
         return False
     try:

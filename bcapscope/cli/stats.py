@@ -20,8 +20,8 @@ def command(arguments: FigureArguments) -> None:
     """Show figures about the calls in captures, by client and by command.
 
     Each row shows the figures of all calls, of one client, or of one command of a client. Line time is the
-    share of the total time that the client spent waiting for replies to these calls. Latency runs from the
-    first request to the accepted reply.
+    time that the client waited for replies to these calls, as a share of the total time. Latency is the time
+    from the first attempt of a call to its accepted reply.
 
     Exit codes: as for `decode`.
     """

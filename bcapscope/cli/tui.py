@@ -18,6 +18,7 @@ from bcapscope.cli.common.tui_sources import choose_language, run_app, show_prox
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import MessageFormatter
 from bcapscope.render.escape import printable
+from bcapscope.traffic.capture_point import CapturePoint
 
 _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
 """File suffixes. An argument that ends in one of these suffixes is a file, not a host name."""
@@ -27,6 +28,7 @@ _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
 @click.argument("path", metavar="[HOST|FILE]", required=False, type=click.Path())
 @options.interface
 @options.ports
+@options.taken_at
 @click.option(
     "--proxy",
     is_flag=False,
@@ -80,6 +82,7 @@ def command(
     path: str | None,
     interface: str | None,
     ports: tuple[int, ...],
+    taken_at: CapturePoint | None,
     tcp: bool,
     option: str,
     profile: str | None,
@@ -100,7 +103,7 @@ def command(
     then the port of the controller. Without arguments, the Tester connects to a built-in simulator.
 
     With FILE or -i, the screen shows frames, calls, findings, slave mode and statistics. --proxy shows the
-    traffic of a proxy, and on a second screen the proxy's clients, rules and held messages. --sim shows the
+    traffic of a proxy. A second screen shows the proxy's clients, rules and held messages. --sim shows the
     traffic of a simulator.
 
     Keys: F1 shows all keys, Ctrl-P finds actions by name, F12 halts the robot, Ctrl-Q quits. The screen is in
@@ -110,16 +113,15 @@ def command(
     cannot be used for listening, or no proxy was found; 6: a recording or temporary file cannot be written;
     9: the name of the controller is unknown.
     """
+    is_file = bool(path) and Path(path or "").exists()
     if sum((bool(path), bool(interface), proxy is not None, sim)) > 1:
         raise click.UsageError("give only one of HOST, FILE, -i, --proxy and --sim")
-    if scenario is not None and not sim:
-        raise click.UsageError("--scenario has no effect without --sim: add --sim")
+    _check_source_options(scenario, taken_at, is_simulator=sim, is_capture=is_file or bool(interface))
     if proxy is None and (listen or to or record or rules.command_line or rules.control):
         raise click.UsageError("--listen, --to, --record and rules need --proxy: add --proxy")
     if serve.is_wanted:
         serve_screen(serve)
     choose_language(context, words)
-    is_file = bool(path) and Path(path or "").exists()
     if path and not is_file and (os.sep in path or Path(path).suffix in _SUFFIXES):
         exit_with(words("tui.no-file", path=printable(path)), ExitCode.UNREADABLE)
     with _exit_without_folder():
@@ -129,11 +131,20 @@ def command(
             arguments = ["--profile", profile] if profile else []
             show_simulator(_server_port(ports), [*arguments, *(("--scenario", scenario) if scenario else ())])
         elif is_file or interface:
-            _show_traffic(path or "", interface or "", ports)
+            _show_traffic(path or "", interface or "", ports, taken_at)
         else:
             _show_tester(
                 requests, path or "", _server_port(ports), tcp=tcp, option=option, profile=profile or ""
             )
+
+
+def _check_source_options(
+    scenario: str | None, taken_at: CapturePoint | None, *, is_simulator: bool, is_capture: bool
+) -> None:
+    if scenario is not None and not is_simulator:
+        raise click.UsageError("--scenario has no effect without --sim: add --sim")
+    if taken_at is not None and not is_capture:
+        raise click.UsageError("--taken-at needs a capture: give FILE or -i")
 
 
 def _server_port(ports: tuple[int, ...]) -> int:
@@ -190,12 +201,13 @@ def _show_tester(
                 print_stderr(f"The action log is in {log_folder}.")
 
 
-def _show_traffic(path: str, interface: str, ports: tuple[int, ...]) -> None:
+def _show_traffic(path: str, interface: str, ports: tuple[int, ...], taken_at: CapturePoint | None) -> None:
     # TrafficFeed starts a separate process that reads traffic. Meanwhile, this process loads the screen.
     from bcapscope.tui.traffic_processes.process_messages import ReadJob
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
-    with closing(TrafficFeed(ReadJob(path=path, interface=interface, ports=ports))) as feed:
+    job = ReadJob(path=path, interface=interface, ports=ports, taken_at=taken_at)
+    with closing(TrafficFeed(job)) as feed:
         from bcapscope.tui.app import ScreenEntry
         from bcapscope.tui.screens.traffic_screen import TrafficScreen
 

@@ -52,8 +52,8 @@ def command(*, actions: tuple[_Action, ...], folder: Path | None, words: Message
     """Install a dissector, so that Wireshark and tshark decode b-CAP as `decode` does.
 
     bcapscope generates the dissector from its own tables. Run `--install` again after an update of bcapscope.
-    --install also writes coloring rules for the packet list, and prints how to import them. It adds two
-    capture interfaces to Wireshark: a proxy and a simulated controller.
+    --install also writes coloring rules for the packet list, and prints how to import them. `wireshark` also
+    adds two capture interfaces: a proxy and a simulated controller.
 
     docs/wireshark.md describes fields, links, display filters and capture interfaces.
 

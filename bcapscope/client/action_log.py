@@ -1,4 +1,4 @@
-"""The action log: what bcapscope's own clients send to a controller, one JSON object per line.
+"""The action log lists what bcapscope's own clients send to a controller. Each line is a JSON object.
 
 `call`, `replay`, `play` and the Tester write the same lines to the same files. A separate thread writes the
 lines, so a slow disk never delays a stop. A call that needs arming waits until its line is written, but no
@@ -226,7 +226,7 @@ class ActionLog:
 
     def close(self) -> None:
         """Wait until all lines are written, but no longer than `CLOSE_TIMEOUT`. If a line is logged later, a
-        new thread writes it.
+        new thread writes this line.
         """
         with self._lock:
             thread, self._thread = self._thread, None
@@ -299,7 +299,9 @@ def _hex(raw: bytes) -> dict[str, object]:
 
 
 def _value_json(value: Value, left: list[int]) -> object:
-    """Convert a value to JSON types; `left` counts down the values that may still be logged for the call."""
+    """Convert a value to JSON types. `left[0]` is the number of values that may still be logged for the
+    call.
+    """
     left[0] -= 1
     if isinstance(value, Variant):
         return {"type": vt_name(value.vt), "value": _value_json(value.value, left)}
@@ -333,9 +335,9 @@ _FUNCTION_ID = 9
 class ArmedCallLogger:
     """Receives all frames of a connection, and logs the calls that need arming.
 
-    The first set point of a series is logged like any other call. The later set points of the series are
-    logged together in one line with their number. If a set point is sent again before a reply arrives, it
-    counts as a retry.
+    The first set point of a series is logged like any other call. One further line stands for all later set
+    points of the series, and says how many there were. If a set point is sent again before a reply arrives,
+    it counts as a retry.
     """
 
     def __init__(self, log: ActionLog, connection: LoggedConnection) -> None:

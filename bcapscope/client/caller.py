@@ -26,10 +26,14 @@ from bcapscope.transport.loop_clock import LoopClock
 from bcapscope.transport.peer_link import Link
 
 Observer: TypeAlias = Callable[[Observation], None]
-"""Function that gets every frame when the frame is sent or received; must not raise."""
+"""Function that gets every frame when the frame is sent or received. The function must not raise
+exceptions.
+"""
 
 EventListener: TypeAlias = Callable[[RequesterEvent], None]
-"""Function that gets every event, including notices, late replies and stray replies; must not raise."""
+"""Function that gets every event, including notices, late replies and stray replies. The function must not
+raise exceptions.
+"""
 
 
 class Caller:

@@ -1,4 +1,4 @@
-"""Connect to a controller by its host in one step, in programs with and without asyncio."""
+"""Connect to a controller in one step. The program gives the host, and may or may not use asyncio."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from bcapscope.client.session import open_target_session
 
 
 class ControllerConnection:
-    """A connection to a controller. A `with` or `async with` block opens the connection at its start and
-    closes it at its end.
+    """A connection to a controller. A `with` or `async with` block opens the connection when the block
+    starts, and closes the connection when the block ends.
 
     `async with` returns the controller, whose methods are coroutines. `with` returns two values: a
     `Blocking`, which runs a coroutine to its end, and the controller. When the block ends, all objects that

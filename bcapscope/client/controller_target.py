@@ -1,4 +1,4 @@
-"""Address of a controller, the options for connecting to it, timeouts and numbers of retries."""
+"""How to reach a controller: its address, options for the connection, timeouts, and numbers of retries."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class ControllerTarget:
         return RetryPolicies(others=RetryPolicy(round(self.timeout * _MS), self.retries))
 
     def convention_for(self, datagrams: bool) -> ReservedConvention:
-        """Return the convention of the reserved field over UDP (`datagrams`) or TCP."""
+        """Return the convention of the reserved field. `datagrams` is True for UDP and False for TCP."""
         allowed = client_conventions(datagrams)
         return self.convention if self.convention in allowed else allowed[0]
 

@@ -24,15 +24,15 @@ class ObjectHandle(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Name of the object for display: the first string of `opened_with`, or else class and handle, such
-        as `Message 3`.
+        """Name of the object for display: the first string of `opened_with`. Without this string, it is the
+        class and the handle, such as `Message 3`.
         """
         return (self.opened_with[0] if self.opened_with else "") or f"{self.kind} {self.handle}"
 
 
 class HandleTable:
-    """Tracks from successful calls which objects of one session are open, and whether the service is
-    started.
+    """Tracks which objects of one session are open, and whether the service is started. The table learns this
+    from successful calls.
     """
 
     def __init__(self) -> None:
@@ -91,9 +91,7 @@ class HandleTable:
         return (one for one in reversed(self._unreleased.values()) if one.kind is kind and self._is_open(one))
 
     def _is_open(self, one: ObjectHandle) -> bool:
-        """Return whether the client is still connected to the controller through which the object was
-        opened.
-        """
+        """Return whether the client is still connected to the controller of the object."""
         root = one
         while root.parent is not None:
             root = root.parent

@@ -59,7 +59,7 @@ class RemoteObject:
     released.
 
     Attributes:
-        owner: Class of the object; the names of the object's functions begin with this class.
+        owner: Class of the object; the names of the object's functions begin with the name of this class.
         session: Session that makes the calls.
         handle: Number with which the controller identifies the object.
     """

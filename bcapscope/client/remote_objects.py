@@ -41,7 +41,7 @@ def _getter(
 
 
 class _DescribedObject(RemoteObject):
-    """Functions of all classes of objects except ControllerMessage."""
+    """Functions that all classes of objects have, except ControllerMessage."""
 
     get_attribute = _getter(RemoteObject._invoke_int, "GetAttribute")  # bits
     get_help = _getter(RemoteObject._invoke_text, "GetHelp")
@@ -225,7 +225,7 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Unhold", option)
 
     async def slv_change_mode(self, mode: int) -> None:
-        """Enter a slave mode, or leave slave mode with mode 0. When the session's block ends, the session
+        """Enter the slave mode `mode`. Mode 0 leaves slave mode. When the session's block ends, the session
         leaves slave mode automatically.
         """
         await self.execute("slvChangeMode", Variant(VT.I4, mode))

@@ -68,9 +68,9 @@ class BaseCaller(Protocol):
 class Session:
     """Makes calls to a controller, and keeps the handles of the objects that these calls opened.
 
-    On TCP, a call has only one attempt, with a longer timeout: the sum of the timeouts that all attempts of a
-    call have on UDP. slvMove on TCP has the timeout of other calls, because TCP needs longer than a cycle
-    time to retransmit lost data.
+    On TCP, a call has only one attempt. This attempt has a longer timeout: the sum of the timeouts of all
+    attempts on UDP. slvMove on TCP has the timeout of other calls, because TCP needs longer than a cycle time
+    to retransmit lost data.
 
     Attributes:
         retry_policies: Retry policies for all further calls.
@@ -137,8 +137,8 @@ class Session:
         """Leave slave mode, release all open objects, newest first, and close the link.
 
         If the controller no longer replies, the session sends Service_Stop once and releases no further
-        objects; the controller must release these itself. A controller that is busy with a motion reads
-        Service_Stop when the motion ends.
+        objects. The controller must then release its open objects itself. A controller that is busy with a
+        motion reads Service_Stop when the motion ends.
         """
         try:
             if self._is_starting:
@@ -191,8 +191,8 @@ class Session:
         )
 
     def needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
-        """Return whether a call may energise or move the robot. Whether a call that writes a variable needs
-        arming depends on the variable.
+        """Return whether a call may energise or move the robot. For a call that writes a variable, the result
+        depends on the variable.
         """
         variable = self.handles.find(ObjectClass.VARIABLE, first_number(arguments))
         return needs_arming(function_id, arguments, "" if variable is None else variable.label)
@@ -211,8 +211,8 @@ class Session:
 
 
 async def halt_robot(session: Session, robot: int, pause: Callable[[int], Awaitable[None]]) -> None:
-    """Stop the robot at once. Raises what `Session.call` raises. `pause` is a function that waits for a
-    number of ns.
+    """Stop the robot at once. Raises what `Session.call` raises. `pause` is a function that waits for the
+    given number of ns.
 
     While another call of the connection runs, the controller replies that it is busy, or does not reply
     (orin_bcap C/src/bCAPServer/bcap_server.c).

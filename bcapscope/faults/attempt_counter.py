@@ -1,5 +1,5 @@
-"""Counts the attempts of calls. Finds the number of the attempt that a request makes or that a response
-answers.
+"""Counts the attempts of calls. Finds numbers of attempts: for a request, the number of this attempt; for a
+response, the number of the answered attempt.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ clients make for one call.
 """
 
 
-_LONGEST_KEPT = 512  # in bytes; longer contents, which are rare in real sessions, are kept as a hash
+# The limit is in bytes. A hash replaces longer contents, which are rare in real sessions.
+_LONGEST_KEPT = 512
 
 
 @dataclass(eq=False, slots=True)
@@ -26,7 +27,7 @@ class AttemptedCall:
     """A call. Two `AttemptedCall` objects are equal only if they are the same object.
 
     Attributes:
-        content: Bytes of a request from the function id on, which are the same in all attempts. A hash
+        content: Bytes of a request, beginning with the function id. All attempts have the same bytes. A hash
             replaces these bytes if there are more than 512.
         attempts: Number of attempts so far.
     """
@@ -55,7 +56,7 @@ def _content_key(request: Frame) -> bytes:
 
 
 class AttemptCounter:
-    """Finds the attempts of each call from the serials in the reserved fields of retries. Supports all
+    """Uses the serials in the reserved fields of retries to find the attempts of each call. Supports all
     conventions for the reserved field.
 
     On TCP, every request is a first attempt, because clients do not retry on TCP.
@@ -78,7 +79,7 @@ class AttemptCounter:
     def add_frame(self, flow: Flow, frame: Frame) -> CallAttempt | None:
         """Add the next frame of a UDP conversation.
 
-        For a request, return this attempt; for a response, return the answered attempt.
+        For a request, return the attempt that it makes; for a response, return the attempt that it answers.
 
         For a response to an unknown or old request, return None.
         """

@@ -190,7 +190,7 @@ def _parse(text: str) -> tuple[yaml.Node | None, object]:
         mark = error.problem_mark
         reason = foreign_text(error.problem or "no YAML")
         raise DocumentError((), mark.line + 1 if mark else 0, reason) from error
-    except ValueError as error:  # raised for a number with too many digits, or for an invalid date
+    except ValueError as error:  # A number with too many digits, or an invalid date, raises this error.
         raise DocumentError((), 0, Message("yaml.invalid", reason=str(error))) from error
 
 

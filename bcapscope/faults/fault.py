@@ -57,13 +57,13 @@ class Fault(
     """The fields that all faults have. The fields select the messages that the fault hits.
 
     Attributes:
-        name: Name of the fault in reports. The name is also part of the seed of the random numbers. A name
+        name: Name of the fault in reports. The random numbers of the fault depend on the name. A name
             consists of letters, digits and ``_ . + -``. An empty name is replaced by a generated name.
         when: Filter that a message must match. In documents, this field is named ``if``.
         direction: Direction of the messages to hit; None for both directions.
         probability: Share of the messages to hit, out of the messages that fulfil all other conditions.
         times: Maximum number of hits; None for no limit.
-        after: Time for which the fault hits no messages after it was added.
+        after: Time from adding the fault until the fault can hit messages.
         lasts: Time from the start to the end of the fault; None for no end. In documents, this field is named
             ``for``.
         attempt: Hit only requests and responses of the attempt with this number, counted from 1; None for all
@@ -113,7 +113,7 @@ class MessageFault(Fault, frozen=True, kw_only=True):
         return True
 
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:
-        """Change the message with the random numbers from `draw`. Return what was done; None if nothing
-        changed.
+        """Change the message with the random numbers from `draw`. Return a message that says what the fault
+        did; None if nothing changed.
         """
         raise NotImplementedError

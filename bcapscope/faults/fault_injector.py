@@ -10,8 +10,8 @@ depend only on the seed and on the fault's name. A fault draws numbers for each 
 even if other faults drop or change that message. Therefore, if you add a fault, the other faults still hit
 the same messages.
 
-Faults are applied in the order of the list; each fault changes the result of the previous fault. If a fault
-drops or answers a message, or its action is `pass`, the message does not reach later faults.
+Faults are applied in the order of the list. Each fault gets the result of the previous fault. If a fault
+drops or answers a message, or if the fault's action is `pass`, the message does not reach later faults.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class ActiveFault(FaultMatcher):
 
 
 class _QueuedOutput:
-    """An output in the queue, which is sent at a given time.
+    """An output that waits in the queue until its time to be sent.
 
     Attributes:
         output: The output; None if it was moved to another entry of the queue.
@@ -171,8 +171,8 @@ class FaultInjector:
         return {active.name: active.hit_count for active in self.active_faults}
 
     def is_idle(self, now: int) -> bool:
-        """Return whether the proxy may forward messages without the injector, because no message is held and
-        no fault can hit.
+        """Return whether no message is held and no fault can hit. The proxy may then forward messages without
+        the injector.
         """
         return (
             not self._queue
@@ -197,7 +197,7 @@ class FaultInjector:
         Args:
             flow: Conversation and direction. All messages of a direction must have the same `Flow` object.
             data: A datagram, a frame of a stream, or bytes of a stream that are not a frame.
-            now: Current time in ns. It must not be earlier than in the previous call of this method.
+            now: Current time in ns. This time must not be earlier than in the previous call of this method.
         """
         outputs = self.advance(now) if self._queue else []
         if flow.conversation in self._half_open:
@@ -247,7 +247,7 @@ class FaultInjector:
         return outputs
 
     def holds(self, flow: Flow) -> bool:
-        """Return whether the proxy must not yet forward the end of a TCP stream.
+        """Return whether the proxy must wait before it forwards the end of a TCP stream.
 
         The proxy must wait while faults hold messages of the flow. If a half-open fault blocks the
         conversation, the proxy never forwards the end of the stream.
@@ -257,8 +257,8 @@ class FaultInjector:
         )
 
     def passes_close(self, conversation: Conversation) -> bool:
-        """Return whether the end of a TCP connection may be forwarded. This is False if a half-open fault
-        blocks the conversation.
+        """Return whether the proxy may forward the closing of a TCP connection. This is False if a half-open
+        fault blocks the conversation.
         """
         return conversation not in self._half_open
 
@@ -348,7 +348,7 @@ class FaultInjector:
             self._enqueue_send(flow, send, now + faulted.delay + late)
 
     def _close_time(self, closing: CloseConnection, when: int) -> int:
-        """Return the time at which to close a connection that a fault closes at `when`.
+        """Return the time at which to close a connection. `when` is the time that the fault planned.
 
         A close with FIN waits until the held messages of the connection are sent.
         """
@@ -392,8 +392,8 @@ class FaultInjector:
 
 
 def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[Message]:
-    """When faults already hold too many bytes, drop a datagram that would be delayed, or its delayed
-    copies.
+    """Faults already hold too many bytes: if a datagram would be delayed, drop it. If only copies of the
+    datagram would be delayed, drop these copies.
     """
     if faulted.delay or faulted.held_behind:
         faulted.drop()

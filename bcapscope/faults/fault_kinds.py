@@ -281,7 +281,7 @@ class SerialFault(MessageFault, frozen=True, kw_only=True, tag="serial"):
 
 
 class AnswerFault(MessageFault, frozen=True, kw_only=True, tag="answer"):
-    """Answer a request with the result code `hresult` and no value, and do not forward the request.
+    """Answer a request with the result code `hresult` and without a value. The request is not forwarded.
 
     If `direction` is `response`, the request is forwarded, and a reply with the result code replaces the
     controller's reply.
@@ -339,7 +339,8 @@ class CloseFault(MessageFault, frozen=True, kw_only=True, tag="close"):
     """Close the TCP connections to client and controller, and drop the message. UDP is not affected.
 
     Attributes:
-        how: Close with RST at once, or with FIN after all messages that other faults hold were sent.
+        how: RST closes the connection at once. FIN closes it after all messages that other faults hold were
+            sent.
     """
 
     how: CloseMode = CloseMode.RESET
@@ -356,8 +357,8 @@ class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
     """Limit the bandwidth, separately for each direction.
 
     Attributes:
-        queue: Maximum number of bytes of datagrams that may wait. Further datagrams are dropped. Any number
-            of bytes of a TCP stream may wait.
+        queue: Maximum total size in bytes of the datagrams that wait. Further datagrams are dropped. Any
+            number of bytes of a TCP stream may wait.
     """
 
     rate: Rate

@@ -1,4 +1,6 @@
-"""Decides whether a fault hits a message: by time, direction, condition, attempt and probability."""
+"""Decides whether a fault hits a message. This depends on time, direction, condition, attempt and
+probability.
+"""
 
 from __future__ import annotations
 

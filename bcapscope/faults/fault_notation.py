@@ -22,7 +22,7 @@ Write the action first, with its main value after ``=``:
     rewrite                 change serial, reserved or code, or arguments with
                             set, limit or step
 
-Then write other fields in any order, for example to select messages:
+After the action, write other fields in any order, for example to select messages:
 
     request  response       only this direction; reply means response
     5%                      with this probability

@@ -28,7 +28,8 @@ LARGEST_END = 1e19
 MAX_INDEXES = 8
 """Maximum number of indexes after an argument. Controllers nest arrays only two levels deep."""
 
-_LONGEST_SHOWN = 150  # in bits; Python refuses to convert an integer of more than about 14,000 bits to text
+# The limit is in bits. Python refuses to convert an integer of more than about 14,000 bits to text.
+_LONGEST_SHOWN = 150
 _NUMBER = r"[0-9]{1,18}(?:\.[0-9]{1,18})?"
 _DURATION = re.compile(rf"({_NUMBER})\s*([a-zµμ]+)")
 _SHARE = re.compile(rf"({_NUMBER})\s*%")
@@ -41,7 +42,7 @@ _FOLDED_CODES = {name.casefold(): code for name, code in CODE_BY_NAME.items()}
 
 
 class DurationQuantity(int):
-    """A duration in ns; written with a unit: ``3ms``, ``1.5 s``, ``200us``."""
+    """A duration in ns. Users write it with a unit: ``3ms``, ``1.5 s``, ``200us``."""
 
     @classmethod
     def read(cls, written: object) -> Self:
@@ -68,7 +69,7 @@ class DurationQuantity(int):
 
 
 class Share(float):
-    """A share or probability, 0 to 1; written as ``5%`` or ``0.05``."""
+    """A share or probability, 0 to 1. Users write it as ``5%`` or ``0.05``."""
 
     @classmethod
     def read(cls, written: object) -> Self:
@@ -85,7 +86,8 @@ class Share(float):
             value = written
         else:
             raise _invalid("share", written)
-        if not 0 <= value <= 1:  # checked before the conversion, because a float cannot hold every integer
+        # This check comes before the conversion, because a float cannot hold every integer.
+        if not 0 <= value <= 1:
             raise _invalid("share.outside", written)
         return cls(value)
 
@@ -123,7 +125,7 @@ class Rate(float):
 
 
 class HresultQuantity(int):
-    """An unsigned HRESULT; written by its name, or as a signed or unsigned number."""
+    """An unsigned HRESULT. Users write its name, or a signed or unsigned number."""
 
     @classmethod
     def read(cls, written: object) -> Self:
@@ -187,7 +189,7 @@ class FrameCondition:
 
 
 class Span:
-    """A range from a lowest to a highest number; written as ``-90..90``, ``..90`` or ``0..``.
+    """A range from a lowest to a highest number. Users write it as ``-90..90``, ``..90`` or ``0..``.
 
     Attributes:
         low: Lowest number; minus infinity if there is no lowest number.

@@ -1,4 +1,6 @@
-"""Makes replies in place of the controller, with the serial and reserved field that the client expects."""
+"""Makes replies in place of the controller. They have the serial and the reserved field that the client
+expects.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +27,8 @@ def encode_reply(frame: Frame, reserved: int, code: int) -> bytes:
 class ReplyFactory:
     """Makes replies, and fills their reserved field in the same way as the controller does.
 
-    The factory learns the controller's convention when a client sends a request whose reserved field is not
-    0, and the controller replies. Until then, the replies have 0 in this field, as the replies of DENSO's
+    The factory learns the controller's convention from the controller's reply to a request that has a
+    reserved field other than 0. Until then, the replies have 0 in this field, as the replies of DENSO's
     server do (orin_bcap C/src/bCAPServer/bcap_server.c).
     """
 

@@ -48,7 +48,8 @@ class _LastMessage(NamedTuple):
     Attributes:
         raw: Bytes of the message as received.
         values: Arguments of the message as forwarded.
-        step_base: For the index of each step, the value to which the next message's value is compared.
+        step_base: For each step, by its index: the value with which the value in the next message is
+            compared.
         size: Number of bytes of the frame after decompression.
     """
 
@@ -66,7 +67,7 @@ _NUMBERS = _INTEGERS | {VT.R4, VT.R8}
 def with_header(
     frame: Frame, *, serial: int | None = None, reserved: int | None = None, code: int | None = None
 ) -> bytes:
-    """Return a frame's bytes with a new serial, reserved field and code; None leaves a number unchanged.
+    """Return a frame's bytes with a new serial, reserved field and code; None leaves a field unchanged.
 
     Only the bytes of these fields change, even in a damaged frame. However, if an undamaged frame has a
     checksum or compressed contents, the whole frame is encoded again.
@@ -86,12 +87,13 @@ def with_header(
 def _encode_or_keep(frame: Frame, numbers: tuple[int, int, int], values: Sequence[Variant]) -> bytes:
     try:
         return encode_frame(*numbers, values, frame.framing)
-    except LocalProtocolError:  # the reserved field of version 1 is fixed, or a value does not fit its type
+    # The reserved field of version 1 cannot be changed, or a value does not fit its type.
+    except LocalProtocolError:
         return frame.raw
 
 
 class Rewriter:
-    """Applies a `RewriteFault`, and keeps earlier messages because the fault's `step` needs them.
+    """Applies a `RewriteFault`. The fault's `step` needs earlier messages, so this class keeps them.
 
     Args:
         fault: Fault to apply.
@@ -125,7 +127,7 @@ class Rewriter:
         return _encode_or_keep(frame, (head.serial, head.reserved, head.code), values)
 
     def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
-        """Limit how much numbers change from the previous message of the series to this message.
+        """Limit the change of each number from the previous message of the series to this message.
 
         A retry gets the same values as the first attempt. With other values, the controller would execute the
         retry as a new call.
@@ -174,7 +176,7 @@ def _is_attempt_of(frame: Frame, raw: bytes) -> bool:
 
 
 def _series_key(frame: Frame) -> tuple[int, str | None]:
-    """Return the key of a series of similar messages: the code and, for a request, the command."""
+    """Return what the messages of a series have in common: the code and, for a request, the command."""
     values = [argument.variant.value for argument in frame.arguments[:2]]
     return frame.code, values[1] if len(values) > 1 and isinstance(values[1], str) else None
 

@@ -77,8 +77,8 @@ class WireMessage:
         data: Bytes of the message as received.
         now: Time of receipt in ns, on a monotonic clock.
         time: Time of receipt in ns since 1970-01-01 UTC.
-        attempt_numbers: For each frame, the number of its attempt: of the attempt itself for a request, of
-            the answered attempt for a response. Empty before `annotate_with_attempts`.
+        attempt_numbers: For each frame, the number of its attempt. The attempt of a response is the attempt
+            that it answers. Empty before `annotate_with_attempts`.
     """
 
     __slots__ = ("_annotated", "_templates", "attempt_numbers", "data", "flow", "now", "number", "time")
@@ -104,13 +104,13 @@ class WireMessage:
 
     @property
     def is_datagram(self) -> bool:
-        """Whether the message came over UDP, which keeps the boundaries of messages and may lose messages."""
+        """Whether the message came over UDP. UDP keeps the boundaries of messages, but may lose messages."""
         return self.flow.conversation.transport is not Transport.TCP
 
     @property
     def annotated_frames(self) -> tuple[AnnotatedFrame, ...]:
-        """Frames of the message, and bytes that are not a frame, with function and command if they are
-        known.
+        """Frames of the message, and bytes that are not a frame. Each frame has its function and command if
+        they are known.
         """
         if self._annotated is None:
             self._annotated = tuple(AnnotatedFrame(seen, None) for seen in self._observations())

@@ -26,7 +26,7 @@ its data. At this limit, the recorder leaves out new packets and counts them.
 """
 
 _STEP_OVERHEAD = 512
-"""Bytes of memory that a packet needs in addition to its data until it is encoded."""
+"""Memory in bytes that a packet needs until it is encoded, in addition to the memory for its data."""
 
 _WRITE_INTERVAL = 0.02
 """Time in s between two writes to the disk."""
@@ -38,8 +38,8 @@ _MAKE_FOR_NS = 1_000_000
 """Maximum time in ns for encoding packets before the server checks for new requests."""
 
 _ENDS_WITHIN = 5.0
-"""Maximum time in s that `close` spends on encoding the waiting packets. Writing these packets may take the
-same time again.
+"""Maximum time in s that `close` spends on encoding the waiting packets. `close` may spend the same time on
+writing these packets.
 """
 
 _WriteStep: TypeAlias = Callable[[SocketRecording], None]
@@ -168,7 +168,7 @@ class BackgroundRecorder:
 
     def close(self) -> bool:
         """Encode the waiting packets, write them and close the file. Spend at most `_ENDS_WITHIN` seconds on
-        encoding, and as long again on writing.
+        encoding, and at most the same time on writing.
 
         Return whether the capture is complete.
         """
@@ -190,8 +190,8 @@ class BackgroundRecorder:
         if not self._recorder.is_complete:
             return False
         waiting = self._queued_size + self._recorder.files.bytes_pending
-        # After packets were left out, recording resumes only when half of the space is free.
-        # One long gap in a recording is better than many short gaps.
+        # After packets were left out, recording resumes only when half of the memory for waiting packets is
+        # free. One long gap in a recording is better than many short gaps.
         if waiting + size + _STEP_OVERHEAD <= (
             self._most_waiting // 2 if self._skipped else self._most_waiting
         ):
@@ -204,8 +204,8 @@ class BackgroundRecorder:
     def _end_gap(self) -> str:
         """Resume after missing packets.
 
-        Return the comment for the next packet, which states how many packets are missing before it. If no
-        packets are missing, return "".
+        Return a comment for the next packet. The comment states how many packets are missing before that
+        packet. If no packets are missing, return "".
         """
         if not self._skipped:
             return ""

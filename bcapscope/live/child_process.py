@@ -72,7 +72,7 @@ class ChildProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            # so that Ctrl-C and a closed terminal reach only this process, not the child
+            # Ctrl-C and a closed terminal must reach only this process, not the child.
             start_new_session=True,
         )
         self._stdout: BinaryIO | None = cast(BinaryIO, self._process.stdout)
@@ -152,7 +152,8 @@ class ChildProcess:
         """If the command ends unexpectedly, call `on_end` with its last line, or with "" if a signal killed
         the command.
 
-        If the command has ended already, `on_end` is called at once; otherwise, later from another thread.
+        If the command has ended already, `on_end` is called at once; otherwise, another thread calls it
+        later.
         """
         with self._lock:
             self._on_end, ended = on_end, self._has_ended

@@ -35,7 +35,7 @@ BUSY_WITHIN = 1.0
 """Length in seconds of the period in which datagrams are counted."""
 
 AWAKE_FOR = 2.0
-"""Time in seconds without much traffic after which the processors may sleep deeply again."""
+"""After this many seconds without much traffic, the processors may sleep deeply again."""
 
 MAX_STOLEN_SHARE = 0.05
 """Maximum processor time that the host of a virtual machine may take from this machine: 0.05 means 50 ms per
@@ -43,16 +43,16 @@ second, summed over all processors.
 """
 
 PAUSED_FOR = 60.0
-"""Time in s until the next attempt to set the limit, after the host took too much processor time or Linux
-refused the limit.
+"""If the host took too much processor time, or Linux refused the limit, the proxy waits this many seconds. It
+then tries to set the limit again.
 """
 
 _MEASURED_EVERY = 1.0
 """Seconds between measurements of the processor time that the host took."""
 
 _STREAM_BYTES_EACH = 64
-"""Number of bytes of a TCP stream that counts as one datagram. A set point has about 100 bytes; the reply to
-a set point has 58 or 90.
+"""This many bytes of a TCP stream count as one datagram. A set point has about 100 bytes; the reply to a set
+point has 58 or 90.
 """
 
 _REQUEST = struct.Struct("@i")
@@ -87,9 +87,9 @@ class CpuWakefulness:
         self._measured_at = 0.0
 
     def update(self, datagrams: int, now: float) -> None:
-        """Decide whether the processors may sleep deeply, from the number of datagrams so far.
+        """Decide whether the processors may sleep deeply. This depends on the number of datagrams so far.
 
-        Call this method about twenty times per second. `now` is in seconds of a monotonic clock.
+        Call this method about twenty times per second. `now` is the time of a monotonic clock in seconds.
         """
         is_much = datagrams - self._count_before >= BUSY_DATAGRAMS
         if is_much:
@@ -117,8 +117,8 @@ class CpuWakefulness:
             self._not_before = now + PAUSED_FOR
 
     def _is_much_stolen(self, now: float) -> bool:
-        """Return whether the host has taken more processor time than `MAX_STOLEN_SHARE` allows since the last
-        check.
+        """Return whether the host has taken too much processor time since the last check: more than
+        `MAX_STOLEN_SHARE` allows.
         """
         since, before = now - self._measured_at, self._stolen_before
         self._measured_at, self._stolen_before = now, self._sleep.stolen_seconds()
@@ -130,13 +130,15 @@ class CpuWakefulness:
 
 
 def datagrams_passed(counts: Sequence[int]) -> int:
-    """Return the number of datagrams received. On TCP, `_STREAM_BYTES_EACH` bytes count as one datagram."""
+    """Return how many datagrams were received, according to `counts`. On TCP, `_STREAM_BYTES_EACH` bytes
+    count as one datagram.
+    """
     datagrams = counts[RelayCounter.CAME_UP] + counts[RelayCounter.CAME_DOWN]
     return datagrams + (counts[RelayCounter.BYTES_UP] + counts[RelayCounter.BYTES_DOWN]) // _STREAM_BYTES_EACH
 
 
 class CpuLatencyLimit:
-    """Asks Linux to use only the lightest sleep of the processors.
+    """Asks Linux to put the processors only into their lightest sleep.
 
     The request needs root rights, unless a udev rule grants access.
 

@@ -29,7 +29,7 @@ def interrupt_on_end_signals() -> None:
 def run_interruptible(work: Coroutine[Any, Any, T]) -> T:
     """Run a coroutine.
 
-    SIGTERM and SIGHUP cancel the coroutine at an `await`, so that the coroutine can release its resources.
+    SIGTERM and SIGHUP cancel the coroutine at an `await`. The coroutine can then release its resources.
 
     Raises:
         KeyboardInterrupt: A signal cancelled the coroutine.

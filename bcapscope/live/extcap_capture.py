@@ -52,10 +52,10 @@ class CaptureFailedError(BcapError):
 
 @contextmanager
 def wireshark_connected(pipe: str) -> Iterator[CaptureEnds]:
-    """Connect to Wireshark, and watch for the end of the capture in this block.
+    """Connect to Wireshark. During the block, watch for the end of the capture.
 
     The pipe stays open until the program ends. If the capture fails, Wireshark then sees the end of the pipe.
-    Without this, tshark 4.0 would wait for the first packet for ever.
+    Without this end, tshark 4.0 would wait forever for the first packet.
 
     Raises:
         FileWriteError: The pipe does not exist, or no program reads it.
@@ -71,9 +71,9 @@ def wireshark_connected(pipe: str) -> Iterator[CaptureEnds]:
 def run_capture(words: Sequence[str], pipe: str, ends: CaptureEnds) -> None:
     """Run a command that records to `pipe`, until the queue `ends` contains a reason to end the capture.
 
-    The command runs in a child process, because Wireshark shows all text on standard error as an error, and
-    the command also prints messages there. The first signal ends the command gracefully. Further signals have
-    no effect.
+    The command runs in a child process, because it also prints messages to standard error. Wireshark would
+    show these messages as errors. The first signal ends the command gracefully. Further signals have no
+    effect.
 
     Raises:
         CaptureFailedError: The command did not start, or ended before Wireshark ended the capture.
@@ -96,7 +96,9 @@ def run_capture(words: Sequence[str], pipe: str, ends: CaptureEnds) -> None:
 
 
 def _start_failure(error: ChildStartError) -> Message:
-    """Return the error text of the command, which can have several lines, without its lines on usage."""
+    """Return the error text of the command, without the lines about usage. The text can have several
+    lines.
+    """
     starts = [number for number, line in enumerate(error.lines) if line.startswith(_ERROR)]
     if not starts:
         return error.message
@@ -120,7 +122,9 @@ def _open_pipe(pipe: str, ends: CaptureEnds) -> int | None:
 
 
 def _wait_for_end(descriptor: int | None, ends: CaptureEnds) -> None:
-    """Wait until Wireshark closes the pipe or is killed, or on Windows until it ends the launcher."""
+    """Wait until Wireshark closes the pipe or is killed. On Windows, wait until Wireshark ends the
+    launcher.
+    """
     if sys.platform == "win32":
         import ctypes
 

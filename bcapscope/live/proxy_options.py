@@ -42,8 +42,8 @@ The code differs from 1, because Python exits with 1 after a traceback.
 
 
 class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
-    """Frames with which the proxy closes a session that a UDP client left open. The proxy sends each frame
-    after the reply to the previous frame.
+    """Frames that the proxy sends to close a session, if a UDP client left this session open. The proxy sends
+    each frame after the reply to the previous frame.
 
     `open_state` is an encoded message (see `encode_message`). The message says what the client left open
     besides handles, such as slave mode. If the client left only handles open, `open_state` is b"".

@@ -69,8 +69,8 @@ class ProxyRecorder:
     """
 
     def __init__(self, recorder: Recorder, *, keeps_packet_numbers: bool = False) -> None:
-        """If `keeps_packet_numbers` is True, your code must read the numbers with `next_packet_numbers`,
-        because the recorder keeps them until then.
+        """If `keeps_packet_numbers` is True, your code must call `next_packet_numbers` to read the numbers.
+        Until then, the recorder keeps them.
         """
         self._recorder = recorder
         self._packet_numbers: dict[int, int] | None = {} if keeps_packet_numbers else None
@@ -85,8 +85,7 @@ class ProxyRecorder:
     def add_records(self, records: Sequence[RingRecord]) -> None:
         """Write records in chronological order.
 
-        If a packet with an earlier time may still follow, a packet is not written until a later call or
-        `flush`.
+        A packet waits until a later call or `flush` if a packet with an earlier time may still arrive.
         """
         if not self._recorder.is_complete:
             return
@@ -113,11 +112,12 @@ class ProxyRecorder:
         self._write_steps(bisect_right(steps, came, key=_step_time))
 
     def _write_plain_run(self, records: Sequence[RingRecord]) -> int:
-        """Write records fast, from the start of the list up to the first record whose datagram was not
-        forwarded unchanged.
+        """Write records fast, from the start of the list. Stop before the first datagram that was changed or
+        was not forwarded.
 
         If all `records` are later than the waiting packets, write the waiting packets first. Do not write the
-        last record, because a packet that follows may be earlier. Return the number of records written.
+        last record, because a packet that arrives later may have an earlier time. Return the number of
+        records written.
         """
         first = [
             came if 0 < came <= left else left or came for _, _, _, came, left, _, _ in reversed(records)
@@ -159,7 +159,7 @@ class ProxyRecorder:
         return [numbers.pop(number, 0) for number in range(first, first + count)]
 
     def _write_blocks(self, blocks: list[bytes]) -> int:
-        """Write encoded packet pairs to the recording and empty the list.
+        """Write encoded packet pairs to the recording, then remove them from the list.
 
         Return the number of pairs written.
         """

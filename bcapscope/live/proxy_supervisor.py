@@ -54,13 +54,13 @@ per ms.
 """
 
 _MAX_DESCRIPTORS = 1024
-"""Requested limit of open file descriptors. A TCP client needs two descriptors, a UDP client one."""
+"""Requested limit of open file descriptors. A TCP client needs two descriptors. A UDP client needs one."""
 
 _POLL_INTERVAL = 0.05
 _BEGINS_WITHIN = 30.0
 _ANSWERS_WITHIN = 3.0
 _ENDS_WITHIN = 60.0
-"""Time in seconds after the end of the relay at which the watcher must have ended."""
+"""After the relay has ended, the watcher must end within this time in seconds."""
 
 _SESSIONS_CLOSE_WITHIN = 3.0
 """Maximum time in seconds for closing the sessions that UDP clients left open.
@@ -195,7 +195,7 @@ class ProxySupervisor:
         self._raise_if_ended()
         self.relay.watch(self._end_signals.fileno(), self._on_signal)
         # Measured while other programs were busy: without real-time priority, one round trip in ten took 4 ms
-        # longer. With real-time priority, Linux runs the relay on the processor that it used before,
+        # longer. With real-time priority, Linux runs the relay on the processor that the relay used before,
         # so this processor should not sleep.
         with realtime_priority() as grade:
             if not grade.realtime:
@@ -222,8 +222,8 @@ class ProxySupervisor:
                 self._print_totals()
 
     def _print_totals(self) -> None:
-        """Print the totals of the traffic. The relay prints totals only if the watcher has ended and cannot
-        print a summary.
+        """Print the totals of the traffic. The relay prints totals only if the watcher has ended without a
+        summary.
         """
         from bcapscope.live.relay_figures import losses, totals  # imports NumPy
 
@@ -263,7 +263,7 @@ class ProxySupervisor:
 
     def _check_recording(self, code: int | None) -> None:
         self.is_recording_incomplete = self._options.record is not None and code != 0
-        # The watcher reports an incomplete recording itself, unless it ended too early.
+        # The watcher reports an incomplete recording itself, unless the watcher ended too early.
         if self.is_recording_incomplete and code != INCOMPLETE:
             name = printable(str(self._options.record))
             print_stderr(self._words("recording.incomplete", name=name))
@@ -361,7 +361,9 @@ class ProxySupervisor:
         return self._is_watched
 
     def _close_udp_sessions(self) -> None:
-        """Close the sessions that UDP clients left open. Sessions with a robot that may move come first."""
+        """Close the sessions that UDP clients left open. First close the sessions that have a robot that may
+        move.
+        """
         until = time.monotonic() + _SESSIONS_CLOSE_WITHIN
         for closing in sorted(self._closing_requests, key=lambda each: not each.open_state):
             session = self.relay.sessions.get(closing.client)

@@ -31,6 +31,7 @@ from bcapscope.live.proxy_recorder import ProxyRecorder
 from bcapscope.live.proxy_view import ProxyView
 from bcapscope.live.recorder import Recorder
 from bcapscope.live.relay_figures import DelayStatistics, losses, rates, totals
+from bcapscope.live.relayed_traffic import RelayedTraffic
 from bcapscope.live.standard_streams import choose_palette
 from bcapscope.live.terminal_writer import TerminalWriter
 from bcapscope.live.watcher_priority import WatcherUrgency, lower_priority, yield_function
@@ -38,7 +39,6 @@ from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.message_codec import decode_message, encode_message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Count, joined_clauses
-from bcapscope.proxy.record_decoder import RecordDecoder
 from bcapscope.proxy.ring_buffer import RelayCounter, RingReader, RingRecord, RingRecordKind
 from bcapscope.proxy.session_closer import SessionCloser
 from bcapscope.proxy.silence_monitor import SilenceMonitor
@@ -46,7 +46,7 @@ from bcapscope.render.escape import printable
 from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.findings import FindingsRenderer
 from bcapscope.traffic.handle_tracker import HandleTracker
-from bcapscope.traffic.observation import Conversation, Transport
+from bcapscope.traffic.observation import Conversation, Observation, Transport
 from bcapscope.traffic.pairing_windows import RETRY_WITHIN_NS
 from bcapscope.traffic.pipeline import Pipeline
 from bcapscope.traffic.slave_mode_tracker import SlaveModeTracker
@@ -60,23 +60,25 @@ while it decodes.
 """
 
 _MAY_WAIT_SHARE = 0.25
-"""If the ring is filled less than this ratio, undecoded records may wait. The watcher then rests between
-polls, even if it has not decoded all traffic. Without these rests, the watcher would keep a processor busy,
+"""If less than this share of the ring is filled, undecoded records may wait. The watcher then pauses between
+polls, even if it has not decoded all traffic. Without these pauses, the watcher would keep a processor busy,
 and each round trip through the proxy would take longer.
 """
 
 _SHOWN_WITHIN_NS = 2_000_000_000
-"""Maximum age in ns of undecoded traffic. If the traffic is older, the watcher decodes without rests between
+"""Maximum age in ns of undecoded traffic. If the traffic is older, the watcher decodes without pauses between
 polls.
 """
 
 _PUBLISHED_WITHIN_NS = 200_000_000
 """Maximum age in ns of undecoded traffic while a screen shows the traffic. If the traffic is older, the
-watcher decodes without rests.
+watcher decodes without pauses between polls.
 """
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075
-"""Length of the rest after a poll, relative to the duration of the poll, and maximum length in seconds."""
+"""Two numbers for the pause after a poll: its length relative to the duration of the poll, and its maximum
+length in seconds.
+"""
 
 _STATUS_EVERY_NS = 500_000_000
 _DECODING_DELAY_NS = round(3 * POLL_INTERVAL * 1e9)
@@ -86,7 +88,7 @@ _NICENESS = 10
 _RECORDS_AT_ONCE = 128
 """Maximum number of records that the watcher decodes before it displays them."""
 _RECORDS_PER_YIELD = 32
-"""Number of records that the watcher records before it yields the processor."""
+"""Number of records that the watcher writes to the recording before it yields the processor."""
 _FRAMES_PER_YIELD = 4
 """Number of frames that the watcher decodes before it yields the processor.
 
@@ -147,9 +149,7 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
 
 
 def _give_relay_priority() -> None:
-    """Prefer the relay to this process: lower this process's priority. Also ignore Ctrl-C, SIGHUP and
-    SIGTERM.
-    """
+    """Lower this process's priority, so that the relay runs first. Also ignore Ctrl-C, SIGHUP and SIGTERM."""
     for name in ("SIGINT", "SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -206,7 +206,6 @@ class ProxyWatcher:
         self._yield_cpu = yield_function(reader)
         self._written_before = self._decoded_until = 0
         self._colors = choose_palette(options.color)
-        self._record_decoder = RecordDecoder()
         self._view = ProxyView(options.view, self._colors)
         self._diagnosis = Diagnosis() if subscriber is None else subscriber.diagnosis
         self._slave_mode = SlaveModeTracker()
@@ -219,6 +218,8 @@ class ProxyWatcher:
             handles=handles,
             slave_mode=self._slave_mode,
         )
+        self._traffic = RelayedTraffic(self._pipeline, self._show_frame)
+        self._decoder = self._traffic.decoder
         self._silence_monitor = SilenceMonitor()
         self._delays = DelayStatistics()
         self._words = MessageFormatter(options.view.language)
@@ -249,7 +250,7 @@ class ProxyWatcher:
     def poll(self) -> float:
         """Write all new records of the ring to the recording, then decode for at most `_DECODE_FOR` seconds.
 
-        Return the seconds to rest before the next poll.
+        Return how many seconds to wait before the next poll.
         """
         began = time.monotonic()
         if self._recorder_task is not None:
@@ -288,19 +289,21 @@ class ProxyWatcher:
         return False
 
     def _decode_records(self, records: list[RingRecord]) -> None:
-        for count, (seen, note) in enumerate(self._record_decoder.decode(records, self._packets_of(records))):
-            self._view.add_frame(seen, note)
-            if self._subscriber is not None:
-                self._subscriber.on_frame(seen, "" if note is None else self._words.text(note))
-            self._pipeline.add(seen)
+        for count, (seen, note) in enumerate(self._decoder.decode(records, self._packets_of(records))):
+            self._traffic.add(seen, note)
             if count % _FRAMES_PER_YIELD == 0:
                 self._yield_cpu()
         self._write_lines()
         self._decoded_until = records[-1].sent_at or records[-1].received_at
         self._delays.add_records(records)
         self._show_relay_messages(records)
-        for conversation, why in self._record_decoder.pop_closed_clients():
+        for conversation, why in self._decoder.pop_closed_clients():
             self._close_conversation(conversation, why)
+
+    def _show_frame(self, seen: Observation, note: Message | None) -> None:
+        self._view.add_frame(seen, note)
+        if self._subscriber is not None:
+            self._subscriber.on_frame(seen, "" if note is None else self._words.text(note))
 
     def _packets_of(self, records: list[RingRecord]) -> list[int] | None:
         if self._subscriber is None or self._recorder_task is None:
@@ -321,7 +324,7 @@ class ProxyWatcher:
 
     def _close_conversation(self, conversation: Conversation, why: Message) -> None:
         """After a client is gone, complete its calls, report what it left open, and drop its data."""
-        self._pipeline.close_conversation(conversation)
+        self._traffic.close_conversation(conversation)
         self._write_lines()
         left = self._session_closer.pop_left_open(conversation)
         # If the relay got the closing requests, the relay itself reports which UDP sessions it closed.
@@ -340,13 +343,13 @@ class ProxyWatcher:
         """
         now = time.time_ns()
         if not self._reader.bytes_waiting:
-            self._pipeline.expire(now - _DECODING_DELAY_NS)
+            self._traffic.expire(now - _DECODING_DELAY_NS)
             self._write_lines()
-            heard = self._record_decoder.last_heard
+            heard = self._decoder.last_heard
             sending = (
                 (each, heard[each]) for each in self._slave_mode.clients_in_slave_mode() if each in heard
             )
-            for sentence in self._silence_monitor.check(sending, now - _DECODING_DELAY_NS):
+            for sentence in self._silence_monitor.check(sending, self._traffic.analysed_until):
                 rule, text = QUIT_IN_SLAVE_MODE, self._words.text(sentence)
                 self._write_finding(rule.severity, rule.id, text)
         words = words_for(self._words, self._diagnosis.totals())
@@ -393,10 +396,11 @@ class ProxyWatcher:
     def _closing_requests(self) -> bytes:
         """Return a JSON list of `ClosingRequests`, which close all open sessions."""
         # Complete answered calls now, without waiting for late retries.
+        self._traffic.flush()
         self._pipeline.expire(time.time_ns() + RETRY_WITHIN_NS)
         self._write_lines()
         self._has_sent_closing = True
-        numbers = self._record_decoder.client_numbers
+        numbers = self._decoder.client_numbers
         return msgspec.json.encode(
             [
                 ClosingRequests(
@@ -420,6 +424,7 @@ class ProxyWatcher:
         while self._recorder_task is not None and self._recorder_task.reader.bytes_waiting:
             self._recorder_task.record_available()
         self._skip_undecoded()
+        self._traffic.flush()
         self._pipeline.finish()
         self._write_lines()
         if self._subscriber is not None:
@@ -429,7 +434,7 @@ class ProxyWatcher:
         self._write_clauses((self._call_totals(), *totals(counts)))
         for message in (*losses(counts), *self._delays.summary()):
             self._write_message(message)
-        if self._record_decoder.observation_count:
+        if self._decoder.observation_count:
             width = shutil.get_terminal_size().columns
             renderer = FindingsRenderer(self._colors, width, words=self._words)
             for line in renderer.lines(findings, self._diagnosis.totals()):

@@ -24,7 +24,7 @@ _DIRECTIONS = ((True, "up"), (False, "down"))
 
 
 class DelayStatistics:
-    """Statistics of the relay's delay, for data that the relay forwards unchanged."""
+    """Statistics of the relay's delay. They cover only data that the relay forwards unchanged."""
 
     def __init__(self) -> None:
         self._histograms = {True: Histogram(), False: Histogram()}

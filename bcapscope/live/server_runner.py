@@ -75,11 +75,11 @@ class ServerRunner:
         """Serve clients until a signal arrives, with real-time priority if the operating system grants it.
 
         The priority is needed because the simulated controller must keep its cycle of 8 ms. In a test with
-        six busy processes on two processors, three of five plays failed without this priority, because the
-        simulator received set points too late.
+        six busy processes on two processors, three of five runs of `play` failed without this priority,
+        because the simulator received set points too late.
 
-        `serve` calls `on_readable` with each descriptor in `watched` that is readable. `on_readable` may also
-        change `watched`.
+        `serve` calls `on_readable` with each readable descriptor of `watched`. `on_readable` may also change
+        `watched`.
         """
         watched = [] if watched is None else watched
         with end_signal_socket() as end, realtime_priority(collect_garbage=True):

@@ -57,8 +57,8 @@ class TerminalKeys:
 
 
 def _has_terminal() -> bool:
-    """Return whether this process can read keys from a terminal. Background jobs and programs on Windows
-    cannot read keys.
+    """Return whether this process can read keys from a terminal. Background jobs cannot read keys. On
+    Windows, no program can.
     """
     if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
         return False

@@ -29,8 +29,8 @@ _MESSAGES_WITHIN = 0.5
 """Maximum time in seconds that `close` spends on writing the remaining messages, after the lines."""
 
 _WRITE_SIZE = 4096
-"""Maximum number of bytes in one write. A pipe accepts up to this number completely or not at all (PIPE_BUF
-of Linux).
+"""Maximum number of bytes in one write. A pipe accepts a write of up to this size completely, or not at all
+(PIPE_BUF of Linux).
 """
 
 ERASE_LINE = "\r\x1b[K"
@@ -40,10 +40,10 @@ ERASE_LINE = "\r\x1b[K"
 class TerminalWriter:
     """Writes lines to stdout, messages to stderr, and a status line at the bottom of a terminal.
 
-    One thread writes lines to stdout, another writes messages to stderr. Therefore, bcapscope can still show
-    a message if stdout blocks. If stdout is closed or its disk is full, a message reports the error, and the
-    program continues. The writer bypasses Python's buffers. A thread that waits for the terminal would hold
-    the lock of the buffer and delay the end of the program.
+    One thread writes lines to stdout, and another thread writes messages to stderr. Therefore, bcapscope can
+    still show a message if stdout blocks. If stdout is closed or its disk is full, a message reports the
+    error, and the program continues. The writer bypasses Python's buffers. A thread that waits for the
+    terminal would hold the lock of the buffer and delay the end of the program.
     """
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:

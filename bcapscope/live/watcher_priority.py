@@ -28,8 +28,8 @@ from pathlib import Path
 from bcapscope.proxy.ring_buffer import RingReader, RingWriter
 
 LATE_AFTER = 0.2
-"""Maximum time in seconds in which the watcher should read new records. If the watcher takes longer, the
-relay raises the watcher's priority.
+"""The watcher should read new records within this many seconds. If the watcher takes longer, the relay raises
+the watcher's priority.
 """
 
 OVERDUE_AFTER = 0.4
@@ -42,7 +42,7 @@ MAX_RING_SHARE = 0.5
 """
 
 IDLE_AGAIN_AFTER = 30.0
-"""The watcher returns to idle priority after it was not late for this time in seconds."""
+"""If the watcher was not late for this many seconds, it returns to idle priority."""
 
 
 class WatcherUrgency(IntEnum):
@@ -74,7 +74,7 @@ class WatcherPriority:
     def update(self, now: float) -> None:
         """Check how far the watcher has read, and adapt the watcher's priority.
 
-        `now` is in seconds of a monotonic clock.
+        `now` is the time of a monotonic clock in seconds.
         """
         needed = self._needed_urgency(now)
         if needed:

@@ -276,7 +276,7 @@ def _template(language: Language, id: str) -> str | None:
 
 @lru_cache(4096)
 def _parsed(template: str) -> tuple[tuple[str, str | None, str], ...]:
-    """Split a template into parts. Each part is a literal text with the name and type of the placeholder
-    after it.
+    """Split a template into parts. Each part holds a literal text, and the name and type of the placeholder
+    that follows this text.
     """
     return tuple((literal, name, spec or "") for literal, name, spec, _ in Formatter().parse(template))

@@ -328,7 +328,7 @@ class Clauses(_Several, Place):
 
 
 def joined_clauses(clauses: Iterable[Message]) -> Message | None:
-    """Join clauses to one message, without repeated clauses. If there are no clauses, return None."""
+    """Join clauses into one message, and leave out repeated clauses. If there are no clauses, return None."""
     items = tuple(dict.fromkeys(clauses))
     if len(items) < 2:
         return items[0] if items else None

@@ -32,7 +32,7 @@ from bcapscope.protocol.codec.variant import Value
 def main() -> None:
     """Read a plan from standard input, and play the trajectory in it."""
     messages = os.dup(1)
-    os.dup2(2, 1)  # so that text which a module prints does not mix with the messages
+    os.dup2(2, 1)  # text that a module prints must not mix with the messages
     pipe = PlayerPipe(0, messages)
     plan = pipe.read_plan()
     pipe.install_signal_handlers()
@@ -86,8 +86,8 @@ def write_files(
     log: BinaryIO | None,
     read_records: Callable[[], Sequence[Value]],
 ) -> PlayEnded:
-    """Write the recording. Write the records that `read_records` returns to `log`. Return the message that
-    ends the play.
+    """Write the recording. Call `read_records`, and write the resulting records to `log`. Return the message
+    that ends the play.
     """
     reasons: list[Message] = []
     try:

@@ -51,8 +51,8 @@ class ArmLimits:
     """Limits of one arm. `axis_count` is the number of joints; None if it is unknown.
 
     Attributes:
-        axes: Limits of each known axis by name, in the unit of the axis and seconds. An unknown limit is
-            infinite.
+        axes: Limits of each known axis; the key is the name of the axis. The limits use the unit of the axis
+            and seconds. An unknown limit is infinite.
         to_joints: Function that computes the joints for a pose of P or T type, and raises an exception if the
             pose is out of reach. None if the arm's kinematics are unknown.
     """
@@ -149,13 +149,13 @@ class TrajectoryMotion:
 
     @property
     def speeds(self) -> Array:
-        """Speed from each set point to the next in units per second, one row per step."""
+        """Speed between neighbouring set points, in units per second; one row per step."""
         return np.diff(self.rows, axis=0) / self.period
 
     @property
     def accelerations(self) -> Array:
-        """Acceleration from each step to the next in units per second squared, computed as controllers
-        compute it.
+        """Acceleration between neighbouring steps, in units per second squared. Controllers compute the
+        acceleration in the same way.
         """
         return np.diff(self.rows, n=2, axis=0) / (self.period * self.period)  # ** may raise an exception
 

@@ -1,9 +1,9 @@
 """A channel to a controller, and calls over this channel, without an event loop.
 
 No event loop is used, because it could delay a set point. One thread drives the requester and waits for data
-of the channel. `begin_call`, `send_due` and `wait_for_outcome` are the steps of a call, for code that has a
-deadline between two steps. `perform_call` makes a whole call, for a `Session`. These four methods share a
-requester, and therefore one sequence of serials.
+from the channel. `begin_call`, `send_due` and `wait_for_outcome` are the separate steps of a call. Code that
+has a deadline between two steps uses them. A `Session` uses `perform_call`, which makes a whole call. These
+four methods share a requester, and therefore one sequence of serials.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ from bcapscope.transport.receive_timestamps import (
 from bcapscope.transport.socket_link import preferred_address
 
 SPIN_TIME = 200_000
-"""Time in ns before a deadline at which the thread stops sleeping and watches the clock. Sleeps end too late,
-but by less than this time.
+"""Time in ns before a deadline at which the thread stops sleeping and watches the clock. A sleep ends later
+than requested, but the delay is shorter than this time.
 """
 
 _DATAGRAM_SIZE = 4096
@@ -211,7 +211,7 @@ ABORT_CHECK_INTERVAL = 50_000_000
 """Time in ns between two calls of the function `BlockingCaller.check_abort`."""
 
 READ_RESERVE = 100_000
-"""Time in ns, at the end of a wait, that is reserved for reading a reply. A reply may arrive while
+"""The caller reserves the end of each wait, this many ns, for reading a reply. A reply may arrive while
 `BlockingCaller.sleep_until_due` sleeps.
 """
 
@@ -267,7 +267,7 @@ class BlockingCaller:
     def begin_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy, at: int
     ) -> None:
-        """Prepare a call for `send_due` to send. The time-outs of the call count from the time `at`."""
+        """Prepare a call for `send_due` to send. The time-outs of the call begin at the time `at`."""
         self._requester.start_call(function_id, arguments, retry_policy, at)
         self.overslept = 0
 
@@ -282,10 +282,10 @@ class BlockingCaller:
     def sleep_until_due(self, until: int) -> None:
         """Sleep for most of the time until the next retry or `until`, whichever is earlier.
 
-        Sleeping helps because the scheduler delays a program that used the processor shortly before a reply
-        wakes it. In a test, busy programs ran beside the player, which sent a set point every 1 ms without
-        real-time priority (Linux 6.18, sched-eevdf). Without this sleep, 3 % of the set points were 2 ms
-        late; with this sleep, 0.3 %.
+        The sleep helps because the scheduler delays a program that used the processor until shortly before
+        the reply. In a test, the player sent a set point every 1 ms without real-time priority, while other
+        programs kept the processor busy (Linux 6.18, sched-eevdf). Without this sleep, 3 % of the set points
+        were 2 ms late; with this sleep, only 0.3 % were so late.
         """
         due, now = self._requester.deadline, self.link.now()
         end = max(now, min(until, until if due is None else due) - READ_RESERVE)

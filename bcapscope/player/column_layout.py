@@ -1,9 +1,9 @@
 """Find the columns of a trajectory in a table: by title, by number, or by the user's description.
 
-Known titles are the titles that `bcapscope extract` writes, names of axes and joints, and the titles in a
-controller's log, also in English: `[J1 - 指令値]`, `[FIG - 指令値]` (ShoheiKobata/orin_bcap_python_samples
-others/Get_Syslog.py and DrawLineDemo). The reader ignores a column with an unknown word in its title, so that
-the reader never mistakes a force or a distance for a position.
+The reader knows the titles that `bcapscope extract` writes, and the names of axes and joints. It also knows
+the titles in a controller's log, in Japanese and in English: `[J1 - 指令値]`, `[FIG - 指令値]`
+(ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and DrawLineDemo). The reader ignores a column
+with an unknown word in its title, so that the reader never mistakes a force or a distance for a position.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class ColumnRole(StrEnum):
 
 
 class Unit(NamedTuple):
-    """A unit of an `angle`, a `length` or a `time`. Multiplied by `factor`, a number in this unit is in
-    degrees, mm or seconds.
+    """A unit of an `angle`, a `length` or a `time`. `factor` converts a number in this unit to degrees, mm or
+    seconds.
     """
 
     name: str
@@ -117,7 +117,7 @@ class ReadOptions:
 
     Attributes:
         kind: Pose type to read; None to choose a pose type that the file has, preferably joints.
-        columns: Number of the column of each axis and of `time`, counted from 1; empty to use the titles.
+        columns: Column numbers, counted from 1, for each axis and for `time`; empty to use the titles.
         angle: Unit of angles if the file names none: `deg` or `rad`.
         length: Unit of positions if the file names none: `mm` or `m`.
     """
@@ -130,7 +130,8 @@ class ReadOptions:
 
 @dataclass(frozen=True, slots=True)
 class ColumnLayout:
-    """The columns of the axes, in the order of the axes, and the columns of time and counter, if any.
+    """The columns of the axes, in the order of the axes. Also the columns of the time and of the controller's
+    counter, if the table has them.
 
     Each note is one clause about something that the reader chose or assumed.
     """

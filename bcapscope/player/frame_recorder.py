@@ -1,8 +1,8 @@
 """Collects the frames that a player sends and receives, to display the last frames and to record all frames.
 
 The recorder keeps frames in memory and writes them at the end. A disk access may take longer than the time
-between two set points. A separate thread for writing would not help: Python would make the thread that sends
-set points wait for it.
+between two set points. A separate thread for writing would not help: in Python, the thread that sends set
+points would wait for the writing thread.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from bcapscope.player.blocking_caller import Channel
 from bcapscope.player.player_messages import FrameMessage
 
 MAX_FRAMES = 2_000_000
-"""Maximum number of frames kept, enough for more than two hours at a cycle time of 8 ms. The recorder drops
-later frames."""
+"""Maximum number of frames that the recorder keeps: enough for more than two hours at a cycle time of 8 ms.
+The recorder drops later frames.
+"""
 
 _FRAMES_PER_WRITE = 1000
 """Number of frames per write. If the disk becomes full, the frames of the last write are lost."""

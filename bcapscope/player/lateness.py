@@ -36,9 +36,7 @@ class Lateness:
     """Records the lateness of every set point in ns."""
 
     def __init__(self, capacity: int) -> None:
-        """Allocate memory for `capacity` values; further values are counted only in the bins and the
-        maximum.
-        """
+        """Allocate memory for `capacity` values. Further values change only the bins and the maximum."""
         self._values = array("q", bytes(8 * capacity))
         self._capacity = capacity
         self._bins = array("q", bytes(8 * _BINS))
@@ -55,8 +53,8 @@ class Lateness:
         self._maximum = max(self._maximum, late)
 
     def estimated_spread(self) -> Spread:
-        """Return estimated percentiles, which is fast. The estimate is the upper edge of the bin that holds
-        the percentile.
+        """Return estimated percentiles. This calculation is fast. The estimate is the upper edge of the bin
+        that holds the percentile.
         """
         if not self._count:
             return Spread()
@@ -74,8 +72,8 @@ class Lateness:
         return tuple(sorted(edges))
 
     def exact_spread(self) -> Spread:
-        """Return exact percentiles, which is slow. If there were too many values to keep, return estimated
-        percentiles.
+        """Return exact percentiles. This calculation is slow. If there were too many values to keep, return
+        estimated percentiles.
         """
         if not 0 < self._count <= self._capacity:
             return self.estimated_spread()
@@ -89,7 +87,9 @@ def _rank(share: float, count: int) -> int:
 
 
 def _bin_of(value: int) -> int:
-    """Return the index of a value's bin: one bin per value below 16, then 16 bins per power of two."""
+    """Return the index of the bin for a value. Each value below 16 has its own bin; above, each power of two
+    has 16 bins.
+    """
     if value < _BINS_PER_OCTAVE:
         return max(value, 0)
     shift = value.bit_length() - 5

@@ -3,18 +3,19 @@
 The slave mode decides whether the player or the controller sets the pace (DENSO Wave 2009, How to use the
 Slave mode; table of slave modes in ShoheiKobata/orin_bcap_python_samples):
 
-* **Async, mode 1**: the player sets the pace. Deadlines are absolute, one per period. If no reply has arrived
-  shortly before the next deadline, the pacer gives the call up and sends the next set point. In Async and
-  mode 1, the pacer never retries a set point, because the controller follows only the newest set point. A
-  reply does not wake the player: the pacer reads replies only shortly before the next deadline. The operating
-  system records when each reply arrived (`BlockingCaller.sleep_until_due`). A late reply still shows that the
-  controller is alive, and a late refusal ends the play. If the time since the newest answered set point
-  exceeds `SILENCE_TIMEOUT`, the pacer sends nothing until a reply arrives.
+* **Async, mode 1**: the player sets the pace. Deadlines are absolute, one per period. If the reply is still
+  missing shortly before the next deadline, the pacer gives the call up. It then sends the next set point. In
+  Async and mode 1, the pacer never retries a set point, because the controller follows only the newest set
+  point. A reply does not wake the player: the pacer reads replies only shortly before the next deadline. The
+  operating system records when each reply arrived (`BlockingCaller.sleep_until_due`). A late reply still
+  shows that the controller is alive, and a late refusal ends the play. If the time since the newest answered
+  set point exceeds `SILENCE_TIMEOUT`, the pacer sends nothing until a reply arrives.
 * **Sync, mode 2**: the controller sets the pace by answering only when its buffer has room. The next set
-  point is due 0.3 ms after the reply (`_PREPARATION`), so that this delay is always the same. Without a reply
-  the requester retries every `RetryPolicy.timeout`, and discards replies to earlier attempts. After the last
-  attempt, the pacer only waits, and accepts a reply to any attempt. A controller with a full buffer needs no
-  set point yet. After the time `SILENCE_TIMEOUT` without a reply, the pacer treats the controller as gone.
+  point is due 0.3 ms after the reply (`_PREPARATION`), so that this delay is always the same. If no reply
+  arrives, the requester retries after each `RetryPolicy.timeout`. It discards replies to earlier attempts.
+  After the last attempt, the pacer only waits, and accepts a reply to any attempt. A controller with a full
+  buffer needs no set point yet. After the time `SILENCE_TIMEOUT` without a reply, the pacer treats the
+  controller as gone.
 * **Mode 0**: player and controller set the pace together. If the controller replies S_BUF_FULL, the pacer
   pauses for one period. S_OK means that the buffer has room, so the next set point follows at once. 83201483
   means that the buffer had no room, so the pacer sends the same set point again.
@@ -49,9 +50,9 @@ from bcapscope.protocol.tables.hresult import (
 )
 
 SILENCE_TIMEOUT = 100_000_000
-"""Time in ns without a reply after which the pacer treats a controller as behind or gone: a dozen periods.
-Over TCP, the pacer uses the timeout of a call instead of this limit, because TCP may need more than 100 ms to
-retransmit.
+"""If no reply arrives for this time in ns, a dozen periods, the pacer treats the controller as behind or
+gone. Over TCP, the pacer uses the timeout of a call instead of this limit, because TCP may need more than 100
+ms to retransmit.
 """
 
 OVERFLOW_DELAY = 1_000_000
@@ -67,9 +68,9 @@ MIN_PERIOD_SHARE = 0.98
 
 _START_DELAY = 5_000_000
 _PREPARATION, _PREPARATION_MAX, _PREPARATION_SHARE = 300_000, 1_000_000, 0.4
-"""Time reserved before a deadline to make the next packet: a share of the period, between a minimum and a
-maximum in ns. After a sleep, code first runs ten times slower, because other programs have filled the
-processor's caches.
+"""The pacer reserves this time before a deadline to make the next packet. The time is a share of the period,
+with a minimum and a maximum in ns. After a sleep, code first runs ten times slower, because other programs
+have filled the processor's caches.
 """
 
 _MOTION_ERRORS = 0x8420
@@ -77,7 +78,7 @@ _MOTION_ERRORS = 0x8420
 fast."""
 _GAPS_KEPT = 8
 """Number of recent gaps between set points that the pacer keeps, to explain a refused set point. No
-controller's buffer holds more set points.
+controller's buffer holds more set points than this number.
 """
 _ROBOT_EXECUTE = 64
 _NAME = "Robot_Execute slvMove"
@@ -154,7 +155,7 @@ class Pacer:
 
     @property
     def counts(self) -> PlayCounts:
-        """How many set points were sent, answered late, repeated and so on until now."""
+        """Counts so far: how many set points were sent, answered late, repeated and so on."""
         unanswered = max(0, self._sent - self._answered - self._pending)
         return PlayCounts(
             self._sent, self._retries, self._late, unanswered, self._repeated, self._shifted, self._held
@@ -344,8 +345,8 @@ class _Throttle:
 
     At first, the pacer may send two set points more than the buffer holds. Afterwards, the pacer sends at
     most one set point per period on average. A controller that confuses two slave modes may answer at once,
-    although its reply should wait for room in the buffer. Without the limit, the pacer would then send the
-    whole trajectory in an instant.
+    although its reply should wait for room in the buffer. Without the limit, these early answers would make
+    the pacer send the whole trajectory in an instant.
     """
 
     def __init__(self, period: int, burst: int) -> None:

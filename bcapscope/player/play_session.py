@@ -69,7 +69,7 @@ YES, NO, CLEAR, AGAIN = "yes", "no", "clear", "again"
 """Answers to questions."""
 
 _ROBOT_EXECUTE = 64
-# number of set points for which the pacer keeps the lateness: two hours at 8 ms
+# The pacer keeps the lateness of this many set points: two hours at 8 ms.
 _LATENESS_CAPACITY = 1_000_000
 
 
@@ -119,7 +119,7 @@ class PlayMonitor:
 
 
 def _pose_in(reply: Frame | None) -> SetPointValues:
-    """Return the pose in a reply; () if there is none, or if it holds NaN, which JSON cannot carry."""
+    """Return the pose in a reply; () if the reply has no pose, or if the pose holds NaN, which JSON lacks."""
     if reply is None or not reply.arguments:
         return ()
     row = pose_numbers(reply.arguments[0].variant) or ()
@@ -444,7 +444,7 @@ def _slave_mode_for(plan: PlayPlan, generation: Generation) -> SlaveMode:
 
 
 def _planned_trajectory(plan: PlayPlan, kind: PoseType, pose: SetPointValues) -> Trajectory | None:
-    """Return the plan's set points, completed with axes from `pose`; None if the plan has no set points."""
+    """Return the plan's set points; None if there are none. Axes that the plan lacks come from `pose`."""
     if not plan.points:
         return None
     return Trajectory(kind, np.array(plan.points, dtype=np.float64), TrajectorySource("")).completed(pose)

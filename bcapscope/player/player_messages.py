@@ -30,11 +30,13 @@ SetPointValues: TypeAlias = tuple[float, ...]
 
 
 TYPE_NAME_FACT = "type name"
-"""Key of the robot's type name in the facts about the controller."""
+"""Key under which the facts about the controller hold the robot's type name."""
 
 
 class SlaveModePacing(StrEnum):
-    """Kind of slave mode. All generations of controllers have both kinds, under different numbers."""
+    """Kind of slave mode. Every generation of controllers has both kinds of slave mode, but under different
+    mode numbers.
+    """
 
     SYNC = "sync"
     """The controller sets the pace: Sync on RC7, mode 2 on later controllers."""
@@ -76,24 +78,24 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         robot: Name that the player passes to Controller_GetRobot.
-        task: Name of the program on the controller that must run on RC7 during slave mode.
+        task: Name of the controller's program that must run during slave mode on RC7.
         mode: Kind of slave mode, or the exact number for slvChangeMode.
         period: Time in ns between set points in the modes where the player sets the pace.
         points: Set points of the trajectory, which begins and ends at rest. Axes that the set points lack do
             not move.
-        limits: Limits of the arm as `arm_limits.with_limits` accepts them. A stop does not exceed these
-            limits.
+        limits: Limits of the arm, in the notation that `arm_limits.with_limits` accepts. A stop does not
+            exceed these limits.
         rounds: How often to play the set points, without a pause between rounds; 0 to play until an order to
             stop.
         approach: Speed, in percent, of the ordinary motion to the first point.
         may_approach: Whether to move to the first point without asking the user.
         armed: Whether the user has confirmed that a robot may move.
-        look_only: Whether to connect, report facts about the controller and end, without moving or changing
-            anything.
+        look_only: Whether the player only connects, reports facts about the controller, and ends. The player
+            then moves nothing and changes nothing.
         log: Path of a new CSV file for the controller's own log; None for no log.
         record: Path of a new recording of all frames; None for no recording.
-        aftermath: Steps of a crashed player that this player undoes, without playing anything; None to play.
-        first_serial: First serial to use, beyond every serial that a crashed player can have used.
+        aftermath: Steps of a crashed player; None to play. This player undoes these steps and plays nothing.
+        first_serial: First serial that the player uses. No crashed player can have used this serial.
     """
 
     target: ControllerTarget
@@ -157,7 +159,8 @@ class ControllerInfo(msgspec.Struct, frozen=True, tag=True):
         generation: RC7, or RC8 for all later generations.
         mode: Slave mode that the player will use.
         pose: Current pose of the robot, in the pose type of the set points.
-        distance: Distance to the first point: the difference of the axis that differs most, in degrees or mm.
+        distance: Distance from the current pose to the first point, in degrees or mm. The axis with the
+            largest difference gives the distance.
     """
 
     simulator: bool
@@ -182,8 +185,8 @@ class PlayCounts(msgspec.Struct, frozen=True):
     """Counts of set points.
 
     Attributes:
-        sent: Set points sent, without retries. A set point that the player repeats because the buffer was
-            full counts again.
+        sent: Number of set points that the player sent; retries do not count. A set point that the player
+            repeats because the buffer was full counts again.
         late: Late replies.
         unanswered: Set points that got no reply.
         repeated: Set points sent again because the controller's buffer was full (83201483).
@@ -202,17 +205,19 @@ class PlayCounts(msgspec.Struct, frozen=True):
 
 
 class PlayProgress(msgspec.Struct, frozen=True, tag=True):
-    """Report of progress, about twenty times a second. If the pipe is full, the player drops the report.
+    """The player reports its progress about twenty times a second. If the pipe is full, the player drops the
+    report.
 
     Attributes:
-        index: Number of set points of the trajectory sent so far, in all rounds.
+        index: How many of the trajectory's set points the player has sent so far, in all rounds.
         of: Total number of set points in all rounds; 0 if the play has no end.
         elapsed: Seconds since the first set point. `left` is the time in seconds until the last set point, or
             None if the play has no end.
         lateness: Distribution of the time from each set point's deadline to its sending.
         commanded: The last set point sent; `returned` is the pose in the last reply.
         sent: The last frame sent; `received` is the last frame received.
-        cycle: Histogram of the time between set points: smallest ns, largest ns and count of each bin.
+        cycle: Histogram of the time between set points. Each bin has a smallest time and a largest time in
+            ns, and a count.
     """
 
     state: PlayState
@@ -282,15 +287,16 @@ class PlayOutcome(StrEnum):
 
 
 class PlayEnded(msgspec.Struct, frozen=True, tag=True):
-    """The last message of a player. The distributions in this message are exact, not estimated, and in ns.
+    """The last message of a player. The distributions in this message are in ns, and are exact instead of
+    estimated.
 
     Attributes:
         reason: Why the player ended; None if the play is complete.
         cycle: Distribution of the time between set points.
-        index: Number of set points of the trajectory that the player sent.
+        index: How many of the trajectory's set points the player sent.
         left: Whether the cleanup ran; False if the controller no longer answered.
         logged: Number of records of the controller's log that the player saved.
-        retries_expected: Whether retries are normal, because replies came over UDP and set the pace.
+        retries_expected: Whether retries are normal. They are normal over UDP if the replies set the pace.
     """
 
     outcome: PlayOutcome

@@ -1,4 +1,4 @@
-"""The player's end of the pipes to its parent: orders in, messages out.
+"""The player's end of the two pipes to its parent: the player reads orders and sends messages.
 
 No method blocks while the player sends set points. If the parent's end of a pipe closes, the parent is gone,
 and the player behaves as after an order to stop.
@@ -28,11 +28,11 @@ _ATOMIC_WRITE_SIZE = 4096
 """Size, in bytes, of the largest write that a pipe never splits (PIPE_BUF on Linux)."""
 
 _SEND_TIMEOUT = 2.0
-"""Seconds that `wait_until_sent` waits for the parent to read the last messages."""
+"""Maximum number of seconds that `wait_until_sent` waits until the parent has read the last messages."""
 
 _MAX_UNWRITTEN = 1 << 20
-"""Maximum number of bytes that may wait for the parent. Above this limit, the player drops further
-messages.
+"""Maximum number of bytes that may wait until the parent reads them. Above this limit, the player drops
+further messages.
 """
 
 PARENT_GONE = Message("play.parent-gone")
@@ -75,9 +75,9 @@ class PlayerPipe:
     def install_signal_handlers(self) -> None:
         """Treat signals as orders.
 
-        The first SIGINT, SIGTERM or SIGHUP is an order to stop. A second of these signals, or SIGUSR1, is an
-        order to halt. If the parent blocked SIGUSR1 in the player, a SIGUSR1 that was sent earlier takes
-        effect now.
+        The first SIGINT, SIGTERM or SIGHUP is an order to stop. SIGUSR1, or a further signal of these three,
+        is an order to halt. If the parent blocked SIGUSR1 in the player, a SIGUSR1 that was sent earlier
+        takes effect now.
         """
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)

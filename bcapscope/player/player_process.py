@@ -42,8 +42,8 @@ from bcapscope.player.player_messages import (
 from bcapscope.protocol.codec.frame import Frame
 
 _LEAVE_TIMEOUT = 20.0
-"""Seconds without a message after which the parent kills a player that should end. Even a player that waits
-for a silent controller sends messages more often.
+"""If a player that should end sends no message for this many seconds, the parent kills the player. Even a
+player that waits for a silent controller sends messages more often.
 """
 
 _SERIAL_MARGIN = 5000
@@ -163,7 +163,9 @@ class PlayerProcess:
         self._send(encode_message(PlayerCommand(answer=choice)))
 
     def close(self) -> PlayEnded:
-        """Stop a working player, and wait for its end; return its last message."""
+        """If the player still works, stop it. Wait until the player has ended, and return its last
+        message.
+        """
         self.stop()
         give_up = time.monotonic() + _LEAVE_TIMEOUT
         while self.ended is None:
@@ -191,7 +193,8 @@ class PlayerProcess:
     def _on_crash(self) -> PlayerMessage:
         """Start a process that cleans up after a crashed player.
 
-        Return a message that the cleanup has begun or, if no cleanup is needed, that the play has ended.
+        Return a message which says that the cleanup has begun. If no cleanup is needed, the message says that
+        the play has ended.
         """
         assert self._process.stderr is not None
         words = self._process.stderr.read().decode(errors="replace").strip().splitlines()

@@ -67,8 +67,8 @@ class PreflightResult:
 
     @property
     def seconds(self) -> float:
-        """Duration according to the file's times, or with `period` between set points if the file has no
-        times.
+        """Duration according to the file's times. If the file has no times, `period` passes between set
+        points.
         """
         trajectory = self.trajectory
         if trajectory.period is None and trajectory.times is not None:

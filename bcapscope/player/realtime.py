@@ -63,8 +63,8 @@ def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) 
     """Run a `with` block with the highest priority that the system grants.
 
     Real-time priority and locked memory can disturb other programs, so the function asks for them only if
-    `is_wanted`. Inside the block, the garbage collector ignores older objects, because examining them costs
-    milliseconds. The garbage collector examines new objects only if `collect_garbage`.
+    `is_wanted` is true. Inside the block, the garbage collector ignores older objects, because examining them
+    costs milliseconds. The garbage collector examines new objects only if `collect_garbage` is true.
     """
     gc.collect()
     gc.freeze()
@@ -117,8 +117,9 @@ def _set_fifo_priority() -> Message | None:
 
 
 def _set_time_slice(length: int) -> None:
-    """Ask Linux for a time slice of `length` ns, or for the default if `length` is 0; ignore other
-    systems."""
+    """Ask Linux for a time slice of `length` ns, or for the default if `length` is 0; do nothing on other
+    systems.
+    """
     number = _SCHED_SETATTR.get(platform.machine()) if sys.maxsize > 1 << 32 else None
     if sys.platform == "linux" and number and os.sched_getscheduler(0) == os.SCHED_OTHER:
         nice = os.getpriority(os.PRIO_PROCESS, 0)

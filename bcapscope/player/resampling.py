@@ -1,5 +1,5 @@
-"""Give the points of a path new times: another period or speed, rest at the start and end, or a stop at any
-point.
+"""Give the points of a path new times. The new times can change the period or the speed, let the path begin
+and end at rest, or stop the robot at any point.
 
 The path is a `SmoothCurve` through the set points. The path stays the same; only the speed along the path
 changes. The speed grows from 0 and falls to 0 as the polynomial 10u³ - 15u⁴ + 6u⁵, whose first and second
@@ -87,7 +87,8 @@ def _resampling_notes(trajectory: Trajectory, period: float, speed: float, ramp:
 def stop_after(
     trajectory: Trajectory, row: int, period: float, limits: ArmLimits = UNKNOWN_ARM, *, loop: bool = False
 ) -> Array:
-    """Return the set points, one row each, that bring the robot to rest on its path after set point `row`.
+    """Return the set points that bring the robot to rest on its path after set point `row`. Each set point is
+    one row.
 
     The function tries longer and longer stops, from 0.1 s to 2 s, until a stop keeps within the limits. If
     the trajectory itself exceeds a limit, the stop may exceed this limit by the same factor. If an
@@ -146,8 +147,8 @@ def _knots(trajectory: Trajectory, period: float) -> Array:
 
 
 def _ramp_integral(part: Array) -> Array:
-    """Return the distance that the robot covers in the share `part` of a start, relative to the distance of a
-    whole start at full speed: 0 if `part` is 0, 0.5 if `part` is 1.
+    """`part` is the share of a start that has passed. Return the distance that the robot has covered,
+    relative to the distance at full speed for a whole start: 0 if `part` is 0, 0.5 if `part` is 1.
     """
     gained: Array = part**4 * (2.5 - part * (3.0 - part))
     return gained

@@ -156,8 +156,8 @@ class RobotAdapter:
     async def _switch_motor(self, on: bool, retries: int) -> None:
         """Switch the motor on or off, with at least `retries` retries.
 
-        With the machine lock on, which DENSO's slides recommend for experiments, a controller refuses to
-        switch the motor. The method ignores this refusal, because a locked robot does not move.
+        If the machine lock is on, a controller refuses to switch the motor. DENSO's slides recommend the
+        machine lock for experiments. The method ignores this refusal, because a locked robot does not move.
         """
         parameter = Variant(VT.I2, int(on))
         if self.generation is not Generation.RC7:
@@ -180,7 +180,8 @@ class RobotAdapter:
 
         The option NEXT makes the controller answer the call at once, so that the player can halt the robot on
         its way. If the robot stops before the goal, raise the controller's error or, if there is no error,
-        RemoteProtocolError. If the robot is at the goal with another Fig, the method returns after a second.
+        RemoteProtocolError. If the robot is at the goal with another Fig, the method returns after one
+        second.
         """
         pose = f"@E {kind}({', '.join(map(_decimal, goal))})"
         while True:

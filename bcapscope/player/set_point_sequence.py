@@ -21,7 +21,8 @@ class SetPointSequence:
     """Iterates over the set points.
 
     Attributes:
-        index: Number of set points returned so far: of the trajectory, in all rounds, and of a stop.
+        index: Number of set points returned so far. All rounds of the trajectory count, and so do the set
+            points of a stop.
         total: Total number of set points in all rounds; 0 if the sequence has no end.
         is_stopping: Whether the robot is coming to rest, or has come to rest.
     """

@@ -1,13 +1,13 @@
-"""A smooth curve through set points, from which the player computes intermediate points and stops on the
-path.
+"""A smooth curve through set points. The player uses this curve to compute intermediate points, and to stop
+the robot on its path.
 
 Between two points, each axis follows a polynomial of fifth degree (quintic Hermite interpolation). At each
-end, the polynomial has the position, speed and acceleration of the point. Each point has the speed and
-acceleration of the parabola through it and its two neighbours. The first and the last point have the speed
-and acceleration of the straight line to their neighbour. The curve therefore goes through every point, and
-position, speed and acceleration are continuous (C2). A wrong point changes only the two pieces of the curve
-before it and the two pieces after it. For points at equal intervals, the speed never exceeds 1.75 times the
-speed of the fastest straight line between two points.
+end, the polynomial has the position, speed and acceleration of the point at this end. At each point, speed
+and acceleration come from a parabola. This parabola goes through the point and its two neighbours. The first
+and the last point have the speed and acceleration of the straight line to their neighbour. The curve
+therefore goes through every point, and position, speed and acceleration are continuous (C2). A wrong point
+changes only the two pieces of the curve before it and the two pieces after it. For points at equal intervals,
+the speed never exceeds 1.75 times the speed of the fastest straight line between two points.
 """
 
 from __future__ import annotations
@@ -37,8 +37,9 @@ class SmoothCurve:
     """A curve through points. The curve's parameter begins at 0."""
 
     def __init__(self, kind: PoseType, knots: Array, points: Array) -> None:
-        """Compute the curve through `points`, one row each. `knots` are the parameters of the points and
-        increase from 0."""
+        """Compute the curve through `points`, an array with one row per point. `knots` holds the curve's
+        parameter at each point; these parameters begin at 0 and increase.
+        """
         self._kind = kind
         self._knots = knots
         self._points = points

@@ -120,8 +120,8 @@ class Trajectory:
         """Add the axes that the file lacks, with the values of the robot's current pose, so that these axes
         do not move.
 
-        The result has 7 columns for P type, 8 for J type, 10 for T type. Axes that the current pose lacks too
-        get the value 0.
+        The result has 7 columns for P type, 8 for J type, 10 for T type. Axes that both the file and the
+        current pose lack get the value 0.
         """
         have, width = self.points.shape[1], len(AXES[self.kind])
         missing = np.zeros(width - have)
@@ -197,11 +197,11 @@ def find_gaps(times: Array) -> NDArray[np.bool_]:
 
 
 def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
-    """Use the counter to find runs of records without gaps. Return these runs of records, and the usual
-    increase of the counter from one record to the next.
+    """Use the counter column of a log to find runs of records without gaps. Return these runs of records, and
+    the usual increase of the counter from one record to the next.
 
     A run is a pair: the index of its first record, and the index after its last record. If the counter grows
-    too unevenly, return all records as one run, and None.
+    too unevenly, return one run with all records, and None as the increase.
     """
     whole = ((0, len(counter)),)
     steps = np.diff(counter)

@@ -1,7 +1,7 @@
 """Trajectories from JSON and YAML: the JSON of `bcapscope extract`, and ROS messages as JSON or YAML.
 
-A JointTrajectory (trajectory_msgs of ROS 1 and 2) has `joint_names` and `points`, each with `positions` in
-radians and `time_from_start`. The JointTrajectory may be a part of another message, such as MoveIt's
+A JointTrajectory (trajectory_msgs of ROS 1 and 2) has `joint_names` and `points`. Each point has `positions`
+in radians, and `time_from_start`. The JointTrajectory may be a part of another message, such as MoveIt's
 RobotTrajectory.
 """
 

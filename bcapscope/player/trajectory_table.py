@@ -38,7 +38,7 @@ from bcapscope.player.trajectory import (
 from bcapscope.protocol.slave_mode.modes import PoseType
 
 HEAD_LINES = 32
-"""Number of lines, from the start of the file, in which the reader looks for the titles."""
+"""The reader looks for the titles in this many lines at the start of the file."""
 
 _PLAIN_CELLS = 60
 _SPACES = re.compile(r"\s+")
@@ -61,7 +61,7 @@ def read_table(
     """Read a table; `source.file_format` holds the encoding of the table. Raise TrajectoryError if the table
     has no set points.
 
-    Returns one trajectory or, if records are missing, one trajectory for each run of records without gaps.
+    Return one trajectory. If records are missing, return one trajectory for each run of records without gaps.
     """
     text = iter(lines)
     head = list(islice(text, HEAD_LINES))
@@ -194,8 +194,8 @@ def _parse_number(text: str, line: int, column: Column) -> float:
 
 
 def _without_empty(layout: ColumnLayout, filled: Sequence[bool]) -> tuple[Column, ...]:
-    """Return the columns before the first empty column. Raise TrajectoryError if these columns are too few
-    for a pose, or if a column after the empty column has numbers.
+    """Return the columns before the first empty column. Raise TrajectoryError if the returned columns are too
+    few for a pose. Also raise TrajectoryError if a column after the empty column has numbers.
     """
     columns, axes_filled = layout.columns, filled[: len(layout.columns)]
     width = axes_filled.index(False) if False in axes_filled else len(axes_filled)
@@ -229,7 +229,9 @@ def _split_parts(
 
 
 def _counter_timing(column: Column | None, step: float | None) -> SetPointTiming:
-    """Guess the interval from the growth of the counter. No public source says what the counter counts."""
+    """Guess the interval between set points from the growth of the log's counter. No public source says what
+    the log's counter counts.
+    """
     if column is None or column.axis != COUNTER or step is None:
         return SetPointTiming(None, None)
     if step <= 1:

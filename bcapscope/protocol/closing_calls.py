@@ -13,8 +13,8 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, Ob
 RELEASES: Mapping[ObjectClass, Function] = {
     function.releases: function for function in FUNCTIONS.values() if function.releases is not None
 }
-"""For each class, the function that releases an object of this class. The service is such an object, and
-Service_Stop releases it.
+"""For each class, the function that releases an object of this class. The service counts as an object, which
+Service_Stop releases.
 """
 
 ClosingCall = tuple[int, tuple[Variant, ...]]

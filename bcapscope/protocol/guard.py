@@ -50,8 +50,8 @@ def always_passes(function_id: int, arguments: Sequence[Variant]) -> bool:
     """Return whether a request stops something or releases a handle, so that no guard may block it.
 
     Such requests are Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, TwofgStop, slvChangeMode 0,
-    the ..._Release functions, Controller_Disconnect and Service_Stop. A guard may block a stop with too many
-    arguments, because it is unclear which arguments the controller uses.
+    the ..._Release functions, Controller_Disconnect and Service_Stop. If a stop has too many arguments, a
+    guard may block this stop, because it is unclear which arguments the controller uses.
     """
     function = FUNCTIONS.get(function_id)
     if function is None:

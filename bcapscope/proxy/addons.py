@@ -1,7 +1,7 @@
 """Add-ons: classes in a user's script that see each message, and may change, drop or answer it.
 
-A script is a Python file. The proxy creates one object of each class in the file that has at least one of the
-methods below. Then it calls these methods. The constructor of the class must need no arguments.
+A script is a Python file. For each class in the file, the proxy creates one object if the class has at least
+one of the methods below. Then it calls these methods. The constructor of the class must need no arguments.
 
     request(message)      a request arrived from a client
     reply(message)        a reply arrived from the controller
@@ -49,7 +49,7 @@ class AddonClient(NamedTuple):
     """A client, as the proxy describes it to add-ons.
 
     Attributes:
-        number: Number of the client, which no other client gets.
+        number: Number of the client; no other client gets this number.
     """
 
     number: int
@@ -126,8 +126,8 @@ class AddonRunner(PipelineSubscriber):
     """
 
     def __init__(self, addons: Sequence[object], clock: Callable[[], int] = time.perf_counter_ns) -> None:
-        """Prepare to call `addons` in this order. `clock` returns the time in ns, to measure how long a hook
-        takes.
+        """Prepare to call the hooks of `addons`, in the order of the add-ons. `clock` returns the time in ns,
+        to measure how long a hook takes.
         """
         self.notify: Callable[[Message], None] = lambda message: None
         self.errors = 0
@@ -220,7 +220,7 @@ class AddonRunner(PipelineSubscriber):
 
 
 def load_addons(path: str) -> list[object]:
-    """Run a script. Return one object of each class in the script that has a hook.
+    """Run a script. For each class in the script, return one object if the class has a hook.
 
     Raises:
         ScriptError: The script cannot be read, fails, or contains no add-on.

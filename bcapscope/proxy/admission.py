@@ -32,13 +32,13 @@ client that sends a stop replaces the oldest client in these slots.
 """
 
 REPLACE_INTERVAL_NS = 5_000_000
-"""Time in ns between two evictions of fresh clients, which have sent one datagram only. This interval limits
-the cost of a flood of datagrams from new UDP ports.
+"""Time in ns between two evictions of fresh clients. A fresh client has sent only one datagram. This interval
+limits the cost of a flood of datagrams from new UDP ports.
 """
 
 REPLACE_BURST = 64
-"""Maximum number of fresh clients that the proxy may evict without waiting between them, after a time without
-evictions.
+"""After a time without evictions, the proxy may evict at most this many fresh clients without waiting in
+between.
 """
 
 TOO_MANY_CLIENTS = Message("client.silent.too-many")
@@ -92,7 +92,7 @@ class ClientSlots:
 
         Args:
             slot: Kind of slot that `find_slot` returned.
-            is_fresh: True if the client has sent only one datagram, and may never send a second datagram.
+            is_fresh: True if the client has sent only one datagram. A second datagram may never follow.
         """
         number = session.number
         if slot is ClientSlot.RESERVED:

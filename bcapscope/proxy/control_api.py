@@ -49,7 +49,9 @@ class ControlApi:
         self._upstream = upstream
 
     def handle_line(self, line: bytes, now: int) -> ControlResponse:
-        """Execute a request, which is a line of JSON. Return the response, also for an invalid request."""
+        """Execute a request, which is a line of JSON. Return the response. Even an invalid request gets a
+        response.
+        """
         is_json = True
         try:
             return ControlResponse(

@@ -64,7 +64,9 @@ class ListFaults(_Request, frozen=True, tag="rules"):
 
 
 class AddFault(_Request, frozen=True, tag="add"):
-    """Request to add a fault, written as one line (`rule`) or as in a file (`fault`)."""
+    """Request to add a fault. The fault is either one line of text (`rule`), or has the form of a fault in a
+    file (`fault`).
+    """
 
     rule: str = ""
     fault: dict[str, Any] = {}
@@ -100,7 +102,9 @@ class ForwardHeld(_Request, frozen=True, tag="forward"):
 
 
 class EditHeld(_Request, frozen=True, tag="edit"):
-    """Request to forward a held message: as the bytes `hex`, or as changed by the rewrite fault `rewrite`."""
+    """Request to forward a held message with a change. Either the bytes `hex` replace the message, or the
+    rewrite fault `rewrite` changes it.
+    """
 
     number: int
     hex: str = ""
@@ -125,8 +129,8 @@ ControlRequest: TypeAlias = FaultChange | HoldChange | ListFaults | ListHeld | L
 
 
 class ErrorResponse(msgspec.Struct, frozen=True):
-    """Response to a rejected request, with the reason in English and as the data that `message_to_data`
-    makes.
+    """Response to a rejected request. It gives the reason in two forms: in English, and as the data that
+    `message_to_data` returns.
 
     The client first decodes every response as an `ErrorResponse`.
     """
@@ -177,8 +181,8 @@ class FaultsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class ClientStatus(msgspec.Struct, frozen=True):
-    """A client of the proxy. `up` and `down` count datagrams, or reads from a stream. The time of an event is
-    None if the event never happened.
+    """A client of the proxy. `up` and `down` count datagrams; for a stream, they count reads. The time of an
+    event is None if the event never happened.
     """
 
     number: JsonCount

@@ -81,8 +81,8 @@ class ControlServer:
         self._connections[sock.fileno()] = _Connection(sock, self._api, self._watcher, self._connections)
 
     def _close_idle_connection(self) -> bool:
-        """Close a connection that never sent a command, or else the connection that has been idle longest.
-        Return False if no connection is idle.
+        """Close a connection that never sent a command. If every connection has sent a command, close the
+        connection that has been idle longest. Return False if no connection is idle.
         """
         idle = min(self._connections.values(), key=lambda each: each.last_command_at)
         if time.monotonic() - idle.last_command_at < IDLE_AFTER:
@@ -136,7 +136,7 @@ class _Connection:
             self.close()
 
     def _read(self) -> bool:
-        """Read bytes from the control client. Return whether the bytes complete a line."""
+        """Read bytes from the control client. Return whether a whole line has arrived."""
         data = self._socket.recv(1 << 16)
         self._received += data
         if not data or (b"\n" not in data and len(self._received) > LONGEST_LINE):

@@ -1,5 +1,5 @@
-"""The state of each direction of a client's traffic. This module also splits data into messages and
-recognises stops.
+"""The state of each direction of a client's traffic. This module also splits data into messages, and
+recognises the requests that are stops.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ class DirectionState:
         client: Number of the client.
         connected_at: Time of the client's first bytes, in ns.
         budget: Common limit for the bytes of unfinished frames in all streams.
-        splitter: Splitter of a TCP stream into frames; None while no proxy rule needs frames.
+        splitter: Object that splits a TCP stream into frames; None while no proxy rule needs frames.
         has_begun: True once the proxy has forwarded bytes of this direction.
         has_ended: True after the stream has ended.
-        piece_count: Number of datagrams received, or of reads from a stream.
+        piece_count: Number of received datagrams; for a stream, the number of reads.
         last_piece_at: Time of the last datagram or read, in ns; 0 if there was none.
         overtaken_by: Message number of the latest stop; 0 before the first stop. Waiting motions with a lower
             message number must not start.
@@ -106,7 +106,9 @@ class ClientStates:
         return self._numbers[conversation]
 
     def pairs(self) -> Iterator[tuple[DirectionState, DirectionState]]:
-        """Yield the state of the request direction and of the response direction of each client."""
+        """For each client, yield the state of the request direction and the state of the response
+        direction.
+        """
         return ((each[Direction.REQUEST], each[Direction.RESPONSE]) for each in self._directions.values())
 
     def split_streams(self) -> list[DirectionState]:
@@ -147,13 +149,14 @@ class UndecidedMessage(NamedTuple):
 
 
 def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitRequests:
-    """Among held requests whose client no longer waits, choose the requests to send: the stops.
+    """The client of these held requests no longer waits. Choose the requests that the proxy still sends: the
+    stops.
 
     Return the bytes to send, and the frames and other bytes to drop.
 
     A motion is dangerous if it starts after its client has stopped waiting. A stop is never dangerous. If the
-    proxy has already sent the start of a frame, the result begins with the rest of this frame. Without this
-    rest, the controller would read the stop as part of the frame.
+    proxy has already sent the start of a frame, the result begins with the rest of this frame. Without the
+    rest of this frame, the controller would take the stop for a part of the frame.
     """
     if not state.is_stream:
         return _split_frames([item for data in held for item in parse_datagram(data)])
@@ -193,8 +196,8 @@ def is_stop_request(message: WireMessage) -> bool:
 def mark_overtaken(
     stop: WireMessage, state: DirectionState, request_states: Iterable[DirectionState]
 ) -> None:
-    """Mark motions that wait for the scripts and must not start, because the proxy forwards a stop before
-    them.
+    """Some motions wait for the scripts. Mark those that must not start, because the proxy forwards a stop
+    before them.
 
     A stop cancels the waiting motions of its own client. Robot_Halt and Robot_Hold cancel the waiting motions
     of all clients of the controller, because a program may send these calls over a separate connection. A
@@ -218,7 +221,7 @@ def mark_overtaken(
 def join_untouched_bytes(
     actions: list[SendAction | CloseAction], state: DirectionState
 ) -> Sequence[SendAction | CloseAction]:
-    """Join adjacent bytes of a stream that no proxy rule changed, so that the relay sends them in one
+    """If no proxy rule changed adjacent bytes of a stream, join these bytes. The relay then sends them in one
     piece.
     """
     if not state.is_stream or len(actions) < 2:

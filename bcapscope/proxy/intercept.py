@@ -40,8 +40,8 @@ class HeldMessage(NamedTuple):
 
     Attributes:
         number: Number that identifies the held message for the user.
-        data: Bytes of the message. After retries, this is the latest attempt, because the client only accepts
-            a reply to this attempt.
+        data: Bytes of the message. After retries, `data` holds the latest attempt, because the client accepts
+            only a reply to this attempt.
         call_kind: Function and command that the message calls or answers; None if unknown.
         since: Start of the hold, in ns.
         until: End of the hold, in ns. At this time, the proxy forwards the message unchanged, or drops it if
@@ -68,10 +68,10 @@ class HeldMessage(NamedTuple):
     def abandonment_reason(self, now: int) -> Message | None:
         """Return the evidence that the client no longer waits for a reply; None if the client may still wait.
 
-        A motion is dangerous if it starts long after the client reported a failure to its user. A client that
-        has sent another request or ended its stream no longer waits, because clients make one call at a time.
-        Over UDP, a client that has not retried within `RETRY_WITHIN_NS` no longer waits. Over TCP there are
-        no retries, so a silent client may still wait.
+        A motion is dangerous if it starts long after the client reported a failure to its user. Clients make
+        one call at a time. A client therefore no longer waits if it has sent another request, or has ended
+        its stream. Over UDP, a client that has not retried within `RETRY_WITHIN_NS` no longer waits. Over TCP
+        there are no retries, so a silent client may still wait.
         """
         if self.abandoned_because is not None or self.flow.direction is Direction.RESPONSE:
             return self.abandoned_because
@@ -129,8 +129,9 @@ class Intercept:
         self.set_condition(condition)
 
     def set_condition(self, condition: FrameCondition | None) -> None:
-        """Set another filter for the messages to hold from now on. Messages that are already held stay
-        held."""
+        """Set another filter. From now on, the proxy holds the messages that match this filter. Messages that
+        are already held stay held.
+        """
         self.condition = condition
         self._matches_frame: Callable[[AnnotatedFrame], bool] | None = None
         if condition is not None:

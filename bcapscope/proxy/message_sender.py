@@ -1,5 +1,5 @@
-"""The last step of the proxy's rules: the guard refuses requests, and the proxy answers them instead of the
-controller.
+"""The last step of the proxy's rules: the guard refuses requests, and the proxy answers the refused requests
+instead of the controller.
 """
 
 from __future__ import annotations

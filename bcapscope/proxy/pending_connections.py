@@ -23,7 +23,7 @@ the time of the last bytes in ns since 1970.
 """
 
 _AT_ONCE = 4096
-"""Maximum number of bytes of one read."""
+"""Maximum number of bytes that the proxy reads at once."""
 
 
 class PendingConnections:

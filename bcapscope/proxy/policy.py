@@ -36,7 +36,7 @@ class SendAction(msgspec.Struct, frozen=True):
 
 
 class CloseAction(msgspec.Struct, frozen=True):
-    """Close both connections of a client: to the proxy and to the controller.
+    """Tells the relay to close both connections of a client: to the proxy and to the controller.
 
     Attributes:
         reset: True to reset a stream, which loses unsent bytes; False to send all bytes first.
@@ -110,7 +110,9 @@ class Policy(Protocol):
         """
 
     def hides_end(self, client: int) -> bool:
-        """Return whether the proxy must hide the FIN or RST of client and controller from each other."""
+        """Return whether the proxy must hide each FIN or RST: those of the client from the controller, and
+        those of the controller from the client.
+        """
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
         """Return the actions to do before the proxy disconnects a client. The client is still registered."""

@@ -22,7 +22,7 @@ class DescriptorWatcher(Protocol):
         """Call `handler` for every event of a descriptor."""
 
     def change(self, descriptor: int, mask: int) -> None:
-        """Set which events of a descriptor to wait for."""
+        """Set the events of a descriptor for which the watcher waits."""
 
     def pause(self, descriptor: int) -> None:
         """Ignore events of a descriptor for about a second."""
@@ -84,7 +84,8 @@ def open_ticker(seconds: float) -> int | None:
     timer.
 
     A program that waits for this descriptor wakes up regularly, so it can wait for events without a time
-    limit. With a time limit, each wait would set a timer, which lengthened a round trip of 21 µs by 1 µs.
+    limit. With a time limit, each wait would set a timer. This timer lengthened a round trip of 21 µs by 1
+    µs.
     """
     if sys.platform != "linux":
         return None

@@ -2,27 +2,32 @@
 
 Observations show the client's side: requests as received by the proxy, and replies as sent to the client. A
 request that a proxy rule dropped therefore gives an observation; a reply that a proxy rule dropped does not.
+
+After the first message that the proxy did not forward unchanged and at once, the decoder also yields the
+observations of the controller's side.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import repeat
 from typing import TypeAlias
 
 from bcapscope.messages import Message
 from bcapscope.messages.message_codec import decode_message
 from bcapscope.protocol.codec.byte_budget import ByteBudget
-from bcapscope.protocol.codec.frame import parse_captured_datagram
+from bcapscope.protocol.codec.frame import Frame, Malformed, parse_captured_datagram
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import StreamPiece, StreamSplitter
 from bcapscope.proxy.relay_session import ClientEndpoints, read_endpoints
 from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind, hole_sizes
+from bcapscope.traffic.joining.leg_joiner import RelayedObservation
 from bcapscope.traffic.observation import (
     SERVER_PARTICIPANT,
     Conversation,
     Direction,
+    Endpoint,
     Flow,
     Observation,
     Transport,
@@ -30,11 +35,11 @@ from bcapscope.traffic.observation import (
 
 NotedObservation: TypeAlias = tuple[Observation, Message | None]
 """An observation, and a note that says what a proxy rule did to the message. The note is None if no rule
-changed the message.
+changed the message. An observation of the controller's side has the number 0.
 """
 
 _MAX_MARKS = 256
-"""Maximum number of pieces of an unfinished frame for which the decoder keeps the arrival times."""
+"""The decoder keeps the arrival times of at most this many pieces of an unfinished frame."""
 
 
 class _DirectionStream:
@@ -44,28 +49,67 @@ class _DirectionStream:
         size: Number of bytes of the stream so far.
         arrival_times: Offsets in the stream, each with the time in ns of the bytes that start there.
         packet: Number of the last packet of the stream in the recording; 0 if the recording has none.
+        is_near: Whether the stream is on the client's side.
+        is_joined: Whether the decoder also decodes this direction on the other side of the proxy.
     """
 
-    def __init__(self, flow: Flow, splitter: StreamSplitter) -> None:
+    def __init__(self, flow: Flow, splitter: StreamSplitter, *, is_near: bool = True) -> None:
         self.flow = flow
         self.splitter = splitter
+        self.is_near = is_near
+        self.is_joined = not is_near
         self.size = self.packet = 0
         self.arrival_times: list[tuple[int, int]] = []
 
 
 class _Client:
+    """A client and the streams of its conversation: toward the client, and toward the controller.
+
+    Attributes:
+        far_streams: The same streams on the controller's side; empty if they are not decoded.
+    """
+
     def __init__(
         self, endpoints: ClientEndpoints, received_at: int, budget: ByteBudget, templates: FrameTemplates
     ) -> None:
         self.last_heard = received_at
-        conversation = Conversation(
-            endpoints.client, endpoints.controller, endpoints.transport, SERVER_PARTICIPANT
-        )
-        self.conversation = conversation
         self.is_stream = endpoints.transport is Transport.TCP
-        self.streams = tuple(
+        self._endpoints = endpoints
+        self._budget, self._templates = budget, templates
+        self.conversation = self._conversation(endpoints.client)
+        self.streams = self._streams(self.conversation, is_near=True)
+        self.far_streams: tuple[_DirectionStream, ...] = ()
+
+    @property
+    def is_between_frames(self) -> bool:
+        return not any(stream.splitter.pending_bytes for stream in self.streams)
+
+    def decode_far_side(self) -> Conversation:
+        """Begin to decode the controller's side; return the conversation between proxy and controller."""
+        conversation = self._conversation(self._endpoints.upstream)
+        self.far_streams = self._streams(conversation, is_near=False)
+        for stream in self.streams:
+            stream.is_joined = True
+        return conversation
+
+    def sides(self, up: bool) -> tuple[_DirectionStream, ...]:
+        """Return a direction of the conversation on each decoded side, the sender's side first."""
+        near = self.streams[up]
+        if not self.far_streams:
+            return (near,)
+        far = self.far_streams[up]
+        return (near, far) if up else (far, near)
+
+    def _conversation(self, client: Endpoint) -> Conversation:
+        ends = self._endpoints
+        return Conversation(client, ends.controller, ends.transport, SERVER_PARTICIPANT)
+
+    def _streams(self, conversation: Conversation, *, is_near: bool) -> tuple[_DirectionStream, ...]:
+        return tuple(
             _DirectionStream(
-                Flow(conversation, direction), StreamSplitter(budget=budget, templates=templates)
+                Flow(conversation, direction),
+                StreamSplitter(budget=self._budget, templates=self._templates),
+                is_near=is_near,
             )
             for direction in (Direction.RESPONSE, Direction.REQUEST)
         )
@@ -74,8 +118,16 @@ class _Client:
 class RecordDecoder:
     """Decodes the records of all clients."""
 
-    def __init__(self) -> None:
+    def __init__(self, join_legs: Callable[[Conversation, Conversation], object] | None = None) -> None:
+        """Start without clients.
+
+        Args:
+            join_legs: Function that receives a client's conversation with the proxy, and the proxy's
+                conversation with the controller, before the first observation on the controller's side. If
+                None, the decoder never decodes the controller's side.
+        """
         self.observation_count = 0
+        self._join_legs = join_legs
         self._clients: dict[int, _Client] = {}
         self._budget = ByteBudget()
         self._templates = FrameTemplates()
@@ -91,8 +143,15 @@ class RecordDecoder:
         """Time of the last request of each connected client, in ns since 1970."""
         return {client.conversation: client.last_heard for client in self._clients.values()}
 
+    def next_number(self) -> int:
+        """Return the number of the next observation, for an observation that had no number yet."""
+        self.observation_count += 1
+        return self.observation_count
+
     def pop_closed_clients(self) -> list[tuple[Conversation, Message]]:
-        """Return the clients that the relay removed since this method was last used, each with the reason."""
+        """Return the clients that the relay removed since the last call of this method. Each client comes
+        with the reason.
+        """
         gone, self._closed_clients = self._closed_clients, []
         return gone
 
@@ -117,22 +176,27 @@ class RecordDecoder:
             client = clients.get(number)
             if client is None:
                 continue
-            if kind is RingRecordKind.DATA:
-                time = received_at if up else sent_at
+            if kind is not RingRecordKind.DATA:
+                yield from self._decode_event(client, record)
+                continue
+            if up and received_at:
+                client.last_heard = received_at
+            if not client.far_streams and (note is not None or not (received_at and sent_at)):
+                self._decode_far_side(client)
+            for stream in client.sides(up):
+                time = received_at if up is stream.is_near else sent_at
                 if not time:
                     continue
-                if up:
-                    client.last_heard = time
-                stream = client.streams[up]
+                stream.packet = packet if stream.is_near else 0
                 if client.is_stream:
-                    stream.packet = packet
                     yield from self._decode_stream(stream, data, time, note)
                     continue
                 for item in parse_captured_datagram(data, self._templates):
-                    self.observation_count += 1
-                    yield Observation(self.observation_count, time, time, stream.flow, item, packet), note
-            else:
-                yield from self._decode_event(client, record)
+                    yield self._observation(stream, time, time, item, note), note
+
+    def _decode_far_side(self, client: _Client) -> None:
+        if self._join_legs is not None and client.is_between_frames:
+            self._join_legs(client.conversation, client.decode_far_side())
 
     def _decode_event(self, client: _Client, record: RingRecord) -> Iterator[NotedObservation]:
         """Yield the observations that a record gives if its kind is not `DATA`."""
@@ -140,13 +204,14 @@ class RecordDecoder:
         if kind is RingRecordKind.HOLE:
             if record.up and record.received_at:
                 client.last_heard = record.received_at
-            yield from self._decode_hole(client.streams[record.up], record)
+            for stream in client.sides(record.up):
+                yield from self._decode_hole(stream, record)
         elif kind in (RingRecordKind.END, RingRecordKind.RESET):
             yield from self._decode_end(client, record)
         elif kind is RingRecordKind.CLIENT_CLOSED:
             del self._clients[record.client]
             self._closed_clients.append((client.conversation, decode_message(record.data)))
-            for stream in client.streams:
+            for stream in (*client.far_streams, *client.streams):
                 yield from self._flush_direction(stream, record.received_at)
 
     def _decode_stream(
@@ -163,7 +228,8 @@ class RecordDecoder:
 
     def _decode_hole(self, stream: _DirectionStream, record: RingRecord) -> Iterator[NotedObservation]:
         received, sent = hole_sizes(record)
-        size, when = (received, record.received_at) if record.up else (sent, record.sent_at)
+        is_received = record.up is stream.is_near
+        size, when = (received, record.received_at) if is_received else (sent, record.sent_at)
         if size:
             stream.arrival_times.append((stream.size, when))
             stream.size += size
@@ -174,8 +240,9 @@ class RecordDecoder:
         if received_at:  # `received_at` is 0 if the proxy itself ended the connection
             is_reset = record.kind is RingRecordKind.RESET
             client.conversation.record_end(client.streams[up].flow.direction, is_reset, received_at)
-        if time := received_at if up else sent_at:
-            yield from self._flush_direction(client.streams[up], time)
+        for stream in client.sides(up):
+            if time := received_at if up is stream.is_near else sent_at:
+                yield from self._flush_direction(stream, time)
 
     def _flush_direction(self, stream: _DirectionStream, time: int) -> Iterator[NotedObservation]:
         yield from self._make_observations(stream, stream.splitter.close(), time, None)
@@ -185,11 +252,24 @@ class RecordDecoder:
     ) -> Iterator[NotedObservation]:
         for start, stop, item in pieces:
             place = bisect_right(stream.arrival_times, start, key=_offset) - 1
-            self.observation_count += 1
             start_time = stream.arrival_times[place][1]
-            number, packet = self.observation_count, stream.packet
-            yield Observation(number, time, start_time, stream.flow, item, packet), note
+            yield self._observation(stream, time, start_time, item, note), note
             del stream.arrival_times[: max(bisect_right(stream.arrival_times, stop, key=_offset) - 1, 0)]
+
+    def _observation(
+        self,
+        stream: _DirectionStream,
+        time: int,
+        first_byte_time: int,
+        item: Frame | Malformed,
+        note: Message | None,
+    ) -> Observation:
+        number = self.next_number() if stream.is_near else 0
+        if not stream.is_joined:
+            return Observation(number, time, first_byte_time, stream.flow, item, stream.packet)
+        seen = RelayedObservation(number, time, first_byte_time, stream.flow, item, stream.packet)
+        seen.note = note
+        return seen
 
 
 def _offset(mark: tuple[int, int]) -> int:

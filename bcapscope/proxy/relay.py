@@ -48,8 +48,8 @@ bytes.
 
 _SPARE_DESCRIPTORS = 4
 """Number of spare file descriptors for clients that send a stop when no other descriptor is free. A TCP
-client needs two descriptors. A UDP client needs one descriptor, as does a client that has not sent a complete
-frame.
+client needs two descriptors. A UDP client needs one descriptor. A client that has not sent a complete frame
+also needs only one.
 """
 
 
@@ -103,7 +103,9 @@ class Relay:
             listener.open()
 
     def stop(self) -> None:
-        """Make `run` return soon. Signal handlers and functions that `run` calls may use this method."""
+        """Make `run` return soon. A signal handler may use this method. A function that `run` calls may also
+        use it.
+        """
         self._is_stopped = True
 
     def run(self, idle: Callable[[], None] = lambda: None) -> None:
@@ -244,8 +246,8 @@ class Relay:
             self._record_and_perform(arrival, decision.note, decision.actions)
 
     def record_undecided(self, session: RelaySession, up: bool) -> None:
-        """Write the data that still waits for a decision to the ring now, so that later records of this
-        direction follow this data.
+        """Some data of this direction still waits for a decision. Write this data to the ring now, so that
+        later records of this direction follow it.
         """
         for ticket, each in list(self._undecided.items()) if self._undecided else ():
             if each.session is session and each.up is up:
@@ -280,8 +282,8 @@ class Relay:
         return self.policy is not None and self.policy.holds(session.number, direction_of(up))
 
     def hides_end(self, session: RelaySession) -> bool:
-        """Return whether a proxy rule hides the end of the client's connection from the controller, and vice
-        versa.
+        """Return whether a proxy rule hides the end of the client's connection from the controller, and the
+        end of the controller's connection from the client.
         """
         return self.policy is not None and self.policy.hides_end(session.number)
 

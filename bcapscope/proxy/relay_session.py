@@ -29,10 +29,10 @@ class ClientDeniedError(BcapError):
 
 
 class RelaySession(ABC):
-    """The relay's session with one client, which forwards data between the client and the controller.
+    """The relay's session with one client. The session forwards data between the client and the controller.
 
     Attributes:
-        number: Number of the client, which no other client gets.
+        number: Number of the client; no other client gets this number.
         conversation: Conversation between the client and the controller, as if there were no proxy.
         source: Network of the client, as `source_network` returns it.
         last_heard: Value of `Relay.now` when the client last sent something.

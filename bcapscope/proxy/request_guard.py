@@ -1,4 +1,4 @@
-"""The proxy's guard, which refuses requests that are not allowed, and always lets stops pass."""
+"""The proxy's guard refuses requests that are not allowed, but it never refuses a stop."""
 
 from __future__ import annotations
 
@@ -138,11 +138,12 @@ class RequestGuard:
     def refusal_reason(self, request: Frame) -> Message | None:
         """Return the reason why the guard refuses a request; None if the request passes.
 
-        Controllers interpret a damaged frame in different ways. To find the next argument, some controllers
-        read the whole value before it, as orin_bcap's C, C#, Java and Python do. Other controllers use the
-        given length of each argument, as the older C client does. The guard refuses a damaged frame if it
-        would refuse one of the possible interpretations. Bytes inside the value of an argument are data: no
-        controller takes them for a frame.
+        Controllers interpret a damaged frame in different ways. Some controllers read the whole value of an
+        argument to find the next argument. orin_bcap's C, C#, Java and Python code does so. Other
+        controllers, and the older C client, use the length that each argument gives for itself. The guard
+        refuses a damaged frame if it would refuse one of the possible interpretations. Bytes inside the value
+        of an argument are
+        data: no controller takes them for a frame.
         """
         if _only_stops(request):
             return None
@@ -191,7 +192,7 @@ def _is_whole(frame: Frame) -> bool:
 def _reads_one_way(frame: Frame) -> bool:
     """Return whether all controllers agree that a frame is compressed, or all agree that it is plain.
 
-    All agree on a compressed frame only if it is valid when unpacked, and too short to be a plain frame: as a
+    A frame with a zlib header must unpack to a valid frame. It must also be too short for a plain frame: as a
     plain frame, the same bytes would announce at least 376 arguments.
     """
     raw = frame.raw

@@ -37,7 +37,9 @@ writes to the ring, new datagrams wait.
 """
 
 DELAY_FIGURES = 9
-"""Number of figures that the watcher process writes for the relay: the fields of `RelayDelays`, in order."""
+"""Number of values that the watcher process writes for the relay. The values are the fields of `RelayDelays`,
+in the same order.
+"""
 
 MAX_WAITING_NOTICES = 1024
 """Maximum number of messages to the user that wait for room in the ring. Further messages are lost and
@@ -134,8 +136,8 @@ def hole_sizes(record: RingRecord) -> tuple[int, int]:
 
 
 class _Hole(NamedTuple):
-    """Bytes of one direction that the ring lost: numbers of received and sent bytes, and times in ns of the
-    last received and last sent byte.
+    """Describes the bytes of one direction that the ring lost. It holds the numbers of received and sent
+    bytes, and the times in ns of the last received byte and the last sent byte.
     """
 
     received: int = 0
@@ -181,8 +183,8 @@ _Entry: TypeAlias = "tuple[RingRecordKind, bool, int, int, int, bytes | memoryvi
 """Fields of a `RingRecord` before it is written."""
 
 PendingDatagram: TypeAlias = tuple[bool, int, AncillaryData, int, bytes]
-"""Datagram that is not in the ring yet: True if it goes to the controller, number of the client, ancillary
-data, time of sending in ns (0 if not sent), and bytes.
+"""Datagram that is not in the ring yet. The fields are: whether the datagram goes to the controller, the
+client's number, the ancillary data, the time of sending in ns (0 if not sent), and the bytes.
 """
 
 
@@ -393,8 +395,8 @@ class RingReader(_Ring):
     """
 
     def __init__(self, memory: memoryview, *, ahead: bool = False) -> None:
-        """Read from the beginning of the ring. A reader with `ahead` does not free the ring's memory for new
-        records.
+        """Read from the beginning of the ring. If `ahead` is True, the records that this reader has read stay
+        in the ring.
         """
         super().__init__(memory)
         self.position = self._ready = 0

@@ -227,7 +227,9 @@ class RulePolicy:
             self._apply_script_decisions(self.scripts.on_data(data, now), now)
 
     def on_scripts_ended(self, now: int) -> None:
-        """Decide about the messages that still wait for the scripts, whose process has ended."""
+        """Decide about the messages that still wait for the scripts, because the scripts' process has
+        ended.
+        """
         if self.scripts is not None:
             self._apply_script_decisions(self.scripts.on_process_ended(now), now)
 
@@ -248,7 +250,8 @@ class RulePolicy:
             self._outbox += work.actions
 
     def forward_held(self, number: int, now: int, data: bytes | None = None) -> None:
-        """Forward a held message: unchanged, or as `data`. Faults and guard still apply to the message.
+        """Forward a held message: unchanged, or as `data`. The faults and the guard still apply to this
+        message.
 
         Raises:
             KeyError: No message with this number is held.

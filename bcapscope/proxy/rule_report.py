@@ -47,7 +47,9 @@ def report_lines(
 
 
 def names_with_counts(lost: Iterable[Frame | bytes]) -> Message:
-    """Return the names of lost requests or pieces of a stream, and how often each name occurs."""
+    """Return the names of the lost data, and how often each name occurs. An element of `lost` is a request or
+    a piece of a stream.
+    """
     names = Counter(map(_named, lost))
     more = len(names) - _MAX_NAMED
     most = names.most_common(_MAX_NAMED)

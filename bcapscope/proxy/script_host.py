@@ -124,8 +124,8 @@ def main(
     Args:
         descriptor: File descriptor of the socket to the proxy; None to read a description of the socket from
             standard input.
-        traces: File descriptor to which the process writes its current line in the scripts on SIGUSR1; None
-            if the system has no such signal.
+        traces: File descriptor for reports. On SIGUSR1, the process writes the script line that it executes
+            to `traces`. None if the system has no such signal.
         parent: Process id of the proxy.
         megabytes: Maximum memory that the process may allocate, in megabytes.
     """
@@ -177,14 +177,15 @@ def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
     # Flush each line, so that text printed before a kill is not lost.
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
-            stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]  # no script has replaced it yet
+            # No script has replaced the stream yet.
+            stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]
 
 
 def _limit_memory(size: int) -> None:
     """Limit the memory that this process can allocate, if the operating system supports a limit."""
     if sys.platform == "win32":
         return
-    import resource  # noqa: PLC0415 - does not exist on Windows
+    import resource  # noqa: PLC0415 - Windows has no such module
 
     # On Linux, RLIMIT_DATA counts writable memory; RLIMIT_AS also counts memory that is only reserved.
     kind = resource.RLIMIT_DATA if sys.platform == "linux" else resource.RLIMIT_AS

@@ -31,15 +31,17 @@ from bcapscope.proxy.script_protocol import (
 DEFAULT_MEMORY_MB = 512
 """Megabytes that the process of the scripts may allocate by default.
 
-Python needs 20 MB. NumPy needs 200 MB on 4 processors, and more on more processors, because the stacks of its
-threads count too.
+Python needs 20 MB. NumPy needs 200 MB on a machine with 4 processors. With more
+processors, it needs more, because the limit also counts the stacks of its threads.
 """
 
 LOADS_WITHIN = 30.0
-"""Time in seconds that the scripts have to load."""
+"""Time limit in seconds for loading the scripts."""
 
 FINISHES_WITHIN = 3.0
-"""When the proxy ends, the scripts have this time in seconds for the last messages and the hook `done`."""
+"""Time limit in seconds for the scripts when the proxy ends. In this time, the scripts handle the last
+messages and run the hook `done`.
+"""
 
 _POLL_INTERVAL = 0.05
 _EXIT_DELAY = 0.05
@@ -177,7 +179,7 @@ class ScriptProcess:
             )
 
     def attach(self, rules: RulePolicy, relay: DescriptorWatcher, is_interrupted: Callable[[], bool]) -> None:
-        """Connect the process to the rules, which get the scripts' decisions, and to the relay.
+        """Connect the process to the relay and to the rules. The rules get the scripts' decisions.
 
         `is_interrupted` returns True once the user no longer wants to wait for the end of the process.
         """
@@ -298,8 +300,9 @@ class ScriptProcess:
         return ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
 
     def _script_location(self) -> Message | None:
-        """Return the line of a script that the process last reported, or where it crashed; None if
-        unknown."""
+        """Return the script line that the process reported last, or the script line at which the process
+        crashed. Return None if neither is known.
+        """
         if self._traces is None:
             return None
         try:

@@ -1,4 +1,5 @@
-"""Messages between the proxy and the process of the scripts: four bytes of length, then MessagePack.
+"""Messages between the proxy and the scripts' process. Each message begins with its length in four bytes;
+MessagePack data follows.
 
 The process runs the user's code, so the proxy does not trust the data that the process sends. This module
 checks types and lengths. Nothing in a message can run code.
@@ -56,7 +57,7 @@ class ClientConnected(_WireFrame, frozen=True):
 
 
 class MessageShown(_WireFrame, frozen=True):
-    """A message in transit, sent to the scripts.
+    """Passes a message of a client or controller to the scripts.
 
     Attributes:
         up: True if the message goes to the controller, False if it goes to the client.
@@ -79,7 +80,9 @@ class ClientGone(_WireFrame, frozen=True):
 
 
 class ExpireCalls(_WireFrame, frozen=True):
-    """Order to complete the calls that, at `time` (in ns since 1970), no longer wait for a reply."""
+    """Tells the scripts to complete each call that no longer waits for a reply at `time`, in ns since
+    1970.
+    """
 
     time: int
 
@@ -89,7 +92,7 @@ class FinishScripts(_WireFrame, frozen=True):
 
 
 ScriptOrder: TypeAlias = ClientConnected | MessageShown | ClientGone | ExpireCalls | FinishScripts
-"""Order from the proxy. The scripts answer each order once, and first the order that arrived first."""
+"""Order from the proxy. The scripts answer each order once, and they answer the oldest order first."""
 
 
 class WireSentence(_WireFrame, frozen=True):
@@ -141,7 +144,8 @@ class ScriptAnswer(_WireFrame, frozen=True):
 
 
 ScriptStatement: TypeAlias = ScriptsLoaded | ScriptsUnusable | ScriptAnswer
-"""Message from the process of the scripts: first whether the scripts are usable, then one answer per order.
+"""Message from the scripts' process. The first message says whether the scripts are usable. Then the process
+sends one answer per order.
 """
 
 _encoder = msgspec.msgpack.Encoder()

@@ -36,9 +36,9 @@ TIME_LIMIT_NS = 100_000_000
 SHORTEST_LIMIT, LONGEST_LIMIT = 1_000_000, 10_000_000_000
 """Shortest and longest time limit that a user may set, in ns.
 
-The shortest limit allows for waking a process, which takes part of a millisecond. The longest time limit is
-for safety: a motion that starts seconds late is dangerous, because the client that requested it no longer
-waits.
+The shortest limit leaves enough time to wake a process: waking takes less than a millisecond. The longest
+time limit is for safety: a motion that starts seconds late is dangerous, because the client that requested it
+no longer waits.
 """
 
 LONGEST_WAIT = 1_000_000_000
@@ -49,8 +49,9 @@ MAX_WAITING = 64
 attempt."""
 
 MAX_BYTES = 1 << 16
-"""Maximum number of waiting bytes per client. If more than this number of a client's bytes wait, the proxy
-does not read the client's stream, and drops the client's datagrams."""
+"""Maximum number of waiting bytes per client. Above this limit, the proxy does not read the client's stream,
+and drops the client's datagrams.
+"""
 
 MAX_BYTES_IN_ALL = 1 << 22
 """Maximum number of waiting bytes of all clients.
@@ -63,7 +64,9 @@ _LATE = 20_000_000
 scripts, too."""
 
 _LOCATED_WITHIN_NS = 50_000_000
-"""Time in ns that the process of the scripts has to report its current line before it is killed."""
+"""Time in ns after which the proxy kills the scripts' process. In this time, the process should report the
+script line that it executes.
+"""
 
 _EXPIRE_INTERVAL_NS = 50_000_000
 """Time in ns between two checks for calls that no longer wait for a reply."""
@@ -85,8 +88,8 @@ class ScriptLink(Protocol):
         """Ask the process to report its current line in the scripts."""
 
     def end(self) -> tuple[Message, ...]:
-        """End the process at once. Return the reason, and the last line of a script that the process
-        executed, if these are known.
+        """End the process at once. If known, return the reason for the end, and the script line that the
+        process executed last.
         """
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
@@ -183,11 +186,13 @@ class ScriptQueue:
 
     @property
     def inspects_frames(self) -> bool:
-        """Whether streams must be split into frames, because a hook gets frames or motions are refused."""
+        """Whether streams must be split into frames: True if a hook gets frames, or if motions are
+        refused.
+        """
         return not self.is_on or not self._hooks.isdisjoint(("request", "reply", "settled"))
 
     def decides(self, direction: Direction) -> bool:
-        """Return whether messages of a direction wait for a decision of the scripts."""
+        """Return whether the scripts decide about each message of a direction."""
         return self.is_on and ("request" if direction is Direction.REQUEST else "reply") in self._hooks
 
     # orders to the scripts
@@ -263,8 +268,8 @@ class ScriptQueue:
         return self._expire_at if self._has_open_calls else None
 
     def advance(self, now: int, time: int) -> Iterator[ScriptDecision]:
-        """Check whether the scripts exceeded the time limit or calls expired. Yield the decisions that
-        result.
+        """Check whether the scripts exceeded the time limit, and whether any calls expired. Yield the
+        decisions that result.
 
         `now` is in ns of the monotonic clock, and `time` is the same time in ns since 1970.
         """
@@ -398,9 +403,7 @@ class ScriptQueue:
 
 
 def _is_of(waiting: PendingOrder, flow: Flow) -> bool:
-    """Return whether an order shows the scripts a message of this client and direction that waits for a
-    decision.
-    """
+    """Return True if an order contains a message of `flow`, and this message waits for a decision."""
     return waiting.token is not None and waiting.message is not None and waiting.message.flow is flow
 
 

@@ -1,8 +1,8 @@
 """Tracks which sessions clients have left open at a controller, and makes the requests that close them.
 
-Over UDP, a controller cannot notice that a client is gone. The client's handles stay open, its arm stays
-taken, and slave mode stays on. The proxy sends only requests that leave slave mode, give the arm back,
-release handles or stop the service. None of these requests moves the robot.
+Over UDP, a controller cannot notice that a client is gone. If a client is gone, its handles stay open, its
+arm stays taken, and slave mode stays on. The proxy sends only requests that leave slave mode, give the arm
+back, release handles or stop the service. None of these requests moves the robot.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ class SilenceMonitor:
 
         Args:
             clients: Clients in slave mode, each with the time of its last request in ns.
-            now: Time in ns. `clients` must take into account all requests until this time.
+            now: Time in ns. `clients` must already include the requests that arrived before this time.
         """
         here = dict(clients)
         for client in [client for client in self._silent_since if client not in here]:

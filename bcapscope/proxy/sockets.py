@@ -115,8 +115,9 @@ def connect_datagrams(family: int, address: SocketAddress) -> socket.socket:
 
 
 def prepare_datagrams(sock: socket.socket) -> None:
-    """Request a large receive buffer and timestamps of receipt. The socket also works without a large buffer
-    and timestamps."""
+    """Request a large receive buffer and timestamps of receipt. If the system refuses the buffer or the
+    timestamps, the socket still works.
+    """
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
     if sys.platform == "linux":
         with suppress(OSError):  # only root may exceed the system's limit

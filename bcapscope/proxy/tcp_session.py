@@ -1,4 +1,6 @@
-"""TCP sessions of the proxy, which forward data, half-close, reset and back-pressure in both directions."""
+"""TCP sessions of the proxy. A session forwards data, half-closes, resets and back-pressure in both
+directions.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ A call may take 180 s, the default of InvokeTimeout (orin_bcap C/src/bCAPServer/
 
 STUCK_AFTER_NS = 10_000_000_000
 """Idle time in ns after which a session ends if only the controller has ended its direction. After the same
-idle time, a new client may evict a session that is half closed, or in which one end does not read.
+idle time, a new client may evict a half-closed session, or a session with an end that does not read.
 """
 
 ANSWERED_IDLE_NS = 1_000_000_000
@@ -213,8 +215,8 @@ class TcpSession(RelaySession):
         return quiet if is_stuck and quiet > STUCK_AFTER_NS else None
 
     def sweep(self, now: int) -> None:
-        """End a session that cannot connect or stays half closed too long. If the session continues and rules
-        delayed the end of a direction, forward this end.
+        """End a session that cannot connect or stays half closed too long. If rules delayed
+        the end of a stream and the session continues, forward this end.
         """
         if not self._connected and now - self.last_heard > CONNECT_TIMEOUT_NS:
             self.fail(errno.ETIMEDOUT)
@@ -364,8 +366,8 @@ class TcpSession(RelaySession):
             self._close(False, Message("client.ended"))
 
     def _on_source_broken(self, half: _HalfConnection, problem: int) -> None:
-        """Handle the failure of a sender's connection: end the session, or keep the other connection open if
-        a rule hides the end.
+        """Handle the failure of a sender's connection. End the session; but if a rule hides this end, keep
+        the other connection open.
         """
         was_reset = problem in _RESETS
         if was_reset:
@@ -381,13 +383,15 @@ class TcpSession(RelaySession):
         self._close(True, why, b"" if was_reset else encode_note(why))
 
     def _may_read(self, half: _HalfConnection) -> bool:
-        """Return whether to read more bytes of a direction; False while its receiver is too slow."""
+        """Return whether the session may read more bytes of a direction: False while the receiver of the
+        bytes is too slow.
+        """
         policy = self._relay.policy
         if self._relay.pauses_reading(self):
             return False
         most = 0 if policy is None else MAX_PENDING
         if half.up and policy is not None and len(self._down.pending) > most:
-            return False  # the client does not read, so the rules' replies to more requests would pile up
+            return False  # The client reads no replies, so the proxy must not answer more requests.
         return self._connected and not half.source_ended and len(half.pending) <= most
 
     def _update_masks(self) -> None:

@@ -30,9 +30,8 @@ from bcapscope.transport.descriptors import wait_readable
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 
 EXPIRE_AFTER_NS = 600_000_000_000
-"""The relay removes a client that is silent for this time in ns. The time is long, because the controller
-would regard a removed client that sends again as a new client. The socket of a silent client costs almost
-nothing.
+"""The relay removes a client that is silent for this time in ns. The time is long: if a removed client sends
+again, the controller regards this client as a new one. The socket of a silent client costs almost nothing.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
@@ -189,7 +188,7 @@ class UdpSession(RelaySession):
         return sent_at
 
     def forward(self, up: bool, data: bytes) -> int:
-        """Send a datagram. Return the time in ns since 1970; 0 if the system refused to send."""
+        """Send a datagram. Return the time of sending in ns since 1970; 0 if the system refused to send."""
         sent_at = time.time_ns()
         try:
             if up:

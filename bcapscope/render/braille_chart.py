@@ -17,7 +17,7 @@ _LARGEST = 1e9
 class ChartCurve(NamedTuple):
     """A curve of a chart.
 
-    The chart leaves out points with a coordinate of 1e9 or more, or -1e9 or less.
+    The chart leaves out a point if the absolute value of a coordinate is 1e9 or more.
     """
 
     points: Sequence[tuple[float, float]]

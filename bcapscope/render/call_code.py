@@ -1,4 +1,6 @@
-"""A call as text to paste elsewhere: a `bcapscope call` command line, a Python program, or hex bytes."""
+"""Write a call as text that the user can paste: a `bcapscope call` command line, a Python program, or hex
+bytes.
+"""
 
 from __future__ import annotations
 
@@ -44,14 +46,14 @@ _WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
 
 def hex_text(raw: bytes) -> str:
-    """Return bytes as pairs of hex digits separated by spaces."""
+    """Return the hex digits of bytes, with a space between two bytes."""
     return raw.hex(" ").upper()
 
 
 def shell_command(
     target: ControllerTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
 ) -> str | None:
-    """Return a `bcapscope call` command line that makes the call and opens `subject` by its name.
+    """Return a `bcapscope call` command line that opens `subject` by its name and makes the call.
 
     The result is None if the function is unknown, an argument has no notation, or the line would contain
     control characters.
@@ -155,8 +157,8 @@ def _opening_lines(chain: Sequence[ObjectHandle]) -> Iterator[str]:
 
 
 def _name_arguments(opened: ObjectHandle) -> Sequence[str]:
-    """Return the arguments for the method that opens the object. Leave out further strings of the recorded
-    call, which the method does not need.
+    """Return the arguments for the method that opens the object. Leave out the other strings of the recorded
+    call, because the method does not need them.
     """
     match opened.kind:
         case ObjectClass.MESSAGE:
@@ -169,8 +171,8 @@ def _name_arguments(opened: ObjectHandle) -> Sequence[str]:
 def _call_lines(
     function_id: int, arguments: Sequence[Variant], chain: Sequence[ObjectHandle]
 ) -> Iterator[str]:
-    """Yield the lines that make the call: with a method if a method takes these arguments, otherwise with the
-    function number.
+    """Yield the lines that make the call. They use a method if a method takes these arguments, and otherwise
+    the function number.
     """
     function = FUNCTIONS.get(function_id)
     subject = chain[-1].kind if chain else None

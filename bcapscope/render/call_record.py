@@ -21,8 +21,9 @@ from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.reserved_field import ReservedConvention
 
 MAX_TEMPLATES = 4096
-"""Maximum number of cached templates. Only calls with one request and one reply have templates; a full cache
-is emptied."""
+"""Maximum number of cached templates. Only calls with one request and one reply have templates. When the
+cache is full, the renderer empties it.
+"""
 
 _TemplateKey: TypeAlias = "tuple[Conversation, CallKind, TrackedObject | None, int, ReservedConvention]"
 
@@ -36,8 +37,8 @@ _OWN_MEMBERS = {
     "latency_ms": b"%b",
     "rtt_ms": b"%b",
 }
-"""JSON members that differ from call to call. The template contains the other members, which are the same for
-all calls of one kind with one request and one reply.
+"""JSON members that differ from call to call. The template contains all other members. Two calls have the
+same template if they are of one kind, and each has one request and one reply.
 """
 
 
@@ -84,7 +85,9 @@ class CallRecordRenderer:
 
 
 class CallPackets:
-    """Adds the member `packets` to the JSON of a call: the capture and the packet of each frame."""
+    """Adds the member `packets` to the JSON of a call. The member gives the capture and the packet of each
+    frame.
+    """
 
     def __init__(self, origin_of: Callable[[int], PacketOrigin | None], only_path: str | None) -> None:
         """Prepare to add the member `packets` to calls.
@@ -152,7 +155,11 @@ def _call_object(call: Call, subject: TrackedObject | None) -> dict[str, object]
 
 
 def _place_object(seen: JoinedObservation) -> dict[str, object]:
-    near, far = (None if each is None else each.number for each in (seen.at_client, seen.at_controller))
+    near, far = (
+        # the number is 0 for a frame on the controller's leg that a running proxy does not show
+        None if each is None else each.number or None
+        for each in (seen.at_client, seen.at_controller)
+    )
     return {
         "frame": seen.number,
         "client_side": near,

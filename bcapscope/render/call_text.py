@@ -44,8 +44,8 @@ class CallRenderer:
     ) -> None:
         """Choose the format of the lines.
 
-        `write_endpoints` returns the escaped text for a flow, one direction of a conversation. By default,
-        the text shows addresses and transport.
+        `write_endpoints` takes a flow, and returns its endpoints as escaped text. By default, the text shows
+        addresses and transport.
         """
         self._write_endpoints = write_endpoints or _addresses
         self._write_time = timestamp_writer(time_format)

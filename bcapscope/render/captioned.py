@@ -54,8 +54,9 @@ class CaptionWriter:
         return f"  {'':<{CAPTION_WIDTH}}{self.text(text) if isinstance(text, Message) else text}"
 
     def wrapped(self, text: Message | str, color: str = "") -> Iterator[str]:
-        """Yield the text that continues a caption, as lines of at most `TEXT_WIDTH` columns, each in
-        `color`."""
+        """Yield more text for the caption above. Each line has the colour `color` and at most `TEXT_WIDTH`
+        columns.
+        """
         shown = self.text(text) if isinstance(text, Message) else text
         reset = self.palette.reset if color else ""
         return (self.continued(f"{color}{line}{reset}") for line in wrap_text(shown, TEXT_WIDTH))

@@ -1,4 +1,6 @@
-"""The contents of a capture in one line: decoded frames, and packets without usable frames."""
+"""Describe a capture in one line: the number of decoded frames, and the number of packets without usable
+frames.
+"""
 
 from __future__ import annotations
 

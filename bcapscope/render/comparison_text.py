@@ -160,8 +160,8 @@ def _one_sided_rows(lone: Sequence[UnmatchedKind], words: MessageFormatter) -> I
 def comparison_record(comparison: CaptureComparison, good: ComparedCapture, bad: ComparedCapture) -> bytes:
     """Return the differences between two captures as one JSON object, without a line end.
 
-    Figures that `stats --json` also prints have the same names there. Shares are from 0 to 1, times are in
-    milliseconds.
+    If `stats --json` prints the same figure, it uses the same name for this figure. Shares are from 0 to 1,
+    times are in milliseconds.
     """
     return orjson.dumps(
         {

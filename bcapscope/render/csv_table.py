@@ -47,8 +47,8 @@ _ARGS, _PROBLEMS = b'"args":', b',"problems":'
 def csv_cell(text: str) -> str:
     """Return text from the wire as a cell that a spreadsheet displays but does not evaluate.
 
-    Control characters are escaped. Text that a spreadsheet would evaluate as a formula gets an apostrophe in
-    front.
+    Control characters are escaped. If a spreadsheet would evaluate the text as a formula, put an apostrophe
+    before the text.
     """
     shown = printable(text)
     return f"'{shown}" if is_spreadsheet_formula(text) else shown

@@ -1,4 +1,4 @@
-"""Wireshark display filters that show given packets."""
+"""Write Wireshark display filters that select packets by their numbers."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def _sightings(frame: FrameObservation) -> Iterator[FrameObservation]:
 def display_filter_lines(
     found: Iterable[PacketOrigin | None], names_files: bool, words: MessageFormatter
 ) -> Iterator[str]:
-    """Yield one line per capture, with the display filter for its packets. Packets whose capture is unknown
-    are left out. With `names_files`, each line names its capture.
+    """Yield one line per capture, with the display filter for its packets. Leave out a packet if its capture
+    is unknown. With `names_files`, each line contains the name of its capture.
     """
     by_name: dict[str, list[int]] = {}
     for origin in found:

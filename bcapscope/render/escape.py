@@ -14,8 +14,9 @@ def printable(text: str) -> str:
     """Escape every character that is not printable.
 
     The result has ``\\xNN``, ``\\uNNNN`` or ``\\UNNNNNNNN`` instead of control characters (C0, C1, DEL),
-    bidirectional overrides and other formatting, line and paragraph separators, lone surrogates, private and
-    unassigned characters. The result contains no control characters and can be encoded in UTF-8.
+    bidirectional overrides, other formatting characters, line separators, paragraph separators, lone
+    surrogates, private characters and unassigned characters. The result contains no control characters and
+    can be encoded in UTF-8.
     """
     if text.isprintable():
         return text

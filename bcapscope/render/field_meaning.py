@@ -12,7 +12,7 @@ from bcapscope.render.escape import quoted
 from bcapscope.render.number import currency_text, date_text, single_text
 
 LONGEST_STRING = 60
-"""Default maximum number of characters of a string to display."""
+"""By default, the text of a string shows at most this many characters."""
 
 
 def value_text(

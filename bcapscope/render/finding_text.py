@@ -12,7 +12,9 @@ _DEEPEST = 4
 
 
 def words_for(words: MessageFormatter, totals: TrafficTotals) -> MessageFormatter:
-    """Return a formatter that counts times from the start of the traffic, as given in `totals`."""
+    """Return a formatter that writes times relative to the start of the traffic. `totals` gives this
+    start.
+    """
     return words.for_report(totals.began, totals.has_only_client)
 
 

@@ -35,8 +35,9 @@ class FindingsRenderer:
         words: MessageFormatter = ENGLISH_WORDS,
         filter_lines: Callable[[Finding], Iterable[str]] | None = None,
     ) -> None:
-        """Create a renderer. `filter_lines` returns the lines with a finding's display filters, which the
-        renderer never wraps."""
+        """Create a renderer. `filter_lines` returns the lines with a finding's display filters. The renderer
+        never wraps these lines.
+        """
         self._palette = palette
         self._words = words
         self._filter_lines = filter_lines
@@ -48,8 +49,9 @@ class FindingsRenderer:
         totals: TrafficTotals,
         is_shown: Callable[[Finding], bool] = lambda finding: True,
     ) -> Iterator[str]:
-        """Yield the lines of the findings for which `is_shown` is True, in the given order, then a summary of
-        all findings."""
+        """Yield the lines of each finding if `is_shown` returns True for this finding. Keep the order of
+        `findings`. Then yield a summary of all findings.
+        """
         words = words_for(self._words, totals)
         shown = [is_shown(finding) for finding in findings]
         depths = finding_depths(findings) if all(shown) else [0] * len(findings)

@@ -19,10 +19,10 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Flow, Observation
 
 MAX_TEMPLATES = 4096
-"""Maximum number of cached line templates; a full cache is emptied."""
+"""Maximum number of cached line templates. When the cache is full, the renderer empties it."""
 
 MAX_RAW_BYTES = 48
-"""Maximum number of bytes that the line of a malformed item shows."""
+"""Maximum number of malformed bytes that a line shows."""
 
 
 class FrameLineRenderer:
@@ -37,8 +37,8 @@ class FrameLineRenderer:
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
         """Choose the format of the lines. With `brief`, lines omit problems and comments; `remarks` yields
-        these instead. `write_endpoints` returns the escaped text for a flow, one direction of a conversation.
-        By default, the text shows addresses, transport and direction.
+        these instead. `write_endpoints` takes a flow, and returns its endpoints as escaped text. By default,
+        the text shows addresses, transport and direction.
         """
         self._palette = palette
         self._write_endpoints = write_endpoints or _addresses

@@ -18,7 +18,7 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Observation
 
 MAX_ELEMENTS = 32
-"""Default maximum number of elements of an array to display."""
+"""By default, the rows of an array show at most this many elements."""
 
 
 class FieldRowKind(Enum):
@@ -35,8 +35,8 @@ class FieldRowKind(Enum):
 class FieldRow(NamedTuple):
     """A row of the tree.
 
-    `start` and `stop` are offsets in the body of the section. `name` and `text` are escaped. `failed` is None
-    unless the field is an HRESULT.
+    `start` and `stop` are offsets in the body of the section. `name` and `text` are escaped. If the field is
+    an HRESULT, `failed` says whether it means failure. For other fields, `failed` is None.
     """
 
     kind: FieldRowKind
@@ -61,7 +61,7 @@ def frame_sections(observation: Observation, call_kind: CallKind | None) -> tupl
     """Return the sections of a frame or of malformed bytes: two for a compressed frame, otherwise one."""
     item = observation.item
     if isinstance(item, Malformed):
-        # Malformed bytes have no fields, and a gap in a stream has no bytes either: show only the problem.
+        # Malformed bytes have no fields. A gap in a stream does not even have bytes. Show only the problem.
         size = len(item.raw)
         name, value = ("bytes", item.raw) if size else ("no bytes", None)
         return (FrameSection(None, item.raw, (FrameField(name, 0, size, value, problems=item.problems),)),)

@@ -32,15 +32,16 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Flow, Observation
 
 MAX_TEMPLATES = 4096
-"""Maximum number of cached templates; a full cache is emptied."""
+"""Maximum number of cached templates. When the cache is full, the renderer empties it."""
 
 
 NumberPlace: TypeAlias = "tuple[int | slice, Callable[[object], bytes]]"
 
 
 class _RecordTemplate:
-    """JSON of a frame as bytes. The JSON has placeholders for the numbers, which differ between similar
-    frames."""
+    """The JSON object of a frame, encoded as bytes. The object has placeholders for the frame's numbers,
+    because these numbers differ between similar frames.
+    """
 
     __slots__ = ("_parts", "_text")
 

@@ -11,7 +11,7 @@ from bcapscope.render.color_palette import PLAIN, Palette
 PER_LINE = 16
 """Default number of bytes per line."""
 
-_BLANK_AFTER = 8  # after this many bytes of a line, two spaces follow instead of one
+_BLANK_AFTER = 8  # after this many bytes, a line has two spaces instead of one
 _ASCII = bytes(byte if 0x20 <= byte < 0x7F else ord(".") for byte in range(256)).decode("ascii")
 
 
@@ -30,8 +30,8 @@ def hexdump(
     first: int = 0,
     per_line: int = PER_LINE,
 ) -> Iterator[str]:
-    """Yield the lines of a hex dump, with `per_line` bytes per line. Where two highlights overlap, the later
-    one wins.
+    """Yield the lines of a hex dump, with `per_line` bytes per line. If two highlights overlap, the later
+    highlight sets the colour of the common bytes.
 
     The offset of the first byte is `first`. Offsets are decimal, as in field trees and in problems next to
     the hex dump.

@@ -59,8 +59,8 @@ def result_object(code: int | None) -> dict[str, object]:
 def packet_objects(
     frames: Iterable[int], origin_of: Callable[[int], PacketOrigin | None]
 ) -> list[dict[str, object]]:
-    """Return the JSON member `packets`: the capture and the packet of each frame for which they are known.
-    `origin_of` takes the number of a frame, and returns its capture and packet.
+    """Return the JSON member `packets`: for each frame, its capture and its packet. Leave out a frame if
+    these are unknown. `origin_of` takes the number of a frame, and returns its capture and packet.
     """
     return [
         {"frame": frame, "file": text_fragment(origin.path), "packet": origin.packet}
@@ -70,8 +70,8 @@ def packet_objects(
 
 
 def with_packets(record: bytes, origin_of: Callable[[int], PacketOrigin | None]) -> bytes:
-    """Add the member `packets` to a JSON object: the capture and the packet of each frame that the object
-    names. The names of the members that hold frame numbers end in `frame` or `frames`.
+    """Add the member `packets` to a JSON object: the capture and the packet of each frame whose number is in
+    the object. The names of the members that hold frame numbers end in `frame` or `frames`.
     """
     frames = sorted(set(_cited_frames(json.loads(record))))  # orjson reads no lone surrogates
     return b'%b,"packets":%b}' % (record[:-1], orjson.dumps(packet_objects(frames, origin_of)))

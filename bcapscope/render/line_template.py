@@ -33,7 +33,8 @@ MAX_ELEMENTS = 32
 
 NumberWriter: TypeAlias = Callable[[Any], str]
 TemplatePlace: TypeAlias = tuple[int | slice, NumberWriter]
-"""Placeholder in a template: an index or slice of a frame's numbers, and the function that formats them.
+"""Placeholder in a template. The index or slice selects some of a frame's numbers, and the function formats
+these numbers.
 """
 
 _SHOWN_BEFORE = ("bstrCommand",)

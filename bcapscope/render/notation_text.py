@@ -11,8 +11,9 @@ from bcapscope.render.number import number_text, single_text
 def untyped_text(variant: Variant) -> str | None:
     """Return a value in the notation without its type. To parse the result, a program must know the type.
 
-    The result is None if the notation cannot express the value. Examples are a VARIANT array inside a VARIANT
-    array, strings that contain a separator in an array, and types that b-CAP does not have.
+    The result is None if the notation cannot express the value. The notation cannot express a VARIANT array
+    inside a VARIANT array, an array of strings if a string contains a separator, or a type that b-CAP does
+    not have.
     """
     text = _untyped_text(variant)
     return text if text is not None and _reads_back(variant, f"{type_word(variant.vt)}:{text}") else None

@@ -47,7 +47,7 @@ ORIGIN_FIELDS = (
     FilterField("file", FieldType.TEXT, tuple(RecordKind), "capture that contains the packet"),
     FilterField("file_packet", FieldType.NUMBER, tuple(RecordKind), "number of the packet in its capture"),
 )
-"""Columns that are not fields of filters."""
+"""Fields for columns only: `--filter` does not know these fields."""
 
 CALL_COLUMNS = (
     *("call", "started", "t", "client", "server", "transport", "function_id", "function", "command"),
@@ -58,7 +58,7 @@ CALL_COLUMNS = (
 
 
 class ColumnFormat(StrEnum):
-    """Format of the output, if the output is not lines of text."""
+    """Format of the output: CSV or JSON. There is no member for lines of text."""
 
     CSV = "csv"
     JSON = "json"
@@ -77,7 +77,7 @@ def parse_columns(text: str, kind: RecordKind) -> tuple[RecordColumn, ...]:
     """Parse the names of fields, separated by commas; a name can have indexes, as in `arg[1][0]`.
 
     Raises:
-        InputError: A name is unknown, or a field has no elements.
+        InputError: A name is unknown, or an index follows the name of a field without elements.
     """
     return tuple(_parse_column(each.strip(), kind) for each in text.split(","))
 
@@ -121,7 +121,9 @@ class ColumnRenderer:
     def lines(
         self, records: Iterable[object], format_: ColumnFormat | None
     ) -> Iterator[str] | Iterator[bytes]:
-        """Return lines of text with a header, a CSV table with a header, or one JSON object per record."""
+        """Return the records as lines of text, as a CSV table, or as one JSON object per record. The text and
+        the CSV table begin with a header line.
+        """
         if format_ is ColumnFormat.JSON:
             return (orjson.dumps(self._json_object(record)) for record in records)
         names = [each.name for each in self._columns]

@@ -69,7 +69,7 @@ _FRAME_STYLES: dict[FrameRole, tuple[str, str]] = {
 
 
 def timeline_picture(report_data: ReportData, words: MessageFormatter) -> Picture:
-    """Return the timeline, which has one row per client, with the client's calls, slave-mode sessions and
+    """Return the timeline with one row per client. A row shows the client's calls, slave-mode sessions and
     events.
     """
     timelines = report_data.timelines[:MAX_TIMELINE_ROWS]
@@ -154,8 +154,9 @@ def _latency_text(row: StatisticsRow, latency: DistributionSummary, words: Messa
 
 
 def retry_chain_picture(report_data: ReportData, words: MessageFormatter) -> Picture | None:
-    """Return the picture of the calls with the most retries, which shows their frames. Return None if no call
-    has retries."""
+    """Return a picture that shows the frames of the calls with the most retries. Return None if no call has
+    retries.
+    """
     if not report_data.retry_chains:
         return None
     found = report_data.retry_chains[::-1]
@@ -245,8 +246,9 @@ def _time_bars(
     look: tuple[str, float],
     **more: Any,
 ) -> Any:
-    """Return a plotly trace of bars over time. Each period has the number of its row, a start and an end in
-    ns since 1970."""
+    """Return a plotly trace of bars over time. Each bar shows a period: the number of the bar's row, then the
+    start and the end of the period in ns since 1970.
+    """
     least = max((report_data.end - report_data.start) / 1e9 * _NARROWEST, 1e-6)
     color, width = look
     return go.Bar(

@@ -97,8 +97,9 @@ def marker_trace(
     texts: Sequence[str],
     **more: Any,
 ) -> Any:
-    """Return a plotly trace of marks. `look` is the symbol and colour of the marks; `texts` appear when the
-    pointer is on a mark."""
+    """Return a plotly trace that draws a mark at each point. `look` is the symbol and colour of the marks;
+    `texts` appear when the pointer is on a mark.
+    """
     symbol, color = look
     return go.Scatter(
         name=name,

@@ -40,8 +40,9 @@ from bcapscope.render.statistics_text import call_kind_text
 from bcapscope.render.timestamp import utc_text
 
 MAX_DRAWN = 6
-"""Maximum number of slave-mode sessions with pictures. Sessions with the worst problems come first, then the
-longest."""
+"""Maximum number of slave-mode sessions with pictures. If there are more sessions, the page draws those with
+the worst problems. Of equally bad sessions, it draws the longest.
+"""
 
 MAX_ROWS = 40
 """Maximum number of rows of a table."""
@@ -229,7 +230,7 @@ def _moment(time: int) -> str:
 
 def _script_text(code: str) -> str:
     """Change JavaScript so that it cannot end its script element. The function replaces some character
-    sequences, which is safe, because they occur only in JavaScript strings.
+    sequences. This is safe, because these sequences occur only in JavaScript strings.
     """
     return code.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 

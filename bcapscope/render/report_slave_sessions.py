@@ -217,8 +217,9 @@ class _SessionDrawing:
     def _set_point_marks(
         self, id: str, facts: Sequence[tuple[SetPointFact, float | None]], color: str, y: str
     ) -> Iterator[Any]:
-        """Yield a trace that marks set points, each at the height of its value in ms. Set points without a
-        value get no mark."""
+        """Yield a plotly trace with one mark per set point. The height of the mark shows the set point's
+        value in ms. Set points without a value get no mark.
+        """
         found = [(fact, value) for fact, value in facts if value is not None]
         name = self._words(f"report.trace.{id}")
         texts = [
@@ -345,15 +346,16 @@ class _SessionDrawing:
 
 
 def _axis_number(place: int) -> str:
-    """Return the number by which plotly names the axes of a diagram. `place` is the index of the diagram,
-    counted from 0. For the first diagram, the result is "".
+    """Return the number that plotly appends to the names of a diagram's axes. `place` is the index of the
+    diagram, counted from 0. For the first diagram, the result is "".
     """
     return "" if place == 0 else str(place + 1)
 
 
 def _column(column: int, columns: int) -> list[float]:
-    """Return the left and right edge of a column of diagrams. Space for an axis is left between two
-    columns."""
+    """Return the left and right edge of a column of diagrams. Between two columns, there is space for an
+    axis.
+    """
     width = (1 - _COLUMN_GAP * (columns - 1)) / columns
     left = column * (width + _COLUMN_GAP)
     return [left, left + width]

@@ -14,10 +14,10 @@ DECIMALS = 5
 """Number of decimals that DENSO's b-CAP Tester shows (DENSO Wave 2009, How to use the Slave mode)."""
 
 MAX_ELEMENTS = 512
-"""Maximum number of elements of an array to display."""
+"""The text of an array shows at most this many elements."""
 
 LONGEST_STRING = 4000
-"""Maximum number of characters of a string to display."""
+"""The text of a string shows at most this many characters."""
 
 EMPTY_TEXT = "(EMPTY)"
 

@@ -1,4 +1,6 @@
-"""Charts and figures while `play` sends set points: axes over time, cycle times, lateness and buffer."""
+"""The charts and figures that `play` shows while it sends set points: positions over time, cycle times,
+lateness and buffer.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ _MAX_CHART_ROWS = 16
 _LARGEST_POSITION = 1e9
 
 PoseHistory = Sequence[tuple[float, Sequence[float], Sequence[float]]]
-"""Poses during a play. Each entry has the elapsed seconds, the commanded pose and the returned pose."""
+"""Poses during a play. For each set point: the elapsed time in seconds, the commanded pose and the returned
+pose.
+"""
 
 
 def axis_charts(

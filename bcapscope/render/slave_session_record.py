@@ -172,8 +172,8 @@ _MEMBERS: dict[type, str] = {
     ),
 }
 """JSON members of each class, in order. A member is written ``name=attribute``, or only as the name if both
-are equal. ``@`` marks a time. ``!`` marks a result code, which is followed by a member with the name of the
-code.
+are equal. ``@`` marks a time. ``!`` marks a result code. After the result code, the object has a member with
+the name of the code.
 """
 
 

@@ -31,7 +31,7 @@ from bcapscope.render.slave_figures import (
 from bcapscope.render.timestamp import utc_text
 
 GOOD_EXITS = (ExitReason.LEFT, ExitReason.CHANGED, ExitReason.CAPTURE_ENDED)
-"""Reasons for the end of a slave-mode session that are normal."""
+"""Normal reasons for the end of a slave-mode session."""
 
 
 def slave_session_lines(

@@ -43,7 +43,9 @@ def statistics_header() -> str:
 
 
 def statistics_rows(statistics: Statistics) -> Iterator[str]:
-    """Yield one row with the total of a period, one row per client, and one row per client and command."""
+    """Yield the rows for a period. The first row has the total. The others are one row per client, and one
+    row for each command of a client.
+    """
     period = epoch_text(statistics.start), epoch_text(statistics.end)
     yield csv_row((*period, "total", *_cells(statistics.total)))
     for row in statistics.clients:

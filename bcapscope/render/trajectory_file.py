@@ -31,8 +31,8 @@ A program that reads the file needs only ``time_s`` and the commanded pose. Prog
 find columns by name.
 
 The JSON is one object. The object begins with details of the slave-mode session. `columns` has the names
-above. `rows` has an array of values for each set point: null for no value, strings for NaN and infinities.
-`points` is the number of set points.
+above. `rows` has an array of values for each set point. `null` means that a value is missing. NaN and
+infinities are strings. `points` is the number of set points.
 """
 
 from __future__ import annotations

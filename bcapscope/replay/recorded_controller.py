@@ -1,7 +1,8 @@
 """Answer a client with the replies of a recorded controller.
 
-The replies contain the recorded handles, so a client that repeats the recorded calls sends the recorded
-handles, too. `RecordedController` uses no I/O and no clock, and has the interface of a `Simulator`.
+The replies contain the recorded handles. Therefore, a client that repeats the recorded calls sends requests
+with the recorded handles. `RecordedController` uses no I/O and no clock, and has the interface of a
+`Simulator`.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ class ScriptLookup:
     """Finds the recorded call that answers a request of one client.
 
     `find` returns the next recorded call with the same function, command and arguments. If `find` has already
-    returned all recorded calls with these arguments, `find` returns the last such call again. If no recorded
-    call has the same arguments, `find` ignores the arguments. If the client sends a further Service_Start
-    after the last recorded one, `find` begins again at the first recorded call.
+    returned all recorded calls with these arguments, `find` returns the last of these calls again. If the
+    recording has no call with these arguments, `find` compares only function and command. If the client sends
+    a further Service_Start after the last recorded one, `find` begins again at the first recorded call.
     """
 
     def __init__(self, calls: Iterable[ScriptCall]) -> None:
@@ -92,8 +93,8 @@ class _ReplayClient:
         delays: bool,
         report: Callable[[CallReport, bool], None],
     ) -> None:
-        """`report` is a function that gets each answered call, and whether the reply comes from the
-        recording.
+        """The replay passes each answered call to `report`. A second argument says whether the reply comes
+        from the recording.
         """
         self.last_heard = 0
         self._number = number
@@ -146,8 +147,7 @@ class _ReplayClient:
                 yield from self.on_request(self._waiting.popleft(), now)
 
     def _next_frame_at(self) -> int | None:
-        """Return the time in ns at which `poll` has the next frame to send; None if no frame is to be
-        sent."""
+        """Return the time in ns from which `poll` yields the next frame; None if there is no next frame."""
         if self._frame is None:
             return None
         if self._notice_offsets:
@@ -194,8 +194,9 @@ class RecordedController(ClientHost):
     """Plays the role of a recorded controller. Each client gets the recorded replies from the beginning of
     the recording.
 
-    `unknown_calls` counts the calls without a usable recorded reply, which get E_NOTIMPL. The replay may use
-    a clock that stops while the process does not run, because the clock only measures the recorded delays.
+    If the recording has no usable reply to a call, the replay answers E_NOTIMPL. `unknown_calls` is the
+    number of such calls. The clock of the replay only measures the recorded delays. Therefore, the clock may
+    stop while the process is suspended.
     """
 
     evictable_after = IDLE_CLIENT_NS

@@ -36,8 +36,8 @@ class NotAtStartError(BcapError):
 class PlayedCall(NamedTuple):
     """A call of the script, and its result in the replay.
 
-    `delay` is the time in ns between the planned and the actual start of the call. Earlier calls can take
-    longer than in the recording.
+    `delay` is the time in ns between the planned and the actual start of the call. A call begins late if
+    earlier calls took longer than in the recording.
     """
 
     script_call: ScriptCall
@@ -47,8 +47,8 @@ class PlayedCall(NamedTuple):
 
     @property
     def differs(self) -> bool:
-        """Whether the result codes of the recorded and the played call differ, or only one of the two calls
-        has a reply.
+        """True if the recorded call and the played call have different result codes, or if only one of the
+        two calls has a reply.
         """
         result = self.result
         return self.script_call.hresult != (None if isinstance(result, CallTimedOut) else result.reply.code)
@@ -90,8 +90,8 @@ class ScriptPlayer:
         longest_pause: int,
         anywhere: bool = False,
     ) -> None:
-        """Prepare to play, but send nothing yet. Shorten longer pauses between two calls to `longest_pause`
-        ns.
+        """Prepare to play, but send nothing yet. If a recorded pause is longer than `longest_pause` ns, the
+        player waits only for `longest_pause`.
 
         `anywhere` allows slave mode even if the robot is not at the first set point.
         """
@@ -106,8 +106,8 @@ class ScriptPlayer:
         """Play the script to its end, or until `on_played` returns False. `on_played` receives each played
         call.
 
-        Raises NotAtStartError and OSError. Raises ValueError if the script uses an object whose name is
-        unknown, and BcapError if the player cannot open an object or send a call.
+        Raises NotAtStartError and OSError. Raises ValueError if the name of an object in the script is
+        unknown. Raises BcapError if the player cannot open an object, or cannot send a call.
         """
         channel = self._channel
         start = channel.now()

@@ -30,8 +30,8 @@ from bcapscope.protocol.slave_mode.slvmove_values import parse_set_point
 from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 
 _SHORTEST = 0.001
-"""Shortest time between two set points that the check assumes, in seconds. No controller accepts set points
-at shorter intervals.
+"""The check assumes at least this time in seconds between two set points. No controller accepts set points at
+shorter intervals.
 """
 
 
@@ -59,11 +59,11 @@ def mode_entered(call: ScriptCall) -> int | None:
 
 
 def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
-    """Yield the runs of set points in a script. Until a call shows the slave mode, set points count as joint
-    positions.
+    """Yield each series of set points in a script as a `SetPointRun`. Until a call shows the slave mode, set
+    points count as joint positions.
 
     Raises UnreadableSetPointError if a set point is not a pose, or if the number of axes changes within a
-    run.
+    series.
     """
     kind, points = PoseType.J, list[ScriptCall]()
     for line in script.calls:

@@ -118,8 +118,9 @@ class Arm:
         self._changed = now
 
     def add_set_point(self, joints: Joints, began: int, time: int) -> None:
-        """Stand still until `began`, then move in a straight line to `joints`, which is reached at `time`.
-        Times are in ns."""
+        """Stand still until `began`, then move in a straight line to `joints`. The motion ends at `time`.
+        Times are in ns.
+        """
         if not self._steps or joints != self._steps[-1][1]:
             self._changed = time
         if self._steps and self._steps[-1][0] < began:

@@ -11,9 +11,13 @@ class Certainty(StrEnum):
     """How certain it is that a real controller behaves like the simulator."""
 
     DOCUMENTED = "documented"
-    """DENSO's documents or lists, or published descriptions of DENSO's commands, state the behaviour."""
+    """The behaviour is written in a document or list of DENSO, or in a published description of DENSO's
+    commands.
+    """
     OBSERVED = "observed"
-    """DENSO's server or driver, or published captures, show the behaviour, or users have reported it."""
+    """The behaviour is visible in DENSO's server, in DENSO's driver or in a published capture. Or users have
+    reported it.
+    """
     ASSUMED = "assumed"
     """No source states the behaviour. The simulator has the likeliest behaviour, or the simplest behaviour
     that works.
@@ -21,8 +25,9 @@ class Certainty(StrEnum):
 
 
 class Behaviour(NamedTuple):
-    """A simulated behaviour: `text` says in one clause what the controller does, `source` how this is
-    known."""
+    """A simulated behaviour: `text` says in one clause what the controller does, and `source` says how this
+    is known.
+    """
 
     name: str
     certainty: Certainty

@@ -25,7 +25,9 @@ class CallContext:
 
 
 CommandHandler: TypeAlias = Callable[[CallContext, Variant], HandlerOutcome]
-"""Function that executes one command of a function such as Robot_Execute. It gets the command's parameter."""
+"""Python function that executes one command, such as a command of Robot_Execute. It gets the command's
+parameter.
+"""
 
 CommandTable: TypeAlias = Mapping[str, CommandHandler]
 """Handlers of commands, by command name in lower case."""

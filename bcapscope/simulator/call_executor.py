@@ -2,7 +2,8 @@
 
 Sources for keep-alive, InvokeTimeout and the code for a busy server: orin_bcap
 C/src/bCAPServer/bcap_server.c, and experiments with this server on loopback. In the C server, a stuck call
-blocks one TCP connection or all UDP clients. In the simulator, a stuck call blocks only its own client.
+over TCP blocks its connection, and a stuck call over UDP blocks all UDP clients. In the simulator, a stuck
+call blocks only its own client.
 """
 
 from __future__ import annotations
@@ -26,8 +27,9 @@ MAX_WAITING = 16
 """Maximum number of a client's requests that wait while a call runs. Only bcapscope has this limit."""
 
 MAX_KEPT_REPLIES = 8
-"""Number of replies to keep for retries: no client sends so many retries. Each reply that is kept makes every
-call slower."""
+"""Number of replies that the simulator keeps, so that it can answer retries. No client sends so many retries.
+Every call becomes slower with each further reply in memory.
+"""
 
 _ROBOT_EXECUTE = 64
 _NEW = RequestKind.NEW

@@ -143,8 +143,8 @@ class ClientSession:
         """Open the controller. RC7 ignores all four arguments; other controllers require the name of their
         provider.
 
-        While any client has a controller object open, the name of this object is in use. A crashed client
-        counts, too, while the controller still remembers this client.
+        While any client has a controller object open, the name of this object is in use. If a client crashes,
+        its names stay in use until the controller removes the client.
         """
         name, provider, _, option = (text_of(argument_at(arguments, index)) for index in range(4))
         providers = self.machine.profile.providers

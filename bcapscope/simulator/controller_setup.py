@@ -50,7 +50,7 @@ def played_scenario(
 
 
 def ignore_call(peer: Peer, report: CallReport) -> None:
-    """Do nothing with an answered call, for a simulator whose calls nobody watches."""
+    """Ignore an answered call. A simulator uses this function if nobody watches its calls."""
 
 
 def start_simulator(

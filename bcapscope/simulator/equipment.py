@@ -103,7 +103,8 @@ class Hand:
 
     Attributes:
         motion_count: Number of motions and stops so far.
-        stopped_by: Result code of the call whose motion the last stop ended.
+        stopped_by: When a stop ends a motion, the call of this motion returns a result code. `stopped_by` is
+            this code for the last stop.
         ends: Time in ns at which the last motion ended or will end.
     """
 

@@ -56,13 +56,15 @@ from bcapscope.simulator.call_outcome import (
 from bcapscope.simulator.equipment import MAX_AREAS, MAX_LINES, Hand
 
 _STORED_SPEED, _STORED_FORCE = 0.5, 10.0
-"""Assumed data that the controller stores for a grip: share of the top speed, and COBOTTA's force in N."""
+"""The controller's stored data for a grip: the share of the top speed, and COBOTTA's force in N. Both values
+are assumptions.
+"""
 
 _WEAKEST_SUCTION = 40.0
 """Percent: DENSORobot/denso_cobotta_ros denso_cobotta_gripper/config/gripper_vacuum.yaml."""
 
 _EXTERNAL_GRIP = 1
-"""Mode of the 2FG hand in which the hand grips from outside."""
+"""Mode of the 2FG hand for grips from outside."""
 
 _SUCTION, _SUCTION_LOAD = -0.5, 50.0
 """Assumed data of the vacuum hand: pressure in kPa per percent of power, and load in percent."""
@@ -92,7 +94,9 @@ def _grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
 
 
 def _chuck(context: CallContext, parameter: Variant, closes: bool) -> HandlerOutcome:
-    """Run HandChuck, HandUnChuck, or Chuck or Unchuck of Hand0, with the data that the controller stores."""
+    """Run HandChuck, HandUnChuck, or the commands Chuck and Unchuck of the extension Hand0. Use the stored
+    speed and force.
+    """
     hand = context.machine.equipment.hand
     return _start(context, hand, *_stored_motion(hand, closes, _STORED_FORCE), waits=True)
 
@@ -116,8 +120,8 @@ def _stop(context: CallContext, parameter: Variant) -> None:
 
 
 def _two_finger_grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run TwofgGrip. Parameters: width [mm], force [N], speed [%], and whether to wait. A call that waits
-    fails if nothing is gripped.
+    """Run TwofgGrip. Parameters: width [mm], force [N], speed [%], and whether to wait. If the call waits and
+    the hand grips nothing, the call fails.
     """
     items, hand = items_of(parameter), context.machine.equipment.gripper
     width = float(number_of(argument_at(items, 0)))
@@ -137,7 +141,7 @@ def _two_finger_release(context: CallContext, parameter: Variant) -> HandlerOutc
 
 
 def _hand_grip(context: CallContext, parameter: Variant, closes: bool) -> HandlerOutcome:
-    """Run HandGrip or HandRelease, which move the 2FG hand with the data that the controller stores."""
+    """Run HandGrip or HandRelease. Move the 2FG hand with the speed and force that the controller stores."""
     hand = context.machine.equipment.gripper
     return _start(context, hand, *_stored_motion(hand, closes, hand.limits.weakest), waits=False)
 
@@ -155,7 +159,8 @@ def _start(
 ) -> RunningCall | None:
     """Begin a motion, unless the state forbids a motion, the hand already moves, or COBOTTA's motor is off.
 
-    If the call `waits`, it lasts as long as the motion. A waiting call fails if the 2FG hand grips nothing.
+    If the call `waits`, it lasts as long as the motion. If the call waits and the 2FG hand grips nothing, the
+    call fails.
     """
     is_gripper = hand is context.machine.equipment.gripper
     if is_gripper:
@@ -205,7 +210,7 @@ def _force(hand: Hand, part: Variant) -> float:
 
 
 def _has_next_option(rest: tuple[Variant, ...]) -> bool:
-    """Return whether the option NEXT is given, with which the call ends before the motion. The option
+    """Return whether the option NEXT is given. With NEXT, the call ends before the motion ends. The option
     DetectOn has no effect.
     """
     return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
@@ -268,7 +273,7 @@ def _close_bracket(context: CallContext, parameter: Variant, name: str) -> None:
 
 
 def _force_control(context: CallContext, parameter: Variant) -> None:
-    """Run ForceCtrl, whose parameters are on or off, a number 1..10 and a mode. Force control stays off while
+    """Run ForceCtrl. Its parameters are on or off, a number 1..10 and a mode. Force control stays off while
     the motor is off.
     """
     items, machine = items_of(parameter), context.machine
@@ -296,7 +301,7 @@ def _force_value(context: CallContext, parameter: Variant) -> Variant:
 
 
 def _force_sensor(context: CallContext, parameter: Variant) -> None:
-    """Run ForceSensor, whose parameter 0 resets the sensor; refuse other values."""
+    """Run ForceSensor. The parameter 0 resets the sensor; refuse other values."""
     if integer_of(parameter) != 0:
         raise RefusedError(E_INVALIDARG)
 
@@ -316,7 +321,9 @@ def _scene_info(context: CallContext, parameter: Variant) -> Variant:
 
 
 def _switch_area(context: CallContext, parameter: Variant) -> None:
-    """Run SetAreaEnabled, whose parameters are the area's number and on or off."""
+    """Run SetAreaEnabled. Its first parameter is the area's number, and its second parameter says on or
+    off.
+    """
     areas = context.machine.equipment.areas
     (areas.add if number_of(argument_at(items_of(parameter), 1)) else areas.discard)(_area(parameter))
 

@@ -8,9 +8,10 @@ The simulator answers E_NOTIMPL to a function without a handler in this module. 
 to a function id without a callback (orin_bcap C/src/bCAPServer/bcap_server.c). DENSO's skeleton of a provider
 also answers E_NOTIMPL (CaoProvRobot.cpp, 2003).
 
-The only source for missing functions concerns the robot: a wrapper of the RC8 provider (VE026A_JNI.java by
-Suzuki, 2015) has no methods Chuck, Unchuck, GoHome and Drive. The simulator nevertheless has Drive, because
-clients need this function. The simulator lacks Rotate, because no source describes the planes of Rotate.
+Only one source shows which functions are missing, and only for the robot. It is a wrapper of the RC8 provider
+(VE026A_JNI.java by Suzuki, 2015) without methods Chuck, Unchuck, GoHome and Drive. The simulator nevertheless
+has Drive, because clients need this function. The simulator lacks Rotate, because no source describes the
+planes of Rotate.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ def _alarm_at(alarms: Sequence[Alarm], index: int) -> Alarm:
 
 
 def _system_state(context: CallContext, parameter: Variant) -> Variant:
-    """Run SysState, whose bits are those of `enumerations.SYS_STATE_BITS`."""
+    """Run SysState. `enumerations.SYS_STATE_BITS` explains the bits of the result."""
     machine, now = context.machine, context.now
     automatic = machine.mode == AUTOMATIC
     bits = {
@@ -107,7 +108,7 @@ def _system_state(context: CallContext, parameter: Variant) -> Variant:
 
 
 def _put_auto_mode(context: CallContext, parameter: Variant) -> None:
-    """Run PutAutoMode of RC7, whose parameter is 1 for internal and 2 for external."""
+    """Run PutAutoMode of RC7. Its parameter is 1 for internal mode and 2 for external mode."""
     mode = integer_of(parameter)
     if mode not in (1, 2):
         raise RefusedError(E_INVALIDARG)
@@ -219,7 +220,9 @@ def _get_message(context: CallContext, arguments: Arguments) -> Variant:
 
 
 def command_runner(commands: CommandTable) -> FunctionHandler:
-    """Return a handler of an ..._Execute function that refuses commands that the profile lacks."""
+    """Return a handler for an ..._Execute function. If the profile lacks a command, the handler refuses the
+    command.
+    """
 
     def execute(context: CallContext, arguments: Arguments) -> HandlerOutcome:
         name = text_of(argument_at(arguments, 0)).casefold()
@@ -316,8 +319,8 @@ _SHARED_HANDLERS: Mapping[str, FunctionHandler] = {
     "Disconnect": lambda context, _: context.objects.release(context.object),
     "GetVariableNames": _variable_names,
 }
-"""Handlers of the functions that several classes of objects have, by the name without the class, such as
-`GetTag`.
+"""Handlers of the functions that several classes of objects have. The key is the function's name without the
+class, such as `GetTag`.
 """
 
 _OWN_HANDLERS: Mapping[str, FunctionHandler] = {

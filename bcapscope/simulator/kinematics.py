@@ -19,7 +19,7 @@ from bcapscope.protocol.tables.hresult import E_INVALIDARG
 from bcapscope.simulator.call_outcome import POSITION_LIMIT, RefusedError
 
 Joints: TypeAlias = tuple[float, ...]
-"""Eight joints in degrees; the arm lacks the last two joints, which stay 0."""
+"""Eight joints in degrees. The arm lacks the last two joints, so these two stay 0."""
 
 AXIS_COUNT = 6
 SHOULDER_HEIGHT = 400.0

@@ -68,7 +68,9 @@ calls.
 """
 
 MAX_BYTES = 2 << 20
-"""Maximum number of waiting bytes of all senders; each datagram adds `_COST` to its size."""
+"""Maximum number of waiting bytes of all senders together. For each datagram, the queue counts its size plus
+`_COST`.
+"""
 
 _COST = 512
 
@@ -77,7 +79,7 @@ Sender: TypeAlias = Hashable
 
 
 class DatagramQueue:
-    """Waiting datagrams by sender, oldest first; `dropped` counts the datagrams that did not fit."""
+    """Waiting datagrams by sender, oldest first; `dropped` is the number of datagrams that did not fit."""
 
     def __init__(self) -> None:
         self.waiting: dict[Sender, deque[tuple[int, bytes]]] = {}

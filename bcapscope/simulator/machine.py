@@ -136,8 +136,8 @@ class ControlLogRecord(NamedTuple):
 
 
 class ControlLog:
-    """The control log: joint records, oldest first, one every 8 ms; `due` is the time of the next record in
-    ns.
+    """The control log, with one record of the joints every 8 ms, oldest first. `due` is the time of the next
+    record in ns.
     """
 
     def __init__(self) -> None:
@@ -171,7 +171,8 @@ class Machine:
         owner: Number of the client that has the arm; None if no client has it.
         open_objects: Objects that each client has opened, by client number.
         stop_count: How many times Robot_Halt, an error or the emergency stop has stopped motion.
-        stopped_by: Result code of the calls whose motion the last stop ended.
+        stopped_by: When a stop ends a motion, the calls that wait for this motion return a result code.
+            `stopped_by` is this code for the last stop.
         current_move: The last ordinary motion; None if that motion was stopped.
     """
 
@@ -221,8 +222,8 @@ class Machine:
         return self._motor_at is not None and now >= self._motor_at
 
     def switch_motor(self, on: bool, now: int) -> int:
-        """Switch the motor off, or on unless `check_state` refuses; return the time in ns at which the motor
-        has switched.
+        """Switch the motor on or off, and return the time in ns at which the motor has switched. To switch
+        the motor on, `check_state` must pass.
         """
         if not on:
             self._lose_power()
@@ -277,8 +278,8 @@ class Machine:
         `code`.
 
         If slave mode was on, the next slvMove also returns `code` (issues 20 and 49 of
-        DENSORobot/denso_robot_ros), but not if another reply reports `code` (`is_reported`). Later calls of
-        slvMove return the error that slave mode is off (issues 6 and 42).
+        DENSORobot/denso_robot_ros). `is_reported` means that another reply reports `code`; then slvMove does
+        not return `code`. Later calls of slvMove return the error that slave mode is off (issues 6 and 42).
         """
         self.slave.leave(0 if is_reported else code)
         self.arm.halt(now)
@@ -288,7 +289,8 @@ class Machine:
         self.current_move = None
 
     def raise_error(self, code: int, now: int, is_reported: bool = False) -> None:
-        """Raise an error, which is active until ClearError; motions and slave mode end, and RobSlave stops.
+        """Raise an error. The error is active until ClearError. End all motions and slave mode, and stop
+        RobSlave.
 
         An error of level 4 or above, or a set point beyond a limit, switches the motor off (list of
         controller errors in nkawa/Denso_CobottaPro900_MQTT_Control). The emergency stop also switches the
@@ -308,8 +310,8 @@ class Machine:
         set points in a row would push the error that ended slave mode out of the list.
 
         A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). The
-        simulator assumes that an RC7 lists its errors, too, because a result other than S_OK stops RobSlave
-        and slave mode (DENSO Wave 2009).
+        simulator assumes the same for the errors of an RC7. The reason is that a result other than S_OK stops
+        RobSlave and slave mode (DENSO Wave 2009).
         """
         if all(alarm.code != code for alarm in self.active_alarms):
             self.raise_error(code, now, is_reported=True)
@@ -321,7 +323,9 @@ class Machine:
         self.slave.unreported_result = 0
 
     def switch_mode(self, mode: int, now: int) -> None:
-        """Turn the mode switch. Outside automatic mode, all motion ends and the motor goes off."""
+        """Turn the mode switch. Unless the new mode is automatic, stop all motion and switch the motor
+        off.
+        """
         self.mode = mode
         if mode != AUTOMATIC:
             self._lose_power()

@@ -2,8 +2,8 @@
 
 Unless the option is NEXT, a call lasts as long as its motion. The motion ends when the commanded joints reach
 the target. With @E, the motion ends when the encoders reach the target. With @P, the next motion may begin
-when most of the first motion's time is over. If a second motion begins too early, its call returns 80010004
-(b-Cap.h of the ANSI-C client, which then repeats its Robot_Move).
+when most of the first motion's time is over. If a second motion begins too early, its call returns 80010004.
+The source is b-Cap.h of the ANSI-C client; this client then repeats its Robot_Move.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def drive(
     passing: int | None = None,
 ) -> HandlerOutcome:
     """Move single axes (1..6) by angles in degrees, or to angles if `absolute`. If `passing` is None,
-    `option` names the pass, such as @P or @E.
+    `option` contains the pass, such as @P or @E.
     """
     joints = list(context.machine.arm.goal)
     for axis, way in axis_moves:
@@ -126,8 +126,8 @@ def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> 
 
 
 class _MotionOptions(NamedTuple):
-    """Internal speed in percent or None, minimum duration in ns, and whether the call returns before the
-    motion ends.
+    """Options of a motion: the internal speed in percent (None if not given), the minimum duration in ns, and
+    whether the call returns before the motion ends.
     """
 
     speed: float | None
@@ -192,7 +192,7 @@ def _distance(part: Variant) -> tuple[float, int]:
 
 
 def _approach(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run Approach, whose parameters are interpolation, pose and distance."""
+    """Run Approach. Its parameters are interpolation, pose and distance."""
     items = items_of(parameter)
     target = parse_target(argument_at(items, 1), context.machine.memory.read)
     distance, passing = _distance(argument_at(items, 2))
@@ -202,7 +202,7 @@ def _approach(context: CallContext, parameter: Variant) -> HandlerOutcome:
 
 
 def _depart(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run Depart, whose parameters are interpolation and distance."""
+    """Run Depart. Its parameters are interpolation and distance."""
     items = items_of(parameter)
     distance, passing = _distance(argument_at(items, 1))
     goal = _before_position(context.machine.arm.goal, distance)

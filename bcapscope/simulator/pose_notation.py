@@ -38,7 +38,9 @@ ReadVariable = Callable[[str, int], Variant]
 
 
 class MotionTarget(NamedTuple):
-    """Target of a motion: eight joints in degrees; `passing` -1 for @P, -2 for @E, or the distance of @n."""
+    """Target of a motion: eight joints in degrees, and the pass. `passing` is -1 for @P, -2 for @E, and the
+    distance n for @n.
+    """
 
     joints: Joints
     passing: int

@@ -40,8 +40,8 @@ _RC7_ONLY = frozenset(("putautomode", "getautomode"))
 
 
 class NoArgument(StrEnum):
-    """Which replies without a value carry no argument instead of the value EMPTY. This setting applies only
-    to calls that can return a value.
+    """A reply without a value has no argument, or it has the argument EMPTY. This setting says which replies
+    have no argument. This setting applies only to calls that can return a value.
 
     Only the reply to slvChangeMode is documented for RC7 (DENSO Wave 2009, How to use the Slave mode).
     DENSO's C# and Java clients throw an exception if a call can return a value and its successful reply has

@@ -72,7 +72,7 @@ def _real_array(context: CallContext, numbers: Iterable[float]) -> Variant:
 
 
 def _joints(context: CallContext, pose_type: PoseType, parameter: Variant) -> Joints:
-    """Read a pose; the command decides the pose type unless the notation names one."""
+    """Read a pose. If the notation gives no pose type, the pose has the type `pose_type` of the command."""
     items = items_of(parameter)
     if len(items) >= len(AXES[_P]) - 1 and all(isinstance(item.value, int | float) for item in items):
         return joints_of(pose_type, numbers_of(parameter)[: len(AXES[pose_type])])
@@ -80,8 +80,8 @@ def _joints(context: CallContext, pose_type: PoseType, parameter: Variant) -> Jo
 
 
 def _out_range(context: CallContext, parameter: Variant) -> Variant:
-    """Run OutRange, which returns 0 if all axes are inside their limits, one bit per axis beyond its limit,
-    or -1 if the position is out of reach.
+    """Run OutRange. It returns 0 if all axes are inside their limits, and -1 if the position is out of reach.
+    Otherwise the result has one bit for each axis beyond its limit.
     """
     items = items_of(parameter)
     pose = items[0] if items and not isinstance(items[0].value, int | float) else parameter
@@ -112,8 +112,8 @@ def _move(
 
 
 def _convert_work(context: CallContext, parameter: Variant) -> Variant:
-    """Run ConvertPosWork, which converts a pose from the coordinates of one work to the coordinates of
-    another work.
+    """Run ConvertPosWork. It converts a pose from the coordinates of one work to the coordinates of another
+    work.
     """
     items = items_of(parameter)
     pose = _parse_position(context, argument_at(items, 0))
@@ -270,11 +270,11 @@ def _servo_data(context: CallContext, parameter: Variant) -> Variant:
 
 
 def _log_record(context: CallContext, parameter: Variant) -> Variant:
-    """Run GetLogRecord, whose parameter 0 selects the oldest record.
+    """Run GetLogRecord. The parameter 0 selects the oldest record.
 
     Source for the 39 values of a record in the controller's log: ShoheiKobata/orin_bcap_python_samples
-    others/Get_Syslog.py. The counter in ms, and current and load computed from the encoders' lag, are
-    assumptions of bcapscope.
+    others/Get_Syslog.py. Two assumptions are bcapscope's own: the record's counter is in ms, and the values
+    for current and load come from the encoders' lag.
     """
     index, machine = integer_of(parameter), context.machine
     if not 0 <= index < len(machine.log.records):

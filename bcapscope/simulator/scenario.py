@@ -1,4 +1,5 @@
-"""Scenarios: the state of a controller and what goes wrong with it, as validated frozen data from YAML.
+"""Scenarios: the state of a controller, and what goes wrong with the controller. The module reads scenarios
+from YAML and checks them; a scenario never changes.
 
 `read_scenario` reads a scenario, and `bcapscope.simulator.scenario_runner.ScenarioRunner` plays it. In the
 bundled scenarios, durations, limits and times are assumed. The failures in these scenarios happened to users
@@ -127,7 +128,7 @@ class InitialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Programs of the controller: the names of all programs, and of the running programs."""
+    """Programs of the controller: the names of all programs, and the names of the running programs."""
 
     loaded: Names = (ROBSLAVE, "Pro1")
     running: Names = ()

@@ -1,8 +1,9 @@
-"""Events at a controller that no client asked for, such as the emergency stop or an action on the pendant.
+"""Events that happen at a controller without a request from a client, such as the emergency stop or an action
+on the pendant.
 
 The fields of an event have been validated. Each event has a method that applies the event to the controller.
-Events have the same notation as faults of messages. In a document, the field `action` of an entry names the
-event or fault.
+Events have the same notation as faults of messages. In a scenario file, the field `action` holds the name of
+the event or fault.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ class OperatingMode(StrEnum):
 class ScenarioEvent(Fault, frozen=True, kw_only=True):
     """Fields of all events.
 
-    An event with a condition or an attempt number happens just before the controller gets a matching request,
-    at most `times` times. Any other event happens automatically, once.
+    If an event has a condition or an attempt number, it happens just before the controller gets a matching
+    request. It happens at most `times` times. Any other event happens automatically, once.
     """
 
     direction: Direction | None = Direction.REQUEST

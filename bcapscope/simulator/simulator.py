@@ -29,15 +29,15 @@ C server refuses clients beyond its limit, even if they send a stop.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""Time in ns without a request from a UDP client, after which a new client may replace this client. A new
-client replaces another client only if the maximum number of clients is reached.
+"""If a UDP client sends no request for this time in ns, a new client may replace it. A new client replaces
+another client only if the maximum number of clients is reached.
 """
 
 LARGEST_REQUEST = 64 * 1024
 """Largest request on TCP in bytes; the limit is bcapscope's own, so that a client cannot fill the memory."""
 
 Peer: TypeAlias = Hashable
-"""Key by which the caller of this module identifies a client, such as an address or a connection."""
+"""The caller of this module gives each client such a key, for example an address or a connection."""
 
 
 class ResetMarker(bytes):
@@ -45,7 +45,7 @@ class ResetMarker(bytes):
 
 
 class SimulatorOutput(NamedTuple):
-    """One frame to send to a client; empty data closes the connection."""
+    """One frame to send to a client. If the data is empty, the server closes the connection."""
 
     peer: Peer
     data: bytes
@@ -95,8 +95,7 @@ class ClientHost:
     Attributes:
         dropped: Number of datagrams that were not a valid frame, or came from a client beyond the limit.
         refused: Number of connections that were closed because of a bad frame or too many clients.
-        evictable_after: Time in ns without a request from a UDP client, after which a new client may replace
-            this client.
+        evictable_after: If a UDP client sends no request for this time in ns, a new client may replace it.
         closes_on_bad_frame: Whether a bad frame ends the connection; if not, the host skips the frame.
     """
 
@@ -104,7 +103,9 @@ class ClientHost:
     closes_on_bad_frame = True
 
     def __init__(self, new_client: ClientFactory, report: Callable[[Peer, CallReport], None]) -> None:
-        """Start without clients; `report` gets the client and the call for each answered call."""
+        """Start without clients. After each answered call, `report` is called with the client and the
+        call.
+        """
         self.dropped = 0
         self.refused = 0
         self._new_client = new_client
@@ -112,7 +113,7 @@ class ClientHost:
         self._templates = FrameTemplates()
         self._links: dict[Peer, _Link] = {}
         self._running: dict[Peer, HostedClient] = {}
-        # UDP clients accepted beyond the limit because of a stop, oldest first
+        # UDP clients beyond the limit that were accepted because they sent a stop, oldest first
         self._stops: dict[Peer, None] = {}
         self._number = 0
 
@@ -201,7 +202,7 @@ class ClientHost:
         """Process a request, then poll the running calls, because the request may have completed them."""
         outputs = []
         for each in client.on_request(frame, now):
-            # a loop is faster than a comprehension, which costs a function call
+            # a comprehension costs a function call, so a loop is faster
             outputs.append(SimulatorOutput(peer, each))
         if client.running:
             self._running[peer] = client
@@ -260,7 +261,7 @@ class Simulator(ClientHost):
     ) -> None:
         """Switch the controller on at `now`, in ns of the clock that all later times use.
 
-        `report` gets the client and the call for each answered call.
+        After each answered call, `report` is called with the client and the call.
         """
         self.machine = Machine(profile, initial_state, now)
         super().__init__(partial(CallExecutor, self.machine), report)
@@ -278,8 +279,8 @@ class Simulator(ClientHost):
 
     @property
     def runs_in_real_time(self) -> bool:
-        """Whether the model's time continues while this process gets no processor, because a client sets the
-        pace.
+        """True if a client sets the pace. Then the model's time continues even while this process gets no
+        processor.
         """
         mode = self.machine.slave.mode
         return mode is not None and mode.overwrites_waiting

@@ -6,8 +6,8 @@ time continued, 8 ms would pass before the simulator sends the reply that asks t
 point.
 
 A frame that arrives during this delay is processed with its arrival time, which the operating system records.
-A set point that arrived in time therefore counts as in time, however late the simulator reads it. A client
-that does not wait for replies continues during this delay; the model's time then continues, too.
+A set point that arrived in time therefore counts as in time, however late the simulator reads it. If a client
+does not wait for replies, it continues during this delay. In this case, the model's time continues.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from collections.abc import Callable
 from typing import Protocol
 
 STALL_NS = 1_000_000
-"""Longest normal delay in ns after a due time or the arrival of a request. A longer delay means that this
-process got no processor.
+"""Longest delay in ns that counts as normal. The delay begins at a due time, or at the arrival of a request.
+A longer delay means that this process got no processor.
 """
 
 
@@ -33,8 +33,8 @@ class ClockedModel(Protocol):
 
 
 class SimulatorClock:
-    """The model's clock, in ns. `latest_time` is the last time that the model received; the model never
-    receives an earlier time.
+    """The model's clock, in ns. `latest_time` is the time that the clock gave to the model most recently. The
+    clock never gives an earlier time to the model.
     """
 
     def __init__(

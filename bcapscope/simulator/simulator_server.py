@@ -38,8 +38,8 @@ LONGEST_WAIT = 0.5
 """
 
 # Time in ns for which the server polls its sockets instead of sleeping. On a virtual machine, waking an idle
-# processor takes longer than answering a call. Yielding the processor instead of polling would cost a whole
-# time slice if another program runs.
+# processor takes longer than answering a call. If the server yielded the processor instead, another program
+# could run for a whole time slice.
 _SPIN_NS = 60_000
 
 _MAX_DATAGRAMS = 1024  # maximum number of datagrams to read before the second datagram is processed
@@ -106,9 +106,9 @@ class SimulatorServer:
 
     The model's time is the time of a `SimulatorClock`. Each request keeps its arrival time, which Linux
     records. On TCP, Linux records only the arrival of the last byte. In modes where the client sets the pace,
-    set points can pile up. The server then spreads the set points' arrival times evenly between the client's
-    previous bytes and the last bytes. In modes where the client does not set the pace, all requests that were
-    read together have the same arrival time.
+    set points can pile up. Then the server spreads the arrival times of the set points evenly, from the
+    arrival of the client's previous bytes to the arrival of the last byte. In modes where the client does not
+    set the pace, all requests that were read together have the same arrival time.
     """
 
     def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:
@@ -119,7 +119,8 @@ class SimulatorServer:
         self._connections: dict[int, _Connection] = {}
         self._by_peer: dict[object, _Connection] = {}
         self._lobby: FirstFrameQueue[int] = FirstFrameQueue()
-        self._stops: list[_Connection] = []  # connections accepted beyond the limit for a stop, oldest first
+        # connections beyond the limit that were accepted because of a stop, oldest first
+        self._stops: list[_Connection] = []
         self._spares = SpareDescriptors(_SPARE_DESCRIPTORS)
         self._is_paused = False
         self._tidied_at = -_TIDY_INTERVAL_NS  # reserve no descriptors yet: the program needs some first
@@ -185,8 +186,8 @@ class SimulatorServer:
     def _wait(self, readers: list[int], until: float, due: int | None, now: int) -> ReadyDescriptors:
         """Wait for readable and writable sockets; shortly after a request, poll instead of sleeping.
 
-        If a poll found no bytes, bytes that the next poll finds arrived between these two polls. If several
-        datagrams arrived, a later poll finds the remaining datagrams.
+        If a poll finds no bytes and the next poll finds some, these bytes arrived between the two polls. If
+        several datagrams arrived, a later poll finds the remaining datagrams.
         """
         end = self._spin_until if due is None else min(self._spin_until, due)
         self._may_be_more = True
@@ -204,9 +205,9 @@ class SimulatorServer:
     def _select(self, readers: list[int], seconds: float) -> ReadyDescriptors:
         """Return the descriptors that are ready, after `seconds` at the latest.
 
-        Stdin may be a regular file, which is always ready and which `epoll` refuses. Modes with a fixed cycle
-        of 8 ms need a wait with microsecond precision. `select` waits with microsecond precision, `poll` does
-        not.
+        Stdin may be a regular file. A regular file is always ready, and `epoll` refuses such files. Modes
+        with a fixed cycle of 8 ms need a wait with microsecond precision. `select` has this precision, and
+        `poll` does not.
         """
         readable, writable, _ = select.select(readers, self._writers, (), seconds)
         return readable, writable
@@ -230,7 +231,7 @@ class SimulatorServer:
         datagram immediately, and queue the remaining datagrams.
         """
         receive, turns = self._receive, self.datagram_queue
-        # with a size of 0, the system reports no arrival time: the datagram arrived between two polls
+        # A size of 0 means no arrival time: the server knows that the datagram arrived between two polls.
         asked = ANCILLARY_SIZE if self._may_be_more else 0
         for number in range(_MAX_DATAGRAMS if self._may_be_more else 1):
             try:
@@ -253,7 +254,7 @@ class SimulatorServer:
         self._clock.on_replies_sent()
 
     def _arrival_time(self, control: AncillaryData) -> int:
-        """Return the model's time at which the bytes that were just read arrived."""
+        """The server has just read bytes. Return the model's time at which these bytes arrived."""
         if not self._may_be_more:
             return self._polled_empty_at
         return self._clock.arrival_time(kernel_timestamp(control, 0))

@@ -40,8 +40,8 @@ PATIENCE = 500 * MS
 
 INVALID_SET_POINT = 0x83201405
 LONGEST_SET_POINT = 1e9
-"""Smallest norm at which a set point is invalid. The norm is computed from the numbers of the set point,
-taken as a vector.
+"""A set point with this norm, or a larger norm, is invalid. The norm is computed from the numbers of the set
+point, taken as a vector.
 """
 
 FIRST_USER_IO = 128

@@ -18,7 +18,7 @@ from bcapscope.simulator.call_outcome import ACCELERATION_LIMIT, SPEED_LIMIT, Re
 from bcapscope.simulator.kinematics import AXIS_COUNT, AXIS_LIMITS, AxisLimit, Joints
 
 MOVING_THRESHOLD = 0.01
-"""Change of an axis, in degrees per 8 ms, above which the axis counts as moving."""
+"""An axis counts as moving if it moves by more than this number of degrees in 8 ms."""
 
 _TOLERANCE = 1.000001  # tolerance for set points that were rounded to single precision
 

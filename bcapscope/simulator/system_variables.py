@@ -2,8 +2,8 @@
 
 Names and types: `bcapscope.protocol.tables.variables`. DENSO's ROS drivers write @SERVO_ON and @EXTSPEED, and
 their configuration lists @START and @STOP as writable (DENSORobot/denso_robot_ros2 denso_robot_core/config).
-The simulator assumes that clients can write the other speed variables, too. TOOLn, WORKn and _ITP were seen
-on RC7 only.
+The simulator assumes that clients can write all speed variables, not only @EXTSPEED. TOOLn, WORKn and _ITP
+were seen on RC7 only.
 """
 
 from __future__ import annotations

@@ -73,7 +73,9 @@ class VariableMemory:
             self._numbers[letter, index] = _number(value, letter)
 
     def word(self, first: int) -> int:
-        """Return 32 bits of I/O from bit `first`, a multiple of 8, little-endian, as a signed number."""
+        """Return 32 bits of I/O as a signed little-endian number. `first` is the first of these bits, a
+        multiple of 8.
+        """
         return int.from_bytes(self.io[first // 8 : first // 8 + 4], "little", signed=True)
 
     def write_word(self, first: int, word: int, mask: int) -> None:

@@ -13,7 +13,7 @@ from bcapscope.render.findings import FindingsRenderer
 from bcapscope.testing.recorded_traffic import RecordedTraffic
 
 MAX_CALLS = 30
-"""Maximum number of calls in a report, which shows the last calls."""
+"""Maximum number of calls in a report. The report shows the last calls of the test."""
 
 
 def failure_report_lines(traffic: RecordedTraffic, recording: Path) -> Iterator[str]:

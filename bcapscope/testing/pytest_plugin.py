@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bcapscope.testing.recording_context import RecordingContext
 
 _SOURCES = pytest.StashKey[dict[str, "RecordingContext"]]()
-"""For the name of each fixture that a test uses, its simulator or proxy."""
+"""The simulators and proxies of a test, by the name of the fixture."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -65,7 +65,9 @@ def bcap_proxy(
 
 
 def _marked_options(request: pytest.FixtureRequest) -> dict[str, Any]:
-    """Return the options of the markers; the marker that is closest to the test wins."""
+    """Return the options of the markers; if two markers set the same option, use the marker closer to the
+    test.
+    """
     options: dict[str, Any] = {}
     for marker in reversed(list(request.node.iter_markers("bcap"))):
         unknown = sorted(set(marker.kwargs) - {"profile", "scenario", "faults", "seed"})

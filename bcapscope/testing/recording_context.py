@@ -21,7 +21,7 @@ LOOPBACK = "127.0.0.1"
 
 
 class RecordingContext(ThreadedContext):
-    """Records the traffic of a `with` block, in a temporary file unless `record` names a file.
+    """Records the traffic of a `with` block in the file `record`. If `record` is None, the file is temporary.
 
     Attributes:
         host: Address for clients.
@@ -49,7 +49,8 @@ class RecordingContext(ThreadedContext):
         return self.traffic().findings
 
     def traffic(self) -> RecordedTraffic:
-        """Return the traffic of the `with` block so far, or of the whole block once it has ended.
+        """Return the traffic of the `with` block so far. After the end of the block, return the traffic of
+        the whole block.
 
         Raises:
             InputError: The block has not begun.

@@ -12,15 +12,17 @@ class AlikeSetPoints:
     """The current run of alike set points in one conversation.
 
     A set point belongs to a run if the client sent it once, the controller answered with S_OK, and request
-    and reply are undamaged. Successive requests in a run differ only in serial, reserved and the numbers in
-    the arguments, and so do successive replies. All set points of a run therefore have the same robot handle,
-    command and value types. A run begins after an accepted set point. A call that does not belong to the run
-    ends it.
+    and reply are undamaged. Successive requests in a run differ only in the serial, the reserved field and
+    the numbers in the arguments. Successive replies also differ only in these. All set points of a run
+    therefore have the same robot handle, command and value types. A run begins after an accepted set point.
+    The run ends with the first call that does not belong to it.
     """
 
     def __init__(self) -> None:
         self._templates: tuple[FrameTemplate, FrameTemplate] | None = None
-        """Templates of request and reply in the current run; None outside a run."""
+        """The template for the requests and the template for the replies of the current run; None if there is
+        no run.
+        """
 
     def continues(self, call: Call) -> bool:
         """Return whether a call belongs to the current run."""

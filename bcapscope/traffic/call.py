@@ -56,13 +56,15 @@ class FrameRole(StrEnum):
     """An exact copy of an earlier request or reply of the same call. The network or the capture made the
     copy, because all known clients give a retry a new serial."""
     CAPTURED_AGAIN = "captured again"
-    """An exact copy of an earlier frame of the same call, captured so soon afterwards that the capture
-    probably holds one packet twice. The copy may come from a second interface or a mirror port.
+    """An exact copy of an earlier frame of the same call. The time between the two frames is so short that
+    the capture probably holds one packet twice. The copy may come from a second interface or a mirror port.
     """
 
 
 class CallState(StrEnum):
-    """State of a call. `pairing_states` lists the events that lead from one state to another."""
+    """State of a call. The module `pairing_states` says which event leads from which state to which other
+    state.
+    """
 
     WAITING = "waiting"
     """The client waits for the reply."""
@@ -276,7 +278,7 @@ class Call:
 
     @property
     def late_replies(self) -> tuple[FrameObservation, ...]:
-        """Replies with the role `LATE`, which a client discards if it compares serials."""
+        """Replies with the role `LATE`. A client that compares serials discards these replies."""
         return self._frames_with_role(FrameRole.LATE)
 
     @property
@@ -300,7 +302,7 @@ class Call:
     @property
     def lost_between(self) -> tuple[JoinedObservation, ...]:
         """The frames that were lost between two places of the capture, in order of time."""
-        if not isinstance(self.request, JoinedObservation):
+        if not self.other_frames and not isinstance(self.request, JoinedObservation):
             return ()
         lost = (seen for seen in self.joined_frames if seen.was_lost_between)
         return tuple(sorted(lost, key=lambda seen: seen.time))
@@ -319,7 +321,7 @@ class Call:
 
     @property
     def duplicates(self) -> tuple[FrameObservation, ...]:
-        """Exact copies of earlier requests or replies, which the network or the capture made."""
+        """Exact copies of earlier requests or replies. The network or the capture made these copies."""
         return self._frames_with_role(FrameRole.DUPLICATE)
 
     @property

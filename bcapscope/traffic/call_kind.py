@@ -29,8 +29,8 @@ C/src/bCAPServer/bcap_server.c).
 """
 
 LONGEST_NAME = 256
-"""Maximum number of characters of a command's or object's name that bcapscope keeps. The character … replaces
-the rest. Real names are far shorter.
+"""Maximum number of characters of a command's or object's name that bcapscope keeps. If a name is longer, the
+character … replaces all further characters. Real names are far shorter.
 """
 
 COMMAND_FUNCTIONS = frozenset(
@@ -163,8 +163,8 @@ class RecentRequests:
 
 
 class _KindsBySerial:
-    """Call kinds of one conversation's requests, by serial. The class uses two tables, so that old entries
-    expire without a search.
+    """Maps the serials of one conversation's requests to the kinds of their calls. The class uses two tables,
+    so that old serials expire without a search.
     """
 
     def __init__(self) -> None:

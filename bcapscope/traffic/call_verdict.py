@@ -26,14 +26,17 @@ class Outcome(StrEnum):
     REFUSED = "refused"
     """The result code reports a failure."""
     UNANSWERED = "unanswered"
-    """No reply came for a very long time, or until the client began another call or the connection ended."""
+    """No reply came in a very long time, or none came before the client's next call or the connection's
+    end.
+    """
     CAPTURE_ENDED = "capture_ended"
     """The capture ended before a reply; a reply may have followed."""
     NOT_FOLLOWED = "not_followed"
     """The call was evicted because too many calls were open; a reply may have followed."""
     NOT_CAPTURED = "not_captured"
-    """The capture may lack the reply: bytes from the controller are missing, or the capture holds only
-    requests."""
+    """The capture may lack the reply, because bytes from the controller are missing or the capture holds only
+    requests.
+    """
 
 
 class CallVerdict(StrEnum):
@@ -50,9 +53,9 @@ class CallVerdict(StrEnum):
     EXECUTED_TWICE = "executed twice"
     """The controller executed the call more than once: replies to its attempts differ in result or value. A
     server that recognises a retry sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c).
-    DENSO Wave 2009 also shows two equal replies to a retried call. The verdict is the same if the controller
-    skipped handles before the accepted handle, at most one per unanswered attempt. The controller then
-    created objects whose handles the client never received.
+    DENSO Wave 2009 also shows two equal replies to a retried call. *Executed twice* is also the verdict if
+    the controller skipped handles before the accepted handle. It may have skipped at most one handle per
+    unanswered attempt. The controller then created objects whose handles the client never received.
     """
     REPLY_LATE = "reply late"
     """A reply was captured after the client had sent the next attempt or begun another call. The client
@@ -127,7 +130,7 @@ def _by_frames(call: Call) -> CallVerdict:
 
 
 def _by_attempts(call: Call, lost: Sequence[FrameObservation]) -> CallVerdict:
-    """Return the verdict on a retried call, judged by which attempts got a reply or an S_EXECUTING notice.
+    """Return the verdict on a retried call. The verdict depends on which attempts got a reply or a notice.
 
     The controller executes the first attempt that reaches it, and answers each attempt in order.
     """
@@ -145,7 +148,7 @@ def _by_attempts(call: Call, lost: Sequence[FrameObservation]) -> CallVerdict:
 
 
 def _is_unseen_lost(call: Call, received: Set[int]) -> bool:
-    """Return whether the network evidently lost an attempt before a capture point at the controller.
+    """Return whether an attempt evidently got lost on its way to a capture point at the controller.
 
     A capture at the controller holds a reply to each attempt that reaches it, even if the capture lacks the
     attempt itself. `received` holds the serials of the attempts with replies or notices.
@@ -186,7 +189,8 @@ def _replies_differ(call: Call) -> bool:
 
 
 def may_have_crossed(call: Call, replies: Sequence[FrameObservation]) -> bool:
-    """Return whether each of the lost replies may have crossed the client's next attempt on the network.
+    """Return whether each lost reply and the client's next attempt may have been on the network at the same
+    time.
 
     The client's next attempt may be an attempt that was not captured.
     """

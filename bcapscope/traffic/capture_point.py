@@ -2,9 +2,9 @@
 
 A reply and a retry cross if the client sends the retry before it receives the reply. The reply is then late.
 If reply and retry did not cross, the client never received the reply, so the reply was lost. A capture on the
-client's computer shows whether the reply was late or lost. In a capture taken elsewhere, a reply may have
-crossed the retry even if it was captured first. The time between reply and retry is then shorter than the
-round trip from the capture point to the client and back.
+client's computer shows whether the reply was late or lost. In a capture from another computer, reply and
+retry may have crossed even if the reply was captured first. The time between reply and retry is then shorter
+than the round trip from the capture point to the client and back.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ computer. The client may already be preparing the retry when the reply arrives.
 """
 
 LONGEST_ROUND_TRIP_NS = 100_000_000
-"""Assumed round trip to the client in ns, unless the traffic shows a shorter round trip. Factory networks
-delay a frame by milliseconds.
+"""Time in ns that a round trip to the client is assumed to take, unless the traffic shows a shorter time.
+Factory networks delay a frame by milliseconds.
 """
 
-_REACTIONS = 3  # number of reactions to collect, because a single short reaction can be a coincidence
-_MARGIN = 2  # the shortest round trips are multiplied by this factor, because others take longer
+_REACTIONS = 3  # minimum number of reactions, because a single short reaction can be a coincidence
+_MARGIN = 2  # factor for the shortest round trips, because other round trips take longer
 
 
 class CapturePoint(StrEnum):
@@ -93,13 +93,13 @@ class CrossingWindow:
         self._shortest.clear()
 
     def settle(self, call: Call) -> None:
-        """Record in a complete call what is known about the capture point."""
+        """Store in a complete call the known facts about the capture point."""
         call.crossing_ns = self.nanoseconds
         call.is_at_controller = self._taken_at is CapturePoint.CONTROLLER
 
     @property
     def nanoseconds(self) -> int:
-        """The maximum time in ns between a reply and a retry that may have crossed."""
+        """Maximum time in ns between a reply and a retry. Within this time, the two may have crossed."""
         if self._taken_at is CapturePoint.CLIENT:
             return CROSSING_AT_CLIENT_NS
         if len(self._shortest) < _REACTIONS:

@@ -21,8 +21,8 @@ TIMEOUTS_TO_GIVE_UP = 4
 """A client that retried a call has given it up if no attempt follows for this number of timeouts."""
 
 SHORTEST_SILENCE_NS = 50_000_000
-"""Minimum time in ns without an attempt after which a client may have given a call up. A busy client or
-network delays an attempt by less than this time.
+"""Minimum time in ns since the last attempt. After this time, the client may have given the call up. A busy
+client or network delays an attempt by less than this time.
 """
 
 OVERDUE_TIMEOUTS = 2
@@ -37,7 +37,8 @@ _MAX_KINDS = 64
 def attempt_distances(call: Call) -> list[int]:
     """Return the times in ns between successive attempts of a call.
 
-    If the capture lacks attempts between two captured attempts, all distances between them count as equal.
+    If the capture lacks attempts between two captured attempts, the missing attempts are assumed to be evenly
+    spaced.
     """
     attempts = call.attempts
     if len(attempts) == 1:
@@ -52,14 +53,15 @@ def attempt_distances(call: Call) -> list[int]:
 
 
 def waits_since(call: Call) -> int:
-    """Return when the client began to wait for the reply to the last attempt of a call, ns since 1970.
-    S_EXECUTING for this attempt restarts the wait."""
+    """Return the time, in ns since 1970, when the client began to wait for the reply to a call's last
+    attempt. S_EXECUTING for this attempt restarts the wait.
+    """
     serial, sent_at = call.last_attempt.item.serial, call.last_attempt.time
     return max((sent_at, *(notice.time for notice in call.notices if notice.item.serial == serial)))
 
 
 def gives_up_at(call: Call) -> int:
-    """Return when the client has evidently given up an unanswered call, ns since 1970; 0 if unknown.
+    """Return the time, in ns since 1970, when the client evidently gave up an unanswered call; 0 if unknown.
 
     The time is known only for a retried call without S_EXECUTING, because S_EXECUTING prolongs the client's
     timeout (DENSO Wave 2009).
@@ -90,8 +92,8 @@ class ShownTimeouts:
         self._distances: dict[CallKind, deque[int]] = {}
 
     def add_call(self, call: Call) -> int:
-        """Learn from a complete call. Return the time in ns since 1970 at which the client gave the call up,
-        if that was before the reply; 0 if the reply may have been in time.
+        """Learn from a complete call. If the client gave the call up before the reply came, return the time
+        when it gave up, in ns since 1970. Return 0 if the reply may have been in time.
         """
         distances = attempt_distances(call)
         if not distances:

@@ -76,7 +76,7 @@ class ConversationPairing:
         self._latest_answered = 0  # highest number of an answered call
         self._answered_early: deque[tuple[int, int]] = (
             deque()
-        )  # number and time of each call that was answered before an older call
+        )  # call number and reply time of each call that was answered before an older call
         self._handles = HandleSequence()
         self._timeouts = ShownTimeouts()
         self._crossing = CrossingWindow(taken_at)
@@ -150,8 +150,8 @@ class ConversationPairing:
     def add_gap(self, direction: Direction) -> None:
         """Record that the capture lacks bytes that the client or the controller sent.
 
-        Controllers answer in order, so the missing bytes may hold the reply to any call after the latest
-        answered call.
+        Controllers answer in order, so the missing bytes may contain the reply to any call that began after
+        the latest answered call.
         """
         if direction is Direction.RESPONSE:
             self._response_seen = True
@@ -174,7 +174,7 @@ class ConversationPairing:
             self._add_to_prior(prior, observation, frame)
 
     def pop_settled(self, now: int) -> Iterator[Call]:
-        """Yield the calls to which no further frame can belong after the time `now`."""
+        """Yield the calls that can get no further frame after the time `now`."""
         waiting = self.open_calls
         if waiting and waiting[0].number <= self._latest_overfull:
             yield from self.evict_oldest(sum(call.number <= self._latest_overfull for call in waiting))
@@ -249,16 +249,14 @@ class ConversationPairing:
 
     def _start_call(self, observation: FrameObservation, frame: Frame, number: int) -> None:
         newest = self._newest_call
-        if newest is None:
-            pass
-        elif newest.state is _ANSWERED:
+        if newest is not None and newest.state is _ANSWERED:
             if observation.time - newest.last_activity < self._crossing.considered_below_ns:
                 self._crossing.add_answered_call(newest, observation)
-        elif newest.state in AWAITING_REPLY:
+        elif newest is not None and newest.state in AWAITING_REPLY:
             if observation.time - waits_since(newest) >= SHORTEST_TIMEOUT_NS:
                 newest.abandoned_at = observation.time
                 newest.state = TRANSITIONS[newest.state, CallEvent.NEXT_CALL].state
-            else:
+            elif frame.reserved in (0, frame.serial):  # before a retry, the call began at an unknown time
                 self._crossing.ignore_reactions()
         call = Call(number, self._conversation, self._kind_of(frame), observation, self._reserved_usage)
         if frame.code == SERVICE_START:
@@ -291,7 +289,7 @@ class ConversationPairing:
         return True
 
     def _add_to_prior(self, prior: Call, observation: FrameObservation, frame: Frame) -> bool:
-        """Add a copy, or a first attempt that a retry overtook, to `prior`. Return whether it was added."""
+        """Add a copy or an overtaken first attempt to the call `prior`. Return whether it was added."""
         if self._is_tcp:
             return False
         starts_anew = frame.code == SERVICE_START and prior is not self._newest_call
@@ -336,7 +334,7 @@ class ConversationPairing:
         )
 
     def _replace_request(self, call: Call, observation: FrameObservation) -> None:
-        """Make the first attempt the request of the call, in place of the retry that overtook it."""
+        """Make the first attempt the request of the call. A retry had overtaken this attempt."""
         call.other_frames = [CallFrame(FrameRole.RETRY, call.request), *call.other_frames]
         call.request = observation
         self._extra_frames += 1
@@ -420,7 +418,7 @@ class ConversationPairing:
         if size > LARGE_CALL and call is self._newest_call:
             self._newest_call = None
         if call.kind.function_id in OPENERS:
-            self._handles.count_skipped(call)
+            self._handles.add_call(call)
         if self._frame_indexes:
             self._frame_indexes.pop(call, None)
         frame = call.request.item
@@ -448,3 +446,5 @@ class ConversationPairing:
             settle_continuation(call, self._reserved_usage.convention, self._latest_answered)
         if not self._latest_answered and not self._response_seen:
             call.reply_missed = self._requests_only.is_proven
+        elif call.reply is None and not self._is_tcp:
+            call.reply_missed |= self._handles.prove_reply(call, self.open_calls)

@@ -1,4 +1,6 @@
-"""Index of the frames of one call. A lookup takes the same time for any number of frames."""
+"""Index that finds the frames of one call. The time for finding a frame does not depend on the number of
+frames.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +14,10 @@ class FrameIndex:
     """Finds the attempts and replies of one open call by their bytes and serials.
 
     Attributes:
-        sent_at: For the bytes of each attempt, the time when they were last captured.
-        reserved_by_serial: For each serial, the reserved field of the latest attempt with this serial.
-        received_at: For the bytes of each reply that reached the client's side, accepted or not, the time
-            when they were captured. Notices are not included.
+        sent_at: Maps the bytes of an attempt to the latest time when these bytes were captured.
+        reserved_by_serial: Maps a serial to the reserved field of the latest attempt with this serial.
+        received_at: Maps the bytes of a reply to the latest time when these bytes were captured. Replies that
+            did not reach the client's side are left out. Notices are not included.
     """
 
     def __init__(self, call: Call) -> None:
@@ -38,7 +40,7 @@ class FrameIndex:
 
 
 class FrameIndexes(dict[Call, FrameIndex]):
-    """The indexes of open calls. The first lookup in a call makes its index."""
+    """The indexes of open calls. The first lookup of a frame in a call creates the index of this call."""
 
     def __missing__(self, call: Call) -> FrameIndex:
         index = self[call] = FrameIndex(call)

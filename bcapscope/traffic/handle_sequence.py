@@ -1,16 +1,21 @@
-"""The sequence of handles in a session. Skipped handles show that the controller executed a call more than
-once."""
+"""The handles that a controller gave in a session. They show which calls the controller executed more than
+once, and which replies the capture lacks.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from bcapscope.protocol.codec.variant import VT
-from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, ResultKind
-from bcapscope.protocol.tables.hresult import is_failure
-from bcapscope.traffic.call import Call
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, ObjectClass, ResultKind
+from bcapscope.protocol.tables.hresult import is_failure, is_success
+from bcapscope.traffic.call import Call, FrameObservation
+from bcapscope.traffic.handle_tracker import MAX_OBJECTS, handle_of
+from bcapscope.traffic.observation import Direction
 
 _SERVICE_START = ID["Service_Start"]
 OPENERS = frozenset((_SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)))
-"""Ids of the functions that take their handles from the sequence."""
+"""Ids of the functions whose replies return a handle from the sequence."""
 
 
 class HandleSequence:
@@ -20,20 +25,61 @@ class HandleSequence:
 
     def __init__(self) -> None:
         self._last_handle = 0  # the last handle returned in this session
+        # handles given in this session; None if the capture lacks the start of the session
+        self._given: set[tuple[ObjectClass | None, int]] | None = None
 
-    def count_skipped(self, call: Call) -> None:
-        """Count the handles that the controller gave for unanswered attempts of a call. Callers pass only
-        calls of functions in `OPENERS`, which return handles.
+    def add_call(self, call: Call) -> None:
+        """Add a settled call, and count the handles that the controller gave for its unanswered attempts.
+        Callers pass only calls of functions in `OPENERS`, which return handles.
         """
-        reply = call.reply
         if call.kind.function_id == _SERVICE_START:
-            self._last_handle = 0
-        if reply is None or is_failure(reply.item.code) or not reply.item.arguments:
-            return
-        vt, handle, _ = reply.item.arguments[0].variant
-        if vt != VT.I4 or not isinstance(handle, int):
+            self._last_handle, self._given = 0, set()
+        elif self._given is not None:
+            self._given.update(_given_by(call))
+            if len(self._given) > MAX_OBJECTS:
+                self._given = None
+        handle = None if call.reply is None else _handle_in(call.reply)
+        if handle is None:
             return
         skipped = handle - self._last_handle - 1
         if self._last_handle and 0 < skipped < len(call.attempts):
             call.skipped_handles = skipped
         self._last_handle = handle
+
+    def prove_reply(self, call: Call, later_calls: Iterable[Call]) -> bool:
+        """Return whether the client received the handle of an object that `call` opens, although no reply was
+        captured. In this case, the controller accepts a handle that no captured reply of the session gave.
+        """
+        function = FUNCTIONS.get(call.kind.function_id)
+        if self._given is None or function is None or function.creates is None:
+            return False
+        given, used = set(self._given), set[tuple[ObjectClass | None, int]]()
+        for later in later_calls:
+            if later.kind.function_id == _SERVICE_START:
+                break
+            given.update(_given_by(later))
+            user = FUNCTIONS.get(later.kind.function_id)
+            if user is not None and user.takes_handle and user.owner is function.creates:
+                handle = handle_of(later.request.item) or 0
+                if handle > 0 and later.hresult is not None and is_success(later.hresult):
+                    used.add((function.creates, handle))
+        return not used <= given
+
+
+def _given_by(call: Call) -> Iterable[tuple[ObjectClass | None, int]]:
+    """Yield each handle that a captured reply of a call holds, with the class of its object."""
+    function = FUNCTIONS.get(call.kind.function_id)
+    if call.kind.function_id not in OPENERS or function is None:
+        return
+    for _, seen in call.frames:
+        handle = _handle_in(seen) if seen.flow.direction is Direction.RESPONSE else None
+        if handle is not None:
+            yield function.creates, handle
+
+
+def _handle_in(reply: FrameObservation) -> int | None:
+    """Return the handle in a reply to a function of `OPENERS`; None if there is none."""
+    if is_failure(reply.item.code) or not reply.item.arguments:
+        return None
+    vt, handle, _ = reply.item.arguments[0].variant
+    return handle if vt == VT.I4 and isinstance(handle, int) else None

@@ -68,8 +68,8 @@ class ServiceSession:
 
     Attributes:
         started_by_call: Number of the Service_Start call; None if this call was not captured.
-        unreleased: Objects that the client did not release: first the objects whose handle the client never
-            received, then the others in creation order.
+        unreleased: Objects that the client did not release: first the objects whose handles the client never
+            received, then the other objects in creation order.
     """
 
     conversation: Conversation
@@ -85,8 +85,8 @@ class ServiceSession:
 
 class HandleTracker:
     """Tracks the object of each handle, from the completed calls of all clients. Each conversation has a
-    table of handles for each object class. Therefore a controller may number the handles of each class
-    separately, or of all classes together.
+    table of handles for each object class. Therefore a controller may use the same handle for objects of two
+    classes, or a different handle for every object.
     """
 
     def __init__(self, max_ended: int = MAX_SESSIONS) -> None:
@@ -166,7 +166,7 @@ class _ClientObjects:
 
     Attributes:
         objects: Open objects by class and handle, in creation order.
-        orphans: Open objects of which the client never received the handle.
+        orphans: Open objects whose handles the client never received.
     """
 
     def __init__(self, conversation: Conversation) -> None:
@@ -238,7 +238,9 @@ def _handle_in_reply(reply: FrameObservation | None) -> int | None:
 
 
 def _handles_made(call: Call) -> list[int]:
-    """Return the handles that the attempts of a call created, even those that the client did not receive."""
+    """Return all handles that the attempts of a call created. The client may not have received all of
+    them.
+    """
     replies = (*call.lost_replies, *call.late_replies, call.reply)
     given = [handle for reply in replies if (handle := _handle_in_reply(reply)) is not None]
     accepted = _handle_in_reply(call.reply)

@@ -67,7 +67,7 @@ SERVER_PARTICIPANT = ServerEvidence(ServerEvidenceKind.PARTICIPANT)
 
 
 class Endpoint(NamedTuple):
-    """IP address as text, and port number; port 0 if the port is unknown."""
+    """IP address (as text) and port number. The port is 0 if it is unknown."""
 
     host: str
     port: int
@@ -168,12 +168,12 @@ class Observation(NamedTuple):
     """A frame, or bytes that are no frame, captured at one point.
 
     Attributes:
-        number: Number of the observation in the traffic, counted from 1, including damaged items.
+        number: Number of the observation in the traffic, counted from 1. Damaged frames have numbers too.
         time: Capture time of the last byte, ns since 1970-01-01 UTC.
         first_byte_time: Capture time of the first byte, ns since 1970-01-01 UTC; equal to `time` unless the
             TCP stream split the frame.
-        packet: Number of the captured packet with the last byte, counted from 1 over all packets of the
-            source; 0 if the frame is not from a capture.
+        packet: Number of the captured packet that contains the last byte. The number counts all packets of
+            the source from 1. 0 if the frame is not from a capture.
     """
 
     number: int

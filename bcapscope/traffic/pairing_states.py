@@ -1,8 +1,8 @@
-"""Table of how events change the state of a call while its frames are captured.
+"""Table of the states of a call, and of the events that change its state while its frames are captured.
 
-For each state and event, `TRANSITIONS` has the next state, and the role of the event's frame in the call.
-`ConversationPairing` determines the event of a frame from serials, bytes and times. A pair of state and event
-that is missing from the table cannot occur.
+For each pair of state and event, `TRANSITIONS` contains the next state of the call. It also contains the role
+that the event's frame has in the call. `ConversationPairing` determines the event of a frame from serials,
+bytes and times. A pair of state and event that is missing from the table cannot occur.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class CallEvent(StrEnum):
     COPY = "copy"
     """An exact copy of an earlier frame of the call arrives."""
     CAPTURED_AGAIN = "captured again"
-    """The capture holds a packet with a frame of the call twice."""
+    """The capture holds the same packet twice, and this packet contains a frame of the call."""
     NOTICE = "notice"
     """The controller sends S_EXECUTING."""
     REPLY = "reply"
@@ -39,8 +39,8 @@ class CallEvent(StrEnum):
     EARLIER_REPLY = "earlier reply"
     """The controller answers an attempt that is not the latest one."""
     OVERDUE_REPLY = "overdue reply"
-    """The reply to the latest attempt came after the client had given up. The times between the attempts show
-    this event once the call is complete.
+    """The reply to the latest attempt came after the client had given up. When the call is complete, the
+    times between its attempts show whether this event happened.
     """
     UNDELIVERED_REPLY = "undelivered reply"
     """The controller sends a reply that is lost before it reaches the client's side."""
@@ -129,9 +129,11 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
 }
 
 AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is CallEvent.NEXT_CALL)
-"""States of calls whose client still waits for a reply."""
+"""States in which the client of the call still waits for a reply."""
 
 
 def copy_event(time: int, earlier: int) -> CallEvent:
-    """Return the event of an exact copy of a frame, from the times of copy and frame in ns."""
+    """Return the event for an exact copy of an earlier frame. The capture times of both, in ns, decide which
+    event this is.
+    """
     return CallEvent.CAPTURED_AGAIN if time - earlier <= CAPTURED_AGAIN_WITHIN_NS else CallEvent.COPY

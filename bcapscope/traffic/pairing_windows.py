@@ -1,4 +1,4 @@
-"""The time windows of `ConversationPairing`: for how long further frames of a call can follow."""
+"""Time windows of `ConversationPairing`. A window is the time in which a call can get further frames."""
 
 from __future__ import annotations
 
@@ -19,27 +19,32 @@ RETRY_WITHIN_NS = 5_000_000_000
 (3 s in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009)."""
 
 LATE_WITHIN_NS = 1_000_000_000
-"""Maximum time in ns to wait for a reply after the client began another call, and the controller has answered
-a later call. A reply after this time is a stray reply, which names the call that it answers.
+"""Maximum time in ns to wait for a reply after the client began another call. This limit is valid if the
+controller has answered a later call. A reply after this time is a stray reply, which names the call that it
+answers.
 """
 
 BUSY_WITHIN_NS = 30_000_000_000
-"""Maximum time in ns to wait for a reply after the client began another call, if the controller has not
-answered a later call. The controller may still be executing the call, because controllers answer in order."""
+"""Maximum time in ns to wait for a reply after the client began another call. This limit is valid if the
+controller has not answered a later call. The controller may still be executing the call, because controllers
+answer in order.
+"""
 
 EXECUTION_NS = 180_000_000_000
-"""Maximum time in ns from one frame of a call to the next, if no later call was answered. The value is the
-InvokeTimeout of DENSO's C server, after which this server no longer answers (orin_bcap
+"""Maximum time in ns between two frames of a call, if the controller has answered no later call. The value is
+the InvokeTimeout of DENSO's C server, after which this server no longer answers (orin_bcap
 C/src/bCAPServer/bcap_server.c).
 """
 
 
 def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequence[tuple[int, int]]) -> int:
-    """Return the time after which no further frame can belong to an open call without a reply, ns since 1970.
+    """For an open call without a reply, return the time, in ns since 1970, after which the call can get no
+    further frame.
 
     Args:
         latest_answered: Highest number of an answered call of the conversation.
-        answered_early: Number and time of the calls that were answered before an older call, oldest first.
+        answered_early: Call number and reply time of each call that was answered before an older call, oldest
+            first.
     """
     quiet = call.last_activity
     if call.abandoned_at:
@@ -68,7 +73,8 @@ def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], no
     over = closing is not None and closing.ends_replies
     end = max((call.last_activity for call in open_calls), default=0)
     overtaken = end + 1 if conversation.transport is Transport.TCP else end - COPIES_WITHIN_NS
-    answered = overtaken  # time of the earliest reply to a later call; `overtaken` if there is none
+    # time of the earliest reply to a later call; `overtaken` if no later call has a reply
+    answered = overtaken
     for call in reversed(open_calls):
         gives_up = gives_up_at(call)
         call.no_reply_expected = over or answered < overtaken or 0 < gives_up <= now

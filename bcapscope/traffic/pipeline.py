@@ -28,7 +28,7 @@ _Result = TypeVar("_Result")
 def overriding_methods(
     objects: Iterable[_Owner], method: Callable[Concatenate[_Owner, _Parameters], _Result]
 ) -> list[Callable[_Parameters, _Result]]:
-    """Return the bound method named `method` of each object whose class overrides that method."""
+    """For each object whose class overrides the method `method`, return the bound method."""
     name = method.__name__
     return [getattr(each, name) for each in objects if getattr(type(each), name) is not method]
 
@@ -36,8 +36,8 @@ def overriding_methods(
 class PipelineSubscriber:
     """Receives the events of a `Pipeline`. A subclass overrides the methods for the events that it needs.
 
-    Events come in the order of the traffic: first a frame, then the calls that the frame completed. The
-    pipeline computes only the events that its subscribers need.
+    Events come in the order of the traffic: a frame comes first, and the calls that this frame completed come
+    after it. The pipeline computes only the events that its subscribers need.
 
     Attributes:
         needs_targets: Whether `on_call` needs the object of each call's handle. If `needs_targets` is False,
@@ -107,8 +107,8 @@ class Pipeline:
                 pipeline follows handles only if a subscriber needs targets.
             slave_mode: Slave-mode tracker that the pipeline updates and the caller reads. If `slave_mode` is
                 None, the pipeline follows slave mode only if a subscriber overrides `on_slave_mode`.
-            joiner: Joiner for captures of one conversation from several places; None for traffic from one
-                place.
+            joiner: Joins the observations of a conversation that was captured at several places; None if all
+                traffic is from one place.
             taken_at: Where the capture was taken; None if only the traffic shows it.
         """
         self._tracker = Tracker(taken_at)
@@ -137,7 +137,8 @@ class Pipeline:
     def expire(self, now: int) -> None:
         """Complete the calls to which no further frame can belong after the time `now`, ns since 1970."""
         if self._joiner is not None:
-            self._add_joined(self._joiner.expire(now))
+            self.add_joined(self._joiner.expire(now))
+            now = min(now, self._joiner.delivered_until)
         self._emit(self._tracker.expire(now))
 
     def close_conversation(self, conversation: Conversation) -> None:
@@ -159,7 +160,7 @@ class Pipeline:
                 observation.
         """
         if self._joiner is not None:
-            self._add_joined(self._joiner.close())
+            self.add_joined(self._joiner.close())
         if ended_at:
             self.expire(ended_at)
         self._emit(self._tracker.close())
@@ -183,9 +184,9 @@ class Pipeline:
 
         def add_to_joiner(observation: Observation) -> None:
             if observation.flow not in joiner.passing:
-                self._add_joined(joiner.add(observation))
+                self.add_joined(joiner.add(observation))
                 return
-            # the same code as in `add`, because a call of `add` would slow down nearly all captures
+            # repeats the code of `add`, because an extra function call would slow down nearly all captures
             for on_frame in frame_handlers:
                 on_frame(observation)
             settled = observe(observation)
@@ -194,8 +195,8 @@ class Pipeline:
 
         return add_to_joiner
 
-    def _add_joined(self, observations: Sequence[Observation]) -> None:
-        """Add observations that a joiner returned."""
+    def add_joined(self, observations: Sequence[Observation]) -> None:
+        """Add the next observations, of which some may be joined from two places."""
         for observation in observations:
             if not isinstance(observation, JoinedObservation):
                 self._add(observation)

@@ -7,12 +7,12 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.handle_tracker import handle_of
 
 FEWEST_CALLS = 8
-"""Minimum number of successive calls that prove that a client receives replies."""
+"""After this number of successive calls, it is certain that the client receives replies."""
 
 LONGEST_STEP_NS = 500_000_000
 """Maximum time in ns from one call to the next if the client receives replies. A client that gets no reply
-waits for its timeout: 1 s in DENSO Wave 2009, 3 s in orin_bcap Python bcapclient.py. A single answered call
-may take as long as a timeout, but several successive answered calls do not.
+waits for its timeout: 1 s in DENSO Wave 2009, 3 s in orin_bcap Python bcapclient.py. One answered call may
+take as long as a timeout. Several successive answered calls do not all take so long.
 """
 
 
@@ -28,13 +28,13 @@ class RequestsOnlyEvidence:
 
     def __init__(self) -> None:
         self.is_proven = False
-        # object classes of which the client opened an object in this capture
+        # classes of the objects that the client opened in this capture
         self._opened: set[ObjectClass] = set()
         self._calls_in_a_row = 0
         self._latest_call: Call | None = None
 
     def add_call(self, call: Call) -> None:
-        """Learn from the first attempt of a call."""
+        """Process the first attempt of a call, which may prove that the client receives replies."""
         if self.is_proven:
             return
         before, self._latest_call = self._latest_call, call

@@ -10,7 +10,7 @@ __all__ = ["ReplyReserved", "ReservedConvention", "ReservedFieldUsage"]
 
 
 class ReservedFieldUsage(NamedTuple):
-    """How client and controller use the reserved field, as far as the frames so far show.
+    """How client and controller use the reserved field, as far as the captured frames show.
 
     Attributes:
         reply_reserved: How the controller fills the reserved field of its replies.
@@ -20,8 +20,8 @@ class ReservedFieldUsage(NamedTuple):
     reply_reserved: ReplyReserved = ReplyReserved.UNKNOWN
 
     def after_first_on_tcp(self, serial: int, reserved: int) -> ReservedFieldUsage:
-        """Return the updated usage after a request on TCP. If serial and reserved are both 1, the value 1 may
-        be a version mark or the serial itself.
+        """Return the updated usage after a request on TCP. If the serial and the reserved field are both 1,
+        this field may hold a version mark or the serial.
         """
         if reserved == serial == 1:
             return self

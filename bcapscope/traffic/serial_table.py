@@ -6,10 +6,12 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
 MAX_REUSED = 16
-"""Maximum number of reused serials, and of unanswered TCP requests per reused serial."""
+"""Maximum number of reused serials in the table. For each reused serial, also the maximum number of
+unanswered TCP requests.
+"""
 
 MAX_SETTLED_SERIALS = 1024
-"""Minimum number of serials of settled calls that are remembered; the maximum is twice this number."""
+"""The table remembers at least this number of serials of settled calls, and at most twice this number."""
 
 
 class SerialTable:
@@ -18,7 +20,7 @@ class SerialTable:
     Attributes:
         open_calls: The open calls, each listed under the serials of all its attempts.
         reused: For each reused serial on TCP, the calls that still wait for a reply although a later request
-            has the same serial; oldest first. A settled call is represented by its number.
+            has the same serial; oldest first. The table keeps only the number of a settled call.
     """
 
     def __init__(self) -> None:
@@ -33,8 +35,8 @@ class SerialTable:
         return self._settled.get(serial) or self._older_settled.get(serial)
 
     def add_skipped(self, before: int, after: int, call: Call) -> None:
-        """Add the serials between two attempts of a call; these serials belong to attempts that were not
-        captured.
+        """Add the serials that lie between the serials of two attempts of a call. These serials belong to
+        attempts that were not captured.
         """
         serials = skipped_serials(before, after)
         call.unseen_serials += serials
@@ -42,13 +44,15 @@ class SerialTable:
             self.open_calls[serial] = call
 
     def release_all(self, call: Call) -> None:
-        """Release every serial of a call, including the serial in the reserved field of its retries."""
+        """Release every serial of a call. This includes the serials that its retries have in the reserved
+        field.
+        """
         reserved = call.request.item.reserved
         for serial in {*call.serials, *call.unseen_serials, *((reserved,) if reserved else ())}:
             self.release(serial, call)
 
     def release(self, serial: int, call: Call) -> None:
-        """Release one serial of a call that gets no more frames."""
+        """Release one serial of a call. The call gets no more frames."""
         if self.open_calls.get(serial) is call:
             del self.open_calls[serial]
         settled = self._settled
@@ -75,8 +79,8 @@ class SerialTable:
             del self.reused[next(iter(self.reused))]
 
     def oldest_reused(self, serial: int, is_answered: bool) -> Call | int:
-        """Return the oldest call in the queue of a serial. If `is_answered`, remove the call from the
-        queue.
+        """For a reused serial, return the oldest call that still waits for its reply. If `is_answered` is
+        True, remove this call from the queue.
         """
         queue = self.reused[serial]
         oldest = queue[0]

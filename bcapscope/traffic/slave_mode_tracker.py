@@ -32,30 +32,30 @@ _PARAMETER = 2
 
 
 class SlaveModeEffect(Enum):
-    """What a call shows about slave mode, or how the call changes slave mode."""
+    """Effect of a call on slave mode, or what the call shows about slave mode."""
 
     SET_POINT = "set point"
     """The call is a set point. The controller accepted the set point or found the buffer full, or the reply
     was not captured.
     """
     SET_POINT_FAILED = "set point failed"
-    """The call is a set point that the controller refused for a reason other than a full buffer or inactive
-    slave mode.
+    """The call is a set point. The controller refused the set point, but not because of a full buffer or
+    because slave mode is off.
     """
     FOUND_OFF = "found off"
-    """The call is a set point that the controller refused because slave mode is off."""
+    """The call is a set point. The controller refused the set point because slave mode is off."""
     MODE_CHANGED = "mode changed"
     """The call is a slvChangeMode that the controller did not refuse."""
     SESSION_BOUNDARY = "session boundary"
     """The client began or ended its session with the call, and the controller did not refuse the call."""
     ROBOT_RELEASED = "robot released"
-    """The client released a robot with the call, and the controller did not refuse the call."""
+    """The call releases a robot, and the controller did not refuse the call."""
     ERROR = "error"
     """The call is not a set point, and failed with an error that switches slave mode off."""
 
 
 def slave_mode_effect(call: Call) -> SlaveModeEffect | None:
-    """Return what a call shows about slave mode, or how it changes slave mode; None if it does neither."""
+    """Return the effect of a call on slave mode, or what the call shows about slave mode; None if neither."""
     function_id, command = call.kind
     code = call.hresult
     refused = code is not None and is_failure(code)
@@ -115,7 +115,7 @@ class OpenSlaveMode(NamedTuple):
 
     Attributes:
         mode: Number of the slave mode, 0 for off; None if unknown.
-        robots: Handles of the robots that the client has switched to slave mode, and not switched back.
+        robots: Handles of the robots that the client has switched to slave mode and has not switched back.
     """
 
     mode: int | None = None
@@ -155,7 +155,7 @@ class SlaveModeTracker:
 
     def clients_in_slave_mode(self) -> Iterator[Conversation]:
         """Yield the conversations of the clients in slave mode. A client is left out if the controller
-        refused its latest set point.
+        refused the latest set point of this client.
         """
         for conversation, known in self._clients.items():
             if known.robots and not known.set_points_refused:
@@ -176,7 +176,7 @@ _NOTHING_KNOWN = OpenSlaveMode()
 
 
 def _updated(known: OpenSlaveMode, effect: SlaveModeEffect, call: Call) -> OpenSlaveMode | None:
-    """Return the slave mode after an answered call; None if the call does not change slave mode."""
+    """Return the client's slave mode after an answered call; None if the call does not change slave mode."""
     handle = handle_of(call.request.item)
     others = tuple(robot for robot in known.robots if robot != handle)
     if effect is SlaveModeEffect.MODE_CHANGED:

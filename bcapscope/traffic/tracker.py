@@ -18,7 +18,7 @@ MAX_OPEN = 8192
 """Maximum number of open calls in all conversations. These calls take about 10 MB of memory. Beyond the
 limit, the conversation with the most open calls loses the older half of its open calls. Four clients that
 send a set point every 2 ms without a reply reach the limit. The evicted calls of these clients are older than
-a second, and are considered unanswered, because a reply would be late.
+a second. They count as unanswered, because a reply would be late.
 """
 
 MAX_BYTES = 32 * 1024 * 1024
@@ -36,15 +36,16 @@ _REQUEST = Direction.REQUEST
 
 
 class Tracker:
-    """Pairs requests, retries, notices and replies of live or recorded traffic in bounded memory.
+    """Groups requests, retries, notices and replies into calls. The tracker uses bounded memory, for live and
+    for recorded traffic.
 
     The tracker numbers calls in the order in which they began, and returns the calls of a conversation in
-    this order. The tracker returns a call as soon as no further frame can belong to this call or an earlier
-    call of the conversation. Calls of one conversation do not wait for calls of another conversation.
+    this order. The tracker returns a call when this call can get no further frame, and no earlier call of the
+    conversation can. Calls of one conversation do not wait for calls of another conversation.
 
-    The calls depend only on the observations so far. A truncated capture gives the same calls as the whole
-    capture, except for calls that are open at its end. Beyond the memory limits, the tracker evicts calls: it
-    returns calls to which a reply may still follow.
+    The returned calls depend only on the observations that were added so far. A truncated capture gives the
+    same calls as the whole capture, except for the calls that are open when the truncated capture ends.
+    Beyond the memory limits, the tracker evicts calls: it returns calls to which a reply may still follow.
 
     The tracker uses no clock except the times of the observations. The caller adds observations in capture
     order. Their times normally increase.
@@ -118,8 +119,8 @@ class Tracker:
         return self._pop_results() if self._results else ()
 
     def expire(self, now: int) -> Sequence[PairingResult]:
-        """Return the calls that have become complete by the time `now` (ns since 1970), although no
-        observation was added.
+        """Return the calls that have become complete up to the time `now` (ns since 1970). A call can become
+        complete without a new observation.
         """
         self._settle_expired(now)
         return self._pop_results()

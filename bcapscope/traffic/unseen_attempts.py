@@ -30,7 +30,8 @@ remembers at least this number of serials of settled calls.
 
 
 def skipped_serials(before: int, after: int) -> tuple[int, ...]:
-    """Return the serials between the serials of two successive captured frames of a client, oldest first.
+    """Return the serials that lie between two given serials, oldest first. The given serials are from two
+    successive captured frames of a client.
 
     The result is empty if the gap is too large to be caused by attempts that were not captured. The result
     never contains serial 0, because most clients skip it.
@@ -42,15 +43,15 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
 
 
 class UnseenRequests:
-    """Stray replies to one client: the capture lacks the requests that they answer.
+    """Stray replies to one client. The capture lacks the requests of these replies.
 
     The serial of a stray reply is either older or newer than the client's latest captured serial. If the
     serial is older, the client sent the request before the capture began, or the capture missed the request.
     If the serial is newer, the request may be a retry of the client's newest call. The client's next request
-    shows whether the client has used a newer serial, and perhaps for which call.
+    shows whether the client has sent a request with the newer serial. It may also show for which call.
 
     Attributes:
-        waiting: Whether stray replies wait for the client's next request.
+        waiting: Whether the class holds stray replies until the client's next request.
     """
 
     def __init__(self) -> None:
@@ -61,7 +62,7 @@ class UnseenRequests:
         self.waiting = False
 
     def add_stray_reply(self, stray: StrayReply, newest: Call | None) -> None:
-        """Set `request_missed` of a stray reply, which belongs to no known call."""
+        """Set `request_missed` of a stray reply. Such a reply belongs to no known call."""
         if stray.call_number is not None:
             return
         serial = stray.observation.item.serial
@@ -84,8 +85,9 @@ class UnseenRequests:
     def pop_before(self, serial: int) -> list[StrayReply]:
         """Return the stray replies that came before the client's next request, which has the serial `serial`.
 
-        Set `request_missed` of a stray reply to False if the client had not used the reply's serial before
-        this request. If the request is a copy of the client's latest request, nothing changes.
+        If the client had not used the serial of a stray reply before this request, set the reply's
+        `request_missed` to False. If the request is only a copy of the client's latest request, return no
+        replies and change nothing.
         """
         newest, strays = self._newest, self._recent
         latest = serial - MAX_UNSEEN if newest is None else newest.last_attempt.item.serial
@@ -129,8 +131,8 @@ class UnseenRequests:
     def _may_answer(self, call: Call, stray: StrayReply) -> bool:
         """Return whether a stray reply may answer a later attempt of a call.
 
-        The controller sends S_EXECUTING only for the first attempt of a call that it receives. A call
-        therefore has at most one attempt with S_EXECUTING.
+        Of the attempts of a call, the controller sends S_EXECUTING only for the first attempt that it
+        receives. A call therefore has at most one attempt with S_EXECUTING.
         """
         frame = stray.observation.item
         if frame.code == S_EXECUTING:
@@ -146,15 +148,15 @@ def find_retried_call(
 ) -> tuple[Call | None, Call | None]:
     """Find the call of a retry that names an attempt which was not captured.
 
-    Return the call to which the retry probably belongs, and the call to which it possibly belongs. Each is
-    the client's newest call or None.
+    Return the call to which the retry probably belongs, and the call to which it possibly belongs. Each
+    returned call is the client's newest call, or None.
 
     Args:
         newest: The client's newest call; None if there is none.
         open_calls: The client's open calls, oldest first.
         frame: The captured retry.
-        convention: Convention of the client, as far as known. Only with `CHAIN` can a retry name an attempt
-            other than the first.
+        convention: Convention of the client, as far as known. Only with the convention `CHAIN` can a retry
+            contain the serial of an attempt other than the first.
     """
     if newest is None or newest.request.item.raw[9:] != frame.raw[9:]:
         return None, None
@@ -171,10 +173,11 @@ def find_retried_call(
 
 
 def settle_continuation(call: Call, convention: ReservedConvention, latest_answered: int) -> None:
-    """Set `may_go_on` of an unanswered call whose retries may have been captured as the client's next call.
+    """Set `may_go_on` of an unanswered call if the client's next call may consist of retries of this call.
 
-    The call after the next call may also contain retries of `call`. The controller sends S_EXECUTING only for
-    the first attempt of a call that it receives. A second S_EXECUTING therefore belongs to another call.
+    The call after the next call may also contain retries of `call`. Of the attempts of a call, the controller
+    sends S_EXECUTING only for the first attempt that it receives. A second S_EXECUTING therefore belongs to
+    another call.
 
     Args:
         call: The call, which is about to be complete.

@@ -1,8 +1,8 @@
 """TCP connections that have not sent a complete frame yet. This module does no I/O and uses no clock.
 
-An attacker can open many connections at no cost, and each of them could keep out an honest client. Therefore
-a connection becomes a client only when its first frame is complete. When too many connections are open,
-connections without a complete frame are dropped first.
+An attacker can open many connections at no cost, and each connection could keep out an honest client.
+Therefore a connection becomes a client only when its first frame is complete. When too many connections are
+open, connections without a complete frame are dropped first.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 def source_network(host: str) -> str:
-    """Return the network of an address, whose clients count as one source: the IPv4 address, or the /64
-    network of an IPv6 address.
+    """Return the source network of an address: the IPv4 address, or the /64 network of an IPv6 address. All
+    clients in one such network count as one source.
     """
     return host if ":" not in host else str(ip_network((host.partition("%")[0], 64), strict=False))
 
@@ -40,7 +40,7 @@ class _PendingConnection:
 
     Attributes:
         source: Network of the client, as `source_network` returns it.
-        data: Bytes received from the connection so far.
+        data: All bytes that the connection has sent so far.
         first_byte_at: Time in ns when the first byte arrived; 0 until then.
     """
 
@@ -65,8 +65,8 @@ class FirstFrameQueue(Generic[Key]):
     def add(self, key: Key, host: str) -> Key | None:
         """Add a connection.
 
-        Return the connection that the caller must drop to make room; None if there is room. The connection to
-        drop is the oldest connection of the source that has the most connections. Connections that sent some
+        Return the connection that the caller must drop to make room; None if there is room. That connection
+        is the oldest one of the source network that has the most connections. Connections that sent some
         bytes are not spared, because an honest client that has just connected has sent no bytes.
         """
         dropped = self._next_to_drop() if len(self._waiting) >= self._limit else None
@@ -78,8 +78,8 @@ class FirstFrameQueue(Generic[Key]):
     def feed_bytes(self, key: Key, data: bytes, now: int) -> bytes | None:
         """Add bytes that arrived from a connection at the time `now`, ns.
 
-        When the first frame is complete, or the bytes cannot begin a frame, the connection leaves the queue,
-        and this method returns all its bytes. Until then it returns None.
+        The connection leaves the queue when its first frame is complete, or when its bytes cannot begin a
+        frame. This method then returns all bytes of the connection. Until then it returns None.
         """
         newcomer = self._waiting[key]
         newcomer.first_byte_at = newcomer.first_byte_at or now
@@ -94,7 +94,7 @@ class FirstFrameQueue(Generic[Key]):
         self._waiting.pop(key, None)
 
     def drop_one(self) -> Key | None:
-        """Remove the connection that `add` would drop and return it; None if the queue is empty."""
+        """Remove and return the connection that `add` would choose to drop; None if the queue is empty."""
         dropped = self._next_to_drop()
         if dropped is not None:
             del self._waiting[dropped]

@@ -11,7 +11,7 @@ Address: TypeAlias = tuple[str, int]
 
 
 class LinkReceiver(Protocol):
-    """Receives the events of a link; none of the methods may raise."""
+    """Receives the events of a link. None of its methods may raise an exception."""
 
     def on_data(self, data: bytes) -> None:
         """Process a datagram, or the next bytes of a stream."""
@@ -45,7 +45,8 @@ class Link(Protocol):
         """Send data without waiting.
 
         Raises:
-            OSError: The data cannot be sent, and the link has no `LinkReceiver` to report the error to.
+            OSError: The data cannot be sent, and the link cannot report the error, because the link has no
+                `LinkReceiver`.
         """
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Receive times of datagrams and stream data from the kernel, unaffected by delays of this process."""
+"""The kernel measures when data arrives. Delays in this process do not change these receive times."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ AncillaryData: TypeAlias = list[tuple[int, int, bytes]]
 """Ancillary data of a received message, which includes the receive time if the kernel reports it."""
 
 ReceiveFunction: TypeAlias = Callable[[int, int], tuple[bytes, AncillaryData, int, Any]]
-"""A function that has the signature of `socket.recvmsg`."""
+"""Type of a function with the signature of `socket.recvmsg`."""
 
 ANCILLARY_SIZE = 64
 """Size of the buffer for ancillary data, bytes."""

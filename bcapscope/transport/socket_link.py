@@ -1,4 +1,4 @@
-"""Links over an asyncio socket: UDP and TCP."""
+"""UDP and TCP links, which use asyncio sockets."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class SocketLink(asyncio.BaseProtocol, Generic[T]):
         return self._address("peername")
 
     def close(self) -> None:
-        """Close the socket. A TCP connection first sends the data that was written before."""
+        """Close the socket. A TCP connection first sends the data that is still waiting to be sent."""
         self._receiver = None
         if self._transport is not None:
             self._transport.close()
@@ -87,8 +87,8 @@ async def open_tcp(host: str, port: int, receiver: LinkReceiver) -> TcpLink:
     """Connect to `host` within `CONNECT_TIMEOUT` and return the link.
 
     Raises:
-        OSError: The host is unknown or unreachable, or nothing listens on the port; TimeoutError is a
-            subclass.
+        OSError: The host is unknown or unreachable, or nothing listens on the port. TimeoutError is a
+            subclass of OSError.
     """
     loop = asyncio.get_running_loop()
     async with asyncio.timeout(CONNECT_TIMEOUT):
@@ -113,8 +113,8 @@ def preferred_address(addresses: Iterable[AddressInfo]) -> AddressInfo:
 
 
 class UdpLink(SocketLink[asyncio.DatagramTransport], asyncio.DatagramProtocol):
-    """A connected UDP socket. The system drops datagrams from other senders, and reports if the peer's port
-    is closed.
+    """A connected UDP socket. The operating system drops datagrams from other senders. It reports an error if
+    the peer's port is closed.
     """
 
     datagrams = True

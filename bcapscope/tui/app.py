@@ -137,7 +137,7 @@ class BcapApp(KeyOrderApp):
         self.text_styles = inks
 
     def on_load(self) -> None:
-        """Switch off the eager start of tasks, which Textual switches on in Python 3.12 and later.
+        """Start tasks without eager execution. In Python 3.12 and later, Textual switches eager execution on.
 
         With eager tasks, the first screen is mounted before it is on the stack of screens, and its first
         `Input` raises a ScreenStackError.
@@ -181,7 +181,9 @@ class BcapApp(KeyOrderApp):
         self.run_worker(self.action_quit(), exclusive=False)
 
     def add_closer(self, closer: Callable[[], Awaitable[None]]) -> None:
-        """Register a coroutine function to run before the screen closes; the last registered runs first."""
+        """Register a coroutine function that runs before the screen closes. The function that was registered
+        last runs first.
+        """
         self._closers.push_async_callback(closer)
 
     def get_line_filters(self) -> Sequence[LineFilter]:
@@ -202,19 +204,21 @@ class BcapApp(KeyOrderApp):
         return make_halt_driver(driver, self._halt_by_key)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer HALT only if a HALT callback is registered."""
+        """Show the action HALT only if a HALT callback is registered."""
         return bool(self._halts) if action == "halt" else True
 
     def add_halt_callback(self, halt: Callable[[], bool]) -> None:
         """Register a callback for HALT. Any thread may call the callback, which must not raise an exception.
 
         Args:
-            halt: Callback that stops motion without waiting, and returns whether anything was moving.
+            halt: Callback that stops motion. It does not wait, and returns whether anything was moving.
         """
         self._halts.append(halt)
 
     def halt(self) -> bool:
-        """Call all HALT callbacks, from any thread; return whether one of them stopped something."""
+        """Call all HALT callbacks; return whether one of them stopped something. Any thread may call this
+        method.
+        """
         return any([each() for each in tuple(self._halts)])
 
     def _halt_by_key(self) -> None:
@@ -238,7 +242,9 @@ class BcapApp(KeyOrderApp):
             self.exit()
 
     async def _run_closers(self) -> None:
-        """Run all closers within `CLOSE_TIMEOUT` seconds; an error in one closer does not skip the others."""
+        """Run all closers within `CLOSE_TIMEOUT` seconds; an error in one closer does not prevent the other
+        closers from running.
+        """
         with suppress(TimeoutError):
             async with asyncio.timeout(CLOSE_TIMEOUT):
                 await self._closers.aclose()
@@ -277,7 +283,7 @@ class BcapApp(KeyOrderApp):
         self.notify(text, severity=severity, markup=False)
 
     def action_help_quit(self) -> None:
-        """Show which key quits the application, because Ctrl-C does not quit it."""
+        """Show which key quits the application, because Ctrl-C does not."""
         self.show_message(label("shell.quit.hint"))
 
     def action_next_theme(self) -> None:

@@ -34,7 +34,7 @@ STYLE_NAMES: Mapping[str, str] = {
     LIT: "lit",
     CURSOR: "cursor",
 }
-"""Name of the style that each mark selects for the text after it."""
+"""For each ink mark, the name of the style that the mark selects for the text after it."""
 
 Styles = Mapping[str, Style]
 """Style of the theme for each name in `STYLE_NAMES`."""

@@ -1,9 +1,10 @@
-"""Handles keys strictly in order: each key goes to the widget that has the focus after the previous key.
+"""Handles keys strictly one after the other. Each key goes to the widget that has the focus when the previous
+key has been handled.
 
-Textual chooses the widget for a key as soon as it reads the key. The widget handles the key later, after
-Textual has offered the key to the widget's parents. Fast typing, pasting and remote terminals can deliver `/`
-and letters in one packet. Without `KeyOrderApp`, the letters would go to the list, and not to the field that
-`/` opens.
+When Textual reads a key, it chooses at once which widget gets the key. The widget handles the key later,
+after Textual has offered the key to the widget's parents. Fast typing, pasting and remote terminals can
+deliver `/` and letters in one packet. Without `KeyOrderApp`, the letters would go to the list, and not to the
+field that `/` opens.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from textual.message_pump import MessagePump
 from textual.widgets import Input
 
 STUCK_AFTER = 1.0
-"""Maximum time in seconds that keys wait for the previous key to be handled. A limit is necessary, because
-the widget of the previous key may no longer exist.
+"""Maximum time in seconds that keys wait until the previous key is handled. A limit is necessary, because the
+widget of the previous key may no longer exist.
 """
 
 _MOUNT_POLL_INTERVAL = 0.02
@@ -64,8 +65,8 @@ class KeyOrderApp(App[None]):
             self._start_stuck_timer()
 
     async def _deliver_event(self, event: Event) -> None:
-        """Deliver a key. While an input field has the focus, also deliver the queued printable keys after
-        this key.
+        """Deliver a key. If an input field has the focus, also deliver the printable keys that
+        follow in the queue.
         """
         while True:
             target = self.focused or self.screen
@@ -85,11 +86,13 @@ class KeyOrderApp(App[None]):
 
     @on(KeyHandled)
     def _marker_returned(self, message: KeyHandled) -> None:
-        # the next key comes after the callbacks that this key scheduled, such as a change of focus
+        # the callbacks that this key scheduled, such as a change of focus, run before the next key
         self.call_later(self._deliver_next, message)
 
     async def _deliver_next(self, marker: KeyHandled) -> None:
-        """Deliver the next key. If the previous key opened a screen, wait until this screen is mounted."""
+        """Deliver the next key. If the previous key opened a screen, wait until this
+        screen is mounted.
+        """
         if marker is not self._pending:
             return
         if not self._queued_events:
@@ -102,7 +105,9 @@ class KeyOrderApp(App[None]):
             await self._deliver_event(self._queued_events.popleft())
 
     def _start_stuck_timer(self) -> None:
-        """Schedule a check that delivers waiting keys even if the previous key is never handled."""
+        """Start a timer. When it expires, the waiting keys are delivered even if the previous key was never
+        handled.
+        """
         if self._watched_key is None:
             self._watched_key = self._pending
             self.set_timer(STUCK_AFTER, self._deliver_if_stuck)

@@ -21,7 +21,9 @@ from bcapscope.tui.widgets.lines import ItemList, TextList
 from bcapscope.tui.widgets.record_lists import left_aligned, right_aligned
 
 _SILENT_AFTER = 1.0
-"""If a request has no reply for this time in seconds, the list shows that the controller is silent."""
+"""Time in seconds without a reply to a request. After this time, the list shows that the controller is
+silent.
+"""
 
 _MAX_MESSAGES = 5000
 

@@ -56,7 +56,9 @@ def default_settings_path() -> Path:
 
 
 def read_settings(path: Path) -> tuple[Settings, Message | None]:
-    """Return the settings and None, or the default settings and the reason why the file could not be read."""
+    """Return the settings, and None. If the file cannot be read, return the default settings, and the
+    reason.
+    """
     try:
         return read_document(path.read_text(encoding="utf-8"), Settings), None
     except FileNotFoundError:
@@ -73,7 +75,7 @@ def write_settings(settings: Settings, path: Path) -> None:
 
 
 def with_recent(item: str, recent: list[str]) -> list[str]:
-    """Return a list that starts with `item`. At most `MAX_RECENT` - 1 items of `recent` follow.
+    """Return a list that starts with `item`. After `item` come at most `MAX_RECENT` - 1 items of `recent`.
 
     A file name with a lone surrogate is not added, because YAML cannot store it.
     """

@@ -45,8 +45,8 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
         def _sigcont_application(self, *arguments: Any) -> None:
             """Take over the terminal again, unless SIGCONT came because the terminal hung up.
 
-            Textual's own method would start a second reading thread and a second writing thread, and later
-            end only one thread of each kind.
+            Textual's own method would start a second thread for reading and a second thread for writing.
+            Later it would end only one reading thread and one writing thread.
             """
             if not os.isatty(self.fileno):
                 return
@@ -61,7 +61,8 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
 class _HangupSafeFile:
     """An output file that discards data after the terminal has gone.
 
-    If a write failed, Textual's writing thread would end, and the program would never finish its shutdown.
+    If writing raised an error, Textual's writing thread would end, and the program would never finish its
+    shutdown.
     """
 
     def __init__(self, file: IO[str]) -> None:
@@ -114,7 +115,9 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
 
 
 def _write_all(fileno: int, data: bytes) -> int:
-    """Write all of `data`, even if a signal interrupts a write; discard `data` if the server is gone."""
+    """Write the whole of `data`, even if a signal interrupts one write operation. Discard `data` if the
+    server is gone.
+    """
     size = len(data)
     with suppress(OSError):
         while data:
@@ -139,7 +142,9 @@ class ControlCharFilter(LineFilter):
         self.earlier_filters = tuple(earlier_filters)
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
-        """Return the segments of a line without control characters; printable segments stay unchanged."""
+        """Return the segments of a line with all control characters replaced. Printable segments stay
+        unchanged.
+        """
         for each in self.earlier_filters:
             segments = each.apply(segments, background)
         if all(segment.text.isprintable() for segment in segments):
@@ -153,7 +158,7 @@ class ControlCharFilter(LineFilter):
 
 
 def _replace_control_chars(text: str) -> str:
-    """Replace each control character by text of the same width, in columns, that Textual counts for the
+    """Replace each control character by a text. The text has as many columns as Textual counts for the
     character.
     """
     return "".join(

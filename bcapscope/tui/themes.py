@@ -1,4 +1,4 @@
-"""The three themes: light, dark, and one that people with any kind of colour vision can use.
+"""The three themes: light, dark, and a third theme for people with any kind of colour vision.
 
 The third theme uses the colours of Okabe and Ito 2008, "Color Universal Design"; success is blue and failure
 is orange. No theme conveys anything by colour alone.

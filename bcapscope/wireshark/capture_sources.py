@@ -1,6 +1,7 @@
 """The capture interfaces that bcapscope adds to Wireshark, and the options that Wireshark shows for each.
 
-Wireshark runs every program in its extcap folder at its start, so this module imports little.
+When Wireshark starts, it runs every program in its extcap folder. This module imports little, so that it
+starts fast.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario_files import bundled_titles
 
 UNSET = "unset"
-"""Value of a list in Wireshark for an option that is left out."""
+"""Value in a list of Wireshark's dialog. If the user chooses this value, the option is left out."""
 
 _FAULT = re.compile(r"""(?:"(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*'|[^;])+""")
-"""A fault in a text with several, which semicolons separate. A fault may contain semicolons in quotation
-marks.
+"""Pattern of one fault in a text with several faults. Semicolons separate the faults. A fault may contain
+semicolons in quotation marks.
 """
 
 _NETWORK = re.compile(r"[^\s,]+")
@@ -42,7 +43,7 @@ class DialogType(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class DialogOption:
-    """An option of a command as an input in Wireshark's dialog.
+    """An input in Wireshark's dialog. The input sets an option of a bcapscope command.
 
     Attributes:
         call: Name that Wireshark passes, such as `--port`.
@@ -50,12 +51,12 @@ class DialogOption:
         tooltip: Text that explains the input.
         default: Initial value; "" for none.
         placeholder: Example that Wireshark shows in an empty input.
-        choices: For each value of a list, the text that Wireshark shows.
+        choices: Maps each value of a list to the text that Wireshark shows for this value.
         range: Smallest and largest number; "" for no limits.
         is_required: Whether Wireshark asks for a value before it captures.
         option: Name of the command's option; "" if the name is the same as `call`.
-        each_value: Pattern of each value if the input can contain several values. The command gets the option
-            once per value.
+        each_value: If the input can contain several values, the pattern of one value. If the input contains
+            several values, the command gets the option once for each value.
     """
 
     call: str
@@ -71,7 +72,7 @@ class DialogOption:
     each_value: re.Pattern[str] | None = None
 
     def words(self, value: str) -> list[str]:
-        """Return the words for the command line; none if the value is empty."""
+        """Return the words that the option adds to the command line; no words if the value is empty."""
         if self.type is DialogType.SWITCH:
             return [self.call] if value == "true" else []
         values = [value] if self.each_value is None else self.each_value.findall(value)
@@ -81,12 +82,12 @@ class DialogOption:
 
 @dataclass(frozen=True, slots=True)
 class CaptureSource:
-    """A capture interface in Wireshark, whose packets come from a command of bcapscope.
+    """A capture interface in Wireshark. The packets of this interface come from a bcapscope command.
 
     Attributes:
         name: Name of the interface, as for `tshark -i`.
         title: Name for people.
-        command: Command that records the packets.
+        command: bcapscope command that records the packets.
     """
 
     name: str
@@ -95,7 +96,8 @@ class CaptureSource:
     options: tuple[DialogOption, ...]
 
     def command_words(self, given: Sequence[str]) -> list[str]:
-        """Return the command and its options for the options that Wireshark passes. The others have defaults.
+        """Convert the options that Wireshark passes. Return the words of the command and of its options. The
+        others have defaults.
 
         Raises:
             CaptureOptionError: An option is unknown, missing or without a value, or cannot be combined with
@@ -185,7 +187,8 @@ def proxy_source() -> CaptureSource:
             DialogOption(
                 "--read-only",
                 "Read only",
-                "Refuse requests that energise or move the robot or change its state. Stops always pass.",
+                "Refuse requests that energise or move the robot or change its state. "
+                "Stops are always forwarded.",
                 DialogType.SWITCH,
                 default="false",
             ),

@@ -1,5 +1,5 @@
-"""Write the Wireshark dissector, which consists of the protocol's tables as Lua, then the Lua parts in
-`lua`.
+"""Write the Wireshark dissector. It consists of the protocol's tables as Lua code, followed by the Lua parts
+in the folder `lua`.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ local byte, sub, floor = string.byte, string.sub, math.floor
 
 
 def dissector_text() -> str:
-    """Return the dissector as one Lua file."""
+    """Return the text of the dissector, which is one Lua file."""
     folder = files(__package__) / "lua"
     parts = [(folder / f"{part}.lua").read_text(encoding="utf-8") for part in PARTS]
     return "\n".join((_HEAD.format(version=__version__), dissector_tables(parts), *map(_block, parts)))
 
 
 def _block(part: str) -> str:
-    """Return a part of the dissector as a separate Lua block, because a Lua function has at most 200 local
-    names.
+    """Put a part of the dissector into a separate Lua block, and return the block. One Lua function can have
+    at most 200 local names.
     """
     exports = _EXPORTS.search(part)
     declared = f"local {exports[1]}\n" if exports else ""

@@ -57,8 +57,8 @@ def default_extcap_folders() -> tuple[Path, ...]:
 def _configuration_folder() -> Path:
     """Return the folder in which Wireshark looks for its preferences.
 
-    If ~/.wireshark exists, bcapscope does not create the newer folder, because Wireshark would then ignore
-    ~/.wireshark.
+    If ~/.wireshark exists, bcapscope does not create the newer folder. With the newer folder, Wireshark would
+    ignore ~/.wireshark.
     """
     if chosen := os.environ.get("WIRESHARK_CONFIG_DIR"):
         return Path(chosen)

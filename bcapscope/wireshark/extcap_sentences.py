@@ -1,4 +1,6 @@
-"""The capture interfaces and their options as sentences of Wireshark's extcap protocol (`man extcap`)."""
+"""Write the capture interfaces and their options as lines for Wireshark. The extcap protocol calls these
+lines sentences (`man extcap`).
+"""
 
 from __future__ import annotations
 
@@ -15,19 +17,21 @@ _FILE_TYPES = "Scenarios (*.yaml *.yml);;All files (*)"
 
 
 def interface_sentences(sources: dict[str, CaptureSource]) -> Iterator[str]:
-    """Yield the version of the program and the interfaces."""
+    """Yield a sentence with the version of bcapscope, then a sentence for each interface."""
     yield _sentence("extcap", version=__version__, display="b-CAP")
     for source in sources.values():
         yield _sentence("interface", value=source.name, display=source.title)
 
 
 def link_type_sentences() -> Iterator[str]:
-    """Yield the link type of the packets, which is the same for all interfaces."""
+    """Yield the sentence with the link type of the packets. The link type is the same for all interfaces."""
     yield _sentence("dlt", number=_LINKTYPE_RAW, name="LINKTYPE_RAW", display="Raw IP")
 
 
 def option_sentences(source: CaptureSource) -> Iterator[str]:
-    """Yield a sentence for each input of an interface's dialog. The values of a list follow the input."""
+    """Yield a sentence for each input of an interface's dialog. If the input is a list, the sentences for its
+    values follow.
+    """
     for number, option in enumerate(source.options):
         yield _sentence("arg", number=number, **_input(option))
         for value, display in option.choices.items():

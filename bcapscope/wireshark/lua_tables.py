@@ -1,4 +1,6 @@
-"""The tables of the protocol as Lua. All names, numbers and texts of the dissector come from these tables."""
+"""Write the tables of the protocol as Lua code. The dissector takes all its names, numbers and texts from
+these tables.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +28,8 @@ _HIDDEN_CATEGORIES = ("Cc", "Cf", "Zl", "Zp")
 
 
 def dissector_tables(parts: Iterable[str]) -> str:
-    """Return all tables as Lua; `parts` are the fixed parts of the dissector. The Lua code of these parts
-    refers to texts by id, and the tables contain only these texts.
+    """Return all tables as Lua code. `parts` are the fixed Lua parts of the dissector. The Lua code of these
+    parts refers to texts by id, and the tables contain only these texts.
     """
     tables = {**_limits(), **_types(), **_functions(), **_results(), "TEXTS": _texts(parts)}
     tables["COUNTS"] = {

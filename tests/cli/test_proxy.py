@@ -285,7 +285,9 @@ def test_sessions_that_are_open_are_ended_at_the_controller(
         left_open(process.port)
         notices = process.end(signal.SIGINT)
     assert "where slave mode is on and the arm is held, was ended" in notices
-    assert [json.loads(line)["function"] for line in out.read_bytes().splitlines()] == ["Service_Start"] * 2
+    shown = [json.loads(line) for line in out.read_bytes().splitlines()]
+    assert [frame["function"] for frame in shown] == ["Service_Start"] * 2 + ["Service_Stop"] * 2
+    assert shown[2]["comments"] == ["the proxy ends the session"]
     requests, _ = said(observed(at_the_controller, {to}), to)
     functions = [int.from_bytes(raw[9:13], "little") for raw in requests]
     assert functions[-5:] == [64, 64, 84, 4, 2]  # slvChangeMode 0, GiveArm, Robot_Release, disconnect, stop

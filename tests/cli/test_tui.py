@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import select
+import struct
 import subprocess
 import sys
 import time
@@ -11,11 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.late_retry import late_retry
 from tests.cli.run import CAPTURES
 
 pytestmark = pytest.mark.lifecycle
 
 pty = pytest.importorskip("pty", reason="there are no pseudo-terminals here")
+fcntl, termios = pytest.importorskip("fcntl"), pytest.importorskip("termios")
 
 LIMIT = 40.0
 
@@ -40,6 +43,33 @@ def test_it_ends_when_the_terminal_is_closed(leads: bool, tmp_path: Path) -> Non
             process.kill()
     left = [path for path in tmp_path.rglob("*") if "traffic-" in path.name]
     assert left == []
+
+
+def test_the_place_of_a_capture_decides_whether_a_reply_was_lost(tmp_path: Path) -> None:
+    near, far = pty.openpty()
+    fcntl.ioctl(far, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 200, 0, 0))
+    argv = [sys.executable, "-m", "bcapscope", "tui", str(late_retry(tmp_path)), "--taken-at", "client"]
+    env = {**os.environ, "TERM": "xterm-256color", "HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
+    with subprocess.Popen(
+        argv, stdin=far, stdout=far, stderr=far, pass_fds=[far], env=env, start_new_session=True
+    ) as process:
+        os.close(far)
+        try:
+            _read_until(near, b"slvMove")
+            _read_until(near, b"reply lost", press=b"2")
+            os.close(near)
+            assert process.wait(LIMIT) == 0
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize("source", [["127.0.0.1"], ["--sim"], ["--proxy", "127.0.0.1:9"], []])
+def test_the_place_of_a_capture_needs_a_capture(source: list[str], tmp_path: Path) -> None:
+    env = {**os.environ, "HOME": str(tmp_path), "LC_ALL": "C.UTF-8"}
+    argv = [sys.executable, "-m", "bcapscope", "tui", *source, "--taken-at", "client"]
+    done = subprocess.run(argv, env=env, capture_output=True, text=True, check=False, timeout=LIMIT)
+    assert done.returncode == 2
+    assert "--taken-at needs a capture: give FILE or -i" in done.stderr
 
 
 def test_no_room_for_a_journal_is_told_in_one_sentence(tmp_path: Path) -> None:
@@ -75,12 +105,16 @@ def test_the_option_chooses_the_language_before_the_settings(
     assert wanted in done.stderr
 
 
-def _read_until(descriptor: int, wanted: bytes) -> None:
+def _read_until(descriptor: int, wanted: bytes, press: bytes = b"") -> None:
+    """Read until the screen shows something. Press a key again whenever the screen does not change."""
     seen, end = b"", time.monotonic() + LIMIT
     while wanted not in seen:
-        ready, _, _ = select.select([descriptor], [], [], max(0, end - time.monotonic()))
-        assert ready, seen[-2000:]
-        seen += os.read(descriptor, 65536)
+        ready, _, _ = select.select([descriptor], [], [], 1.0 if press else max(0, end - time.monotonic()))
+        assert ready or (press and time.monotonic() < end), seen[-2000:]
+        if ready:
+            seen += os.read(descriptor, 65536)
+        else:
+            os.write(descriptor, press)
 
 
 @pytest.mark.parametrize("words", [[], [str(CAPTURES / "slave-session.pcapng")]], ids=["tester", "capture"])

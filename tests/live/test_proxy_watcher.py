@@ -54,6 +54,7 @@ class Silent(TerminalWriter):
 
     def __init__(self) -> None:
         self.lines = 0
+        self.shown: list[bytes | str] = []
         self.told: list[str] = []
 
     @property
@@ -62,6 +63,7 @@ class Silent(TerminalWriter):
 
     def write_lines(self, lines: Sequence[bytes | str]) -> None:
         self.lines += len(lines)
+        self.shown += lines
 
     def write_message(self, text: str) -> None:
         self.told.append(text)
@@ -167,6 +169,7 @@ def test_clients_that_have_gone_are_forgotten_with_all_that_they_hold(
                 chain.look()
         chain.look()
         chain.screen.told.clear()
+        chain.screen.shown.clear()
         return held()
 
     # After the first ones all that is kept of the latest few, and of forms of frames, is filled.

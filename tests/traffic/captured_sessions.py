@@ -41,6 +41,7 @@ class Surroundings:
         convention: `seed`, `own` or `chain`.
         place: share of the way from the client to the controller, at which the capture is taken.
         far_place: share of the way at which a second capture is taken; None for one capture.
+        is_relayed: whether the two places are the legs of a proxy, which records both.
         up, down: shortest time of a datagram to the controller and to the client, in µs.
         timeout: of an attempt, in ms.
         tries: most attempts of a call.
@@ -55,6 +56,7 @@ class Surroundings:
     convention: str = "seed"
     place: float = 0.0
     far_place: float | None = None
+    is_relayed: bool = False
     up: int = 300
     down: int = 300
     timeout: int = 8
@@ -176,7 +178,7 @@ class CapturedSession:
         ends = Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007)
         places = [Conversation(*ends, Transport.UDP, SERVER_PORT) for _ in self.around.places]
         if len(places) > 1:
-            twins = CapturedTwins((Coverage(), Coverage()), 0, is_relayed=False)
+            twins = CapturedTwins((Coverage(), Coverage()), 0, is_relayed=self.around.is_relayed)
             for conversation, place in zip(places, CapturePlace, strict=True):
                 conversation.capture_side = CaptureSide(twins, place)
         return places

@@ -13,7 +13,7 @@ from bcapscope.traffic.capture_point import (
     CrossingWindow,
 )
 from bcapscope.traffic.pipeline import CallCollector, Pipeline
-from tests.traffic.playbook import MOVE, MS, OTHER, POSE, Script
+from tests.traffic.playbook import MOVE, MS, OTHER, POSE, S_EXECUTING, Script, calls_of, slv_move
 
 LOST, UNSURE = CallVerdict.REPLY_LOST, CallVerdict.CANNOT_TELL
 
@@ -163,3 +163,23 @@ def test_a_client_that_does_not_wait_for_replies_shows_nothing() -> None:
     client.ask(72, 22, 21, MOVE)
     client.reply(73, 22, 0, 0, POSE)
     assert played(script)[-1].verdict is UNSURE
+
+
+@pytest.mark.parametrize(("is_first", "is_known"), [(False, True), (True, False)])
+def test_a_retry_soon_after_a_notice_does_not_show_when_its_call_began(
+    is_first: bool, is_known: bool
+) -> None:
+    script = Script()
+    client = script.client()
+    for serial in range(1, 5):
+        client.ask(10 * serial, serial, 0, slv_move(float(serial)))
+        client.reply(10 * serial + 9, serial)
+    client.ask(50, 5, 0, MOVE)
+    client.reply(59, 5, 0, S_EXECUTING)
+    client.ask(60, 6 if is_first else 7, 0 if is_first else 6, OTHER)
+    client.reply(61, 6 if is_first else 7)
+    client.ask(70, 8, 0, MOVE)
+    client.ask(78, 9, 8, MOVE)
+    client.reply(79, 9)
+    call = calls_of(script.track())[-1]
+    assert (call.crossing_ns < 3 * MS) is is_known

@@ -6,6 +6,7 @@ import pytest
 
 from bcapscope.protocol.codec.frame import Malformed
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
+from bcapscope.traffic.handle_tracker import MAX_OBJECTS
 from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.traffic.requests_only import FEWEST_CALLS
 from tests.samples.problems import problem_of
@@ -17,8 +18,10 @@ from tests.traffic.playbook import (
     OTHER,
     S_EXECUTING,
     START_SERVICE,
+    Client,
     Script,
     calls_of,
+    execute,
     i4,
     slv_move,
     strays_of,
@@ -174,3 +177,87 @@ def test_one_frame_of_the_controller_shows_that_both_directions_were_captured(co
     for number in range(2, 3 * FEWEST_CALLS):
         client.ask(8 * number, 1 + number, 1 + number, slv_move(float(number)))
     assert "not_captured" not in outcomes(script)
+
+
+def opened_robot(script: Script, transport: Transport = Transport.UDP, *, is_begun: bool = True) -> Client:
+    """Open a robot. The capture lacks the reply, which held the handle 7."""
+    client = script.client(transport=transport)
+    if is_begun:
+        client.ask(0, 1, 0, START_SERVICE)
+        client.reply(1, 1)
+    client.ask(2, 2, 0, (CONNECT, (text("b-CAP"), text(""), text(""), text(""))))
+    client.reply(3, 2, 0, 0, i4(5))
+    client.ask(10, 3, 0, (GET_ROBOT, (i4(5), text("Arm"), text(""))))
+    return client
+
+
+@pytest.mark.parametrize("takes", [1, 3000])
+def test_a_handle_that_the_controller_accepts_proves_the_reply_that_the_capture_lacks(takes: float) -> None:
+    script = Script()
+    client = opened_robot(script)
+    client.ask(20, 4, 0, execute("TakeArm", 7))
+    client.reply(20 + takes, 4)
+    client.ask(20000, 5, 0, execute("GiveArm", 7))
+    _, _, opening, *_ = calls_of(script.track())
+    assert (opening.outcome, opening.verdict) == (Outcome.NOT_CAPTURED, CallVerdict.NOT_CAPTURED)
+    assert not opening.surely_unanswered
+
+
+@pytest.mark.parametrize(
+    ("handle", "code"),
+    [
+        pytest.param(7, 0x80070006, id="refused"),
+        pytest.param(0, 0, id="none"),
+        pytest.param(6, 0, id="known"),
+    ],
+)
+def test_other_handles_prove_no_reply(handle: int, code: int) -> None:
+    script = Script()
+    client = opened_robot(script)
+    client.ask(15, 4, 0, (GET_ROBOT, (i4(5), text("Other"), text(""))))
+    client.reply(16, 4, 0, 0, i4(6))
+    client.ask(20, 5, 0, execute("TakeArm", handle))
+    client.reply(21, 5, 0, code)
+    assert outcomes(script)[2] == "unanswered"
+
+
+@pytest.mark.parametrize("transport", Transport)
+def test_a_handle_proves_nothing_if_it_may_be_older_or_nothing_is_lost(transport: Transport) -> None:
+    script = Script()
+    client = opened_robot(script, transport, is_begun=transport is Transport.TCP)
+    client.ask(20, 4, 0, execute("TakeArm", 7))
+    client.reply(21, 4)
+    opening = next(call for call in calls_of(script.track()) if call.kind.function_id == GET_ROBOT)
+    assert opening.outcome is Outcome.UNANSWERED
+
+
+def test_a_handle_of_the_next_session_proves_nothing() -> None:
+    script = Script()
+    client = opened_robot(script)
+    client.ask(20, 4, 0, START_SERVICE)
+    client.reply(21, 4)
+    client.ask(30, 5, 0, execute("TakeArm", 7))
+    client.reply(31, 5)
+    assert outcomes(script)[2] == "unanswered"
+
+
+def test_a_handle_in_a_late_reply_is_known() -> None:
+    script = Script()
+    client = opened_robot(script)
+    client.reply(18, 3, 0, 0, i4(7))
+    client.ask(20, 4, 0, execute("TakeArm", 7))
+    client.reply(21, 4)
+    assert outcomes(script)[2] == "answered"
+
+
+def test_many_handles_prove_nothing() -> None:
+    script = Script()
+    client = opened_robot(script)
+    client.reply(11, 3, 0, 0, i4(6))
+    for number in range(MAX_OBJECTS + 1):
+        client.ask(100 + number, 4 + number, 0, (GET_ROBOT, (i4(5), text("Arm"), text(""))))
+        client.reply(100.5 + number, 4 + number, 0, 0, i4(8 + number))
+    client.ask(20000, 9000, 0, (GET_ROBOT, (i4(5), text("Arm"), text(""))))
+    client.ask(30000, 9001, 0, execute("TakeArm", 7))
+    client.reply(30001, 9001)
+    assert outcomes(script)[-2] == "unanswered"

@@ -124,6 +124,12 @@ def calls_by_client(capture: Capture, settled: list[PairingResult]) -> list[list
     ],
     131072,
 )
+# S_EXECUTING for an earlier attempt comes shortly before the next call.
+@example(
+    [Profile("seed", 1, False, 2, 1, 0.0, 0.0, 0.5, 0.0, 0.0, False, False)] * 2
+    + [Profile("seed", 1, False, 2, 3, 0.5, 0.2, 0.5, 0.1, 0.0, True, False)],
+    552,
+)
 @given(st.lists(PROFILES, min_size=1, max_size=3), SEEDS)
 def test_every_chain_is_found(profiles: list[Profile], seed: int) -> None:
     sessions = [Session(profile, 12, seed + index) for index, profile in enumerate(profiles)]

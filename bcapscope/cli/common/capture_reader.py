@@ -155,8 +155,8 @@ class CaptureReader:
     def counting_test(
         self, wanted: Filter, test: Callable[[R], bool], number_of: Callable[[R], int]
     ) -> Callable[[R], bool]:
-        """Return a function that tests a record with the filter and counts the records. If no record matches
-        the filter, `print_summary` reports this.
+        """Return a function that tests records with the filter, and counts the records that it has tested. If
+        no record matches the filter, `print_summary` reports this.
 
         `number_of` is a function that returns the number of a record, counted from 1.
         """
@@ -180,8 +180,8 @@ class CaptureReader:
         self._input.remember_origins()
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return the capture that holds a packet, and the packet's number there. `packet` is the packet's
-        number among all packets of the input.
+        """Return the capture that contains a packet, and the packet's number in this capture. `packet` is the
+        packet's number among all packets of the input.
 
         The result is None for live traffic and for pasted text.
         """
@@ -219,8 +219,8 @@ class CaptureReader:
     def print_summary(self) -> None:
         """Print a summary to stderr.
 
-        The summary says if no record matched the filter. The summary lists read errors, controllers that were
-        recognised by the content of their traffic, and packet counts.
+        If no record matched the filter, the summary says this. The summary lists read errors, controllers
+        that were recognised by the content of their traffic, and packet counts.
         """
         if self._no_match is not None and (sentence := self._no_match.sentence(self._words)):
             print_stderr(sentence)
@@ -328,7 +328,7 @@ class _NoMatch:
     """Counts tested records, to find out whether none matched the filter.
 
     Attributes:
-        tested: Number of records that were tested.
+        tested: Number of records that the filter has tested.
     """
 
     wanted: Filter

@@ -14,7 +14,7 @@ from bcapscope.live.standard_streams import discard_stdout
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.render.columns import fold_line
 
-_BATCH_CHARACTERS = 256 * 1024  # maximum number of characters before a batch of lines is written
+_BATCH_CHARACTERS = 256 * 1024  # A batch of lines is written when it has this many characters.
 
 
 class StdoutWriteError(click.ClickException):
@@ -28,7 +28,7 @@ class StdoutWriteError(click.ClickException):
 
 class DataOutput:
     def __init__(self, lines_at_once: int = 512) -> None:
-        """Set the number of lines per write: many lines for speed, one line for live output."""
+        """Write `lines_at_once` lines at a time: many lines for speed, one line for live output."""
         self._lines_at_once = lines_at_once
         self._stdout = sys.stdout.buffer
 
@@ -95,8 +95,8 @@ def require_terminal() -> None:
 
 
 def line_width(wide: bool) -> int | None:
-    """Return the number of columns of the terminal; None if stdout is not a terminal, or if `wide` forbids
-    cutting lines.
+    """Return the width of the terminal in columns. Return None if stdout is not a terminal, or if `wide` is
+    True because lines must not be cut.
     """
     if wide or not sys.stdout.isatty():
         return None

@@ -39,7 +39,7 @@ class ExitCode(IntEnum):
     UNFIT = 11
     """The trajectory failed the pre-flight check; nothing moved."""
     INTERRUPTED = 130
-    """Ctrl-C ended the command early; shells use this code for a program ended by SIGINT."""
+    """Ctrl-C ended the command early; shells use this code for a program that SIGINT ended."""
 
 
 def exit_with(text: str, code: int) -> NoReturn:

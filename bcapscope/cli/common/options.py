@@ -29,13 +29,13 @@ LARGEST_COUNT = 1_000_000_000
 """Maximum number of calls or rounds. At one call every 8 ms, this number of calls takes three months."""
 
 _LARGEST_NUMBER = 1_000_000.0
-"""Default maximum of numeric options: a quarter of an hour for an option in ms, and eleven days for an option
-in s.
+"""Largest value that a numeric option accepts by default. This is a quarter of an hour for an option in ms,
+and eleven days for an option in s.
 """
 
 
 class NumberRange(click.FloatRange):
-    """Click parameter type of a number between two bounds, typed in ASCII digits."""
+    """Click's type for a number between two bounds, which the user types in ASCII digits."""
 
     def __init__(self, minimum: float, maximum: float = _LARGEST_NUMBER) -> None:
         super().__init__(min=minimum, max=maximum)
@@ -50,7 +50,7 @@ class NumberRange(click.FloatRange):
 
 
 class IntegerRange(click.IntRange):
-    """Click parameter type of an integer between two bounds, typed in ASCII digits."""
+    """Click's type for an integer between two bounds, which the user types in ASCII digits."""
 
     def __init__(self, minimum: int, maximum: int) -> None:
         super().__init__(min=minimum, max=maximum)
@@ -73,8 +73,8 @@ def bundled(
 ) -> Decorator:
     """Return a decorator that adds options to a command, and passes all their values as one object.
 
-    `make` creates the object from the values. `names` are the names of the options; by default, the names of
-    the parameters of `make`.
+    `make` creates the object from the values. `names` are the names of the options. By default, the options
+    are named after the parameters of `make`.
     """
     own_names = tuple(names) or tuple(inspect.signature(make).parameters)
 
@@ -125,7 +125,7 @@ side = click.option(
         None if value is None else CapturePlace[f"{value.upper()}_SIDE"]
     ),
     help="Show one side of a conversation that was captured at two places, such as on both legs of a proxy. "
-    "By default, both sides are joined.",
+    "By default, bcapscope joins both sides.",
 )
 
 taken_at = click.option(
@@ -176,7 +176,9 @@ language = click.option(
     help="Language of the text, en or ja. By default, LC_ALL, LC_MESSAGES or LANG decides. "
     "JSON and CSV stay English.",
 )
-"""Option ``--lang``. The command gets the parameter `words`, a formatter in the user's language."""
+"""Option ``--lang``. The command gets the parameter `words`, an object that formats messages in the user's
+language.
+"""
 
 
 def parsed_by(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
@@ -233,9 +235,7 @@ def output_option(help_: str, allow_dash: bool = False) -> Callable[[F], F]:
 
 
 class _RecordPath(click.Path):
-    """Click parameter type: the path of a new file or of a named pipe. The type does not open the file or
-    pipe.
-    """
+    """Click's type for the path of a new file or of a named pipe. The type does not open the file or pipe."""
 
     def __init__(self) -> None:
         super().__init__(dir_okay=False, path_type=Path)

@@ -31,12 +31,12 @@ def check_output_path(path: Path, overwrite: bool | None = None) -> None:
 
 
 class AtomicFile:
-    """A file that is written under a temporary name in the same folder. When the file is complete, `commit`
-    renames it.
+    """A file that has a temporary name while it is written. Its folder does not change. When the file is
+    complete, `commit` renames it.
 
-    If `commit` is not called, the file is removed. After a call of `interrupt_on_end_signals`, this is true
-    even if a signal ends the command. The file is open only during a write, so the limit of open files does
-    not matter.
+    If `commit` is not called, the file is removed. After a call of `interrupt_on_end_signals`, the file is
+    removed even if a signal ends the command. The file is open only during a write, so the limit of open
+    files does not matter.
     """
 
     def __init__(self, path: Path) -> None:
@@ -73,5 +73,5 @@ class AtomicFile:
 
     def discard(self) -> None:
         """Remove the file unless it was committed."""
-        with suppress(OSError):  # the file was committed, or never created
+        with suppress(OSError):  # There is no file if it was committed or never created.
             self._temporary.unlink()

@@ -157,7 +157,9 @@ class RuleOptions:
 
 
 _TYPED = f"{__name__}.typed"
-"""Key in the `meta` of click's context. The value holds the rule options as the user typed them."""
+"""Key of the rule options in the dict `meta` of click's context. The value holds the rule options as the user
+typed them.
+"""
 
 
 def _make_rule_options(
@@ -273,10 +275,11 @@ _OPTIONS = (
     click.option(
         "--read-only",
         is_flag=True,
-        help="Refuse, with E_ACCESSDENIED, unknown requests and requests that energise or move the robot "
-        "or change its state. Stops always pass: Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, "
-        "HandStop, TwofgStop, slvChangeMode 0, releases, Controller_Disconnect and Service_Stop. "
-        "Controller_Connect also passes, because clients need its handle to read anything.",
+        help="Refuse unknown requests, and requests that energise or move the robot or change its state. "
+        "The client gets E_ACCESSDENIED. The proxy always forwards stops: Robot_Halt, Robot_Hold, Task_Stop, "
+        "Command_Cancel, HandStop, TwofgStop, slvChangeMode 0, releases, Controller_Disconnect and "
+        "Service_Stop. It also forwards Controller_Connect, because clients need its handle to read "
+        "anything.",
     ),
     click.option(
         "--block",

@@ -30,7 +30,7 @@ _SESSION_TEXTS = {
 
 
 def choose_scenario(context: click.Context, param: click.Parameter, named: str | None) -> Scenario | None:
-    """Return the scenario that `named` names: an included scenario or a YAML file."""
+    """Return a scenario. `named` is the name of an included scenario, or the path of a YAML file."""
     if named is None:
         return None
     try:

@@ -65,7 +65,7 @@ def serve_screen(options: ServeOptions) -> None:
             "Press Ctrl-C to end."
         )
 
-    with suppress(KeyboardInterrupt):  # raised by Ctrl-C if the event loop cannot handle signals
+    with suppress(KeyboardInterrupt):  # Ctrl-C raises this exception if the event loop cannot handle signals.
         asyncio.run(server.run(greet))
     sys.exit(ExitCode.OK)
 

@@ -1,4 +1,4 @@
-"""Options that choose a trajectory in a file, and the speed of playing it."""
+"""Options that choose a trajectory in a file, and the speed at which `play` plays the trajectory."""
 
 from __future__ import annotations
 
@@ -96,14 +96,14 @@ _OPTIONS = (
         "--file-interval",
         metavar="MS",
         type=options.NumberRange(0.1),
-        help="Interval between way-points of the file in ms, if the file has no times.",
+        help="Time in ms from one way-point to the next, if the file has no times.",
     ),
     click.option(
         "--interval",
         metavar="MS",
         type=options.NumberRange(0.5, 1000),
         default=float(PERIOD_MS),
-        help="Send a set point (slvMove) every this many ms.",
+        help="Time in ms from one set point (slvMove) to the next.",
     ),
     click.option(
         "--resample",

@@ -200,7 +200,8 @@ def _control_address(folder: Path) -> str:
     import socket
 
     path = str(folder / "control")
-    longest = 100  # in bytes; macOS limits the path of a socket to 103 bytes, Linux to 107
+    # The limit is in bytes. The path of a socket has at most 103 bytes on macOS, and 107 bytes on Linux.
+    longest = 100
     if not hasattr(socket, "AF_UNIX"):
         return "127.0.0.1:0"
     if len(os.fsencode(path)) <= longest:

@@ -353,8 +353,8 @@ class ControllerSession:
             self._loop.create_task(self._halt_on_session(self.status.robot))
 
     async def _halt_on_session(self, robot: ObjectHandle) -> None:
-        """Send HALT also on the main connection, after the running call of that connection has ended. Then
-        leave slave mode.
+        """Send a second HALT on the main connection, after the running call of that connection has ended.
+        Then leave slave mode.
         """
         with suppress(BcapError, OSError):
             record = await self.invoke("Robot_Halt", robot.handle, "")

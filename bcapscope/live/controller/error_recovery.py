@@ -57,8 +57,8 @@ class LastSlaveSession:
 
     @property
     def move_position(self) -> str:
-        """The first set point as a position for `Robot_Move` with exact stop (`@E`); "" if there was no set
-        point yet.
+        """Position of the first set point, in the notation of `Robot_Move` and with `@E` (exact stop); "" if
+        there was no set point yet.
         """
         kind = pose_type_of_mode(self.mode)
         if kind is None or not self.first_set_point:

@@ -38,7 +38,7 @@ class ConnectStepError(BcapError):
 async def connect(
     session: ControllerSession, target: ControllerTarget, providers: Sequence[str], robot: str, option: str
 ) -> bool:
-    """Run the steps of connecting until one step fails.
+    """Run the steps of connecting. If a step fails, do not run the later steps.
 
     Args:
         providers: Provider names for Controller_Connect, which are tried in this order.

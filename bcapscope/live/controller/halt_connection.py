@@ -29,7 +29,7 @@ HEARTBEAT = 2.0
 """Seconds between two heartbeat calls."""
 
 RETRY_WITHIN = 3.0
-"""Time in s after a press of HALT in which the thread repeatedly tries to reopen a lost connection.
+"""After the user pressed HALT, the thread tries to reopen a lost connection for this many seconds.
 """
 
 _REOPEN_DELAY = 0.05
@@ -66,7 +66,7 @@ class HaltUpdate:
 
     Attributes:
         reason: Reason why the connection or HALT failed; () after success.
-        round_trip: Round trip in ns of the call that showed the new state; 0 if no call showed it.
+        round_trip: Round trip in ns of the call that showed the new state; 0 if no call showed this state.
     """
 
     state: HaltState

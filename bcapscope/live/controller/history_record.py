@@ -17,8 +17,8 @@ from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.observation import Direction, Observation
 
 Reason: TypeAlias = tuple[Message | str, ...]
-"""Result of a step, or reason of a failure. The screen shows the parts with commas between them; () means
-that there is no result.
+"""Result of a step, or the reason why the step failed. The screen shows the parts with commas between them;
+() means that there is no result.
 """
 
 

@@ -23,9 +23,9 @@ SMALLEST_ARGUMENT = 10
 """Size in bytes of the fields before an argument's data: u32 length, u16 type, u32 element count."""
 
 MAX_NUMBERS = 65_536
-"""Maximum number of elements of number arrays to read from one frame. UI1 arrays do not count, because their
-bytes are read as one value. Frames of real sessions hold fewer than a thousand elements. Wireshark has a
-similar limit: 1,000,000 items per packet (gui.max_tree_items).
+"""The decoder reads at most this many elements from the number arrays of one frame. UI1 arrays do not count,
+because their bytes are read as one value. Frames of real sessions hold fewer than a thousand elements.
+Wireshark has a similar limit: 1,000,000 items per packet (gui.max_tree_items).
 """
 
 MAX_VALUES = 2_048

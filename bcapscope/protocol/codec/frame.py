@@ -99,7 +99,7 @@ class Frame:
     Attributes:
         raw: The bytes of the frame as received.
         serial: Serial that the client chose; the controller copies it into the reply.
-        reserved: Reserved field, with which clients mark retries over UDP.
+        reserved: Reserved field; clients use it to mark retries over UDP.
         code: Function id of a request, or HRESULT of a reply; unsigned.
         external_problem: A problem that the frame's bytes do not show, such as a packet that the capture
             truncated; None for nearly all frames.
@@ -288,8 +288,8 @@ def encode_frame(
 
 
 def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
-    """Return the bytes of a frame with one argument, a short row of numbers, such as the reply to slvMove;
-    None for other frames.
+    """Return the bytes of a frame whose only argument is a short row of numbers, such as the reply to
+    slvMove. Return None for other frames.
     """
     vt, values, count = row
     if (
@@ -307,8 +307,8 @@ def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> b
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> tuple[Callable[..., bytes], int, int]:
-    """Return a function that packs frames with `count` numbers, the size of the frame, and the size of its
-    argument.
+    """Return three results: a function that packs a frame with `count` numbers, the size of this frame, and
+    the size of its argument.
     """
     whole = struct.Struct(f"<BIHHIHIHI{count}{NUMBER_FORMATS[vt & ~ARRAY]}B")
     return whole.pack, whole.size, whole.size - SMALLEST_FRAME - 4

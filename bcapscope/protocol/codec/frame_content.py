@@ -60,7 +60,7 @@ class FrameContent:
         code: Function id or HRESULT.
         arguments: Arguments that the decoder could read; their positions are offsets in `body`.
         problems: Violations of b-CAP, in the order of their offsets in `body`.
-        number_spans: Positions in `body` of the numbers in all arguments.
+        number_spans: Where the numbers of all arguments are in `body`.
     """
 
     __slots__ = ("arguments", "body", "code", "framing", "number_spans", "problems", "raw")
@@ -103,7 +103,7 @@ class FrameContent:
         return reader
 
     def _read_tail(self, reader: ArgumentReader) -> None:
-        """Find the `framing` from the bytes between the last argument and EOT."""
+        """Determine the `framing` from the bytes between the last argument and EOT."""
         body, end = self.body, reader.end
         tail = body[reader.pos : end]
         plain = self.framing is Framing.PLAIN
@@ -118,8 +118,8 @@ class FrameContent:
 
 def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
     """Return whether the frame at `pos` looks like a compressed version 1 frame: its reserved field is 1, and
-    a zlib header is where the compressed body begins. A frame that is not compressed looks so only if it has
-    376 arguments or more.
+    a zlib header is at the offset where a compressed body begins. An uncompressed frame looks like a
+    compressed frame only if it has 376 arguments or more.
     """
     return data[pos + 7 : pos + 9] == b"\x01\x00" and has_zlib_header(data, pos)
 
@@ -135,7 +135,7 @@ def crc16(data: bytes) -> int:
 
 
 def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:
-    """Return whether a zlib header is where the compressed body of a frame at `pos` would begin. The TCP
+    """Return whether a frame at `pos` has a zlib header at the offset where a compressed body begins. The TCP
     client of keioku/bcap-python unpacks every frame that has such a zlib header, even if its reserved field
     is not 1.
     """
@@ -146,7 +146,7 @@ def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:
 
 
 def is_compressed(raw: bytes) -> bool:
-    """Return whether the bytes of a frame are a compressed version 1 frame; `raw` holds at least a header."""
+    """Return whether `raw` is a compressed version 1 frame; `raw` holds at least a header."""
     return len(raw) > HEADER_SIZE + 2 and has_compressed_header(raw) and raw[-2:] == b"\x01\x04"
 
 

@@ -1,9 +1,9 @@
 """Templates: the parts that similar frames share. With a template, only the first of a million set points is
 decoded in full.
 
-Robot traffic is repetitive. Two set points of a slave-mode session differ only in serial, reserved and the
-numbers inside their arguments. If a frame has several arguments, the first argument is a handle. The template
-contains the handle, because a session uses few handles.
+Robot traffic is repetitive. Two set points of a slave-mode session differ only in the serial, the reserved
+field and the numbers inside their arguments. If a frame has several arguments, the first argument is a
+handle. The template contains the handle, because a session uses few handles.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ take much memory.
 """
 
 MAX_TEMPLATES = 1024
-"""Maximum number of templates that a `FrameTemplates` object keeps. When the maximum is reached, the object
-drops all templates and learns new templates.
+"""Maximum number of templates that a `FrameTemplates` object keeps. When the maximum is reached, the
+`FrameTemplates` object drops all its templates and learns new templates.
 """
 
 MAX_SHAPES_PER_LENGTH = 8
@@ -69,10 +69,11 @@ class _FrameShape:
 
 
 class FrameTemplate:
-    """The parts that similar frames share, learnt from one valid frame that was decoded in full.
+    """Holds the parts that similar frames share. These parts come from one valid frame that was decoded in
+    full.
 
-    A frame that differs from the learnt frame only in serial, reserved and numbers is valid too: its length,
-    EOT and arguments conform to b-CAP.
+    A frame that differs from the learnt frame only in the serial, the reserved field and the numbers is valid
+    too: its length, EOT and arguments conform to b-CAP.
 
     Attributes:
         prototype: Arguments of the learnt frame; their numbers are only placeholders.
@@ -128,15 +129,15 @@ class FrameTemplate:
         return cls(shape, content.raw, content.arguments)
 
     def fill_arguments(self, numbers: FrameNumbers) -> tuple[Argument, ...]:
-        """Return the arguments of a frame with these `numbers`, which have the same order as in the frame."""
+        """Return the arguments of a frame that has these `numbers`, in the order of the frame."""
         if not numbers:
             return self.prototype
         pairs = zip(self.fill_variants(numbers), self.prototype, strict=True)
         return tuple(Argument(variant, start, stop) for variant, (_, start, stop) in pairs)
 
     def fill_variants(self, numbers: FrameNumbers) -> tuple[Variant, ...]:
-        """Return the values of the arguments of a frame with these `numbers`, without the arguments'
-        positions.
+        """Return the argument values of a frame that has these `numbers`. The result lacks the positions of
+        the arguments.
         """
         if not numbers:
             return self._variants
@@ -150,7 +151,7 @@ class FrameTemplate:
 
 
 class FrameTemplates:
-    """Decodes frames, and learns templates from them in bounded memory.
+    """Decodes frames, and learns templates from these frames. The templates need only bounded memory.
 
     A program that receives many frames passes the same `FrameTemplates` object to all these frames, which
     makes decoding faster.

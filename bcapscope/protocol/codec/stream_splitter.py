@@ -22,9 +22,9 @@ from bcapscope.protocol.codec.frame_content import has_compressed_header
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 
 LARGEST_UNCONFIRMED = 64 * 1024
-"""If the arguments do not confirm a frame's length field, the splitter waits for the whole frame only if the
-frame is not longer than this number of bytes. Frames of real sessions are below 10 KiB. With this limit, a
-corrupted length field delays at most 64 KiB of the stream instead of the whole stream.
+"""Some frames have a length field that their arguments do not confirm. The splitter waits for the rest of
+such a frame only if the length is at most this number of bytes. Frames of real sessions are below 10 KiB.
+With this limit, a corrupted length field delays at most 64 KiB of the stream instead of the whole stream.
 """
 
 LARGEST_GARBAGE = 64 * 1024
@@ -57,7 +57,8 @@ class StreamPiece(NamedTuple):
     """A frame of a byte stream, or bytes between frames, with its position in the stream.
 
     Attributes:
-        start: Offset of the piece's first byte in the stream. Offsets count missing bytes too.
+        start: Offset of the piece's first byte in the stream. Offsets include the missing bytes of the
+            stream.
         stop: Offset in the stream after the piece's last byte.
         item: The frame, or bytes that are not a frame.
     """
@@ -98,8 +99,9 @@ class StreamSplitter:
     ) -> None:
         """Start a stream; `synchronized` is False if the first bytes of the stream are missing.
 
-        `limit` is the size in bytes of the longest frame to wait for. All splitters with the same `budget`
-        together hold no more bytes than the budget allows. The splitter passes `templates` to every frame.
+        `limit` is the size in bytes of the longest frame for which the splitter waits. All splitters with the
+        same `budget` together hold no more bytes than the budget allows. The splitter passes `templates` to
+        every frame.
         """
         self._buffer = bytearray()
         self._budget = budget or ByteBudget()
@@ -129,8 +131,7 @@ class StreamSplitter:
         return pieces
 
     def feed_whole_frame(self, data: bytes) -> Frame | None:
-        """Do the same as `feed`, but faster, for `data` that is exactly one frame, which is the most frequent
-        case.
+        """If `data` is exactly one frame, do the same as `feed`, but faster. This case is the most frequent.
 
         For other `data`, return None and consume nothing; the program then passes `data` to `feed`.
         """
@@ -248,8 +249,8 @@ class StreamSplitter:
         return None if trust in (_Trust.CONFIRMED, _Trust.INCOMPLETE) else False
 
     def _assess_header(self, pos: int, synchronized: bool = True) -> tuple[_Trust, int]:
-        """Return how certain it is that a frame begins at `pos`, and the length of the frame, or 0 if the
-        length is unknown.
+        """Return two results: how certain it is that a frame begins at `pos`, and the length of this frame.
+        An unknown length is 0.
         """
         buffer = self._buffer
         if len(buffer) - pos < HEADER_SIZE:

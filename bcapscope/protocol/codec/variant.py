@@ -61,7 +61,7 @@ NUMBER_FORMATS: dict[int, str] = {
 """For each type of fixed width, the format character of Python's `struct` module."""
 
 NUMBER_WIDTHS: dict[int, int] = {vt: struct.calcsize("<" + code) for vt, code in NUMBER_FORMATS.items()}
-"""Bytes per element of each type of fixed width."""
+"""For each type of fixed width, the number of bytes per element."""
 
 _NUMBERS = frozenset(NUMBER_FORMATS) - {VT.BOOL}
 
@@ -89,7 +89,8 @@ class Variant(NamedTuple):
     """A typed value.
 
     Attributes:
-        vt: Type number, or-ed with `ARRAY` for an array. The number may be unknown in b-CAP.
+        vt: Type number; for an array, the flag `ARRAY` is added to the number. The number may be unknown in
+            b-CAP.
         value: None for EMPTY and NULL. int, float, bool or str for scalars (CY and ERROR as raw integers,
             DATE as days since 1899-12-30). A tuple for arrays, `bytes` for an array of UI1, a tuple of
             Variant for an array of VARIANT. The undecoded `bytes` for an unknown type.
@@ -139,13 +140,12 @@ def integer_value(variant: Variant) -> int | None:
 
 
 def encode_variant(variant: Variant) -> bytes:
-    """Encode a VARIANT as type, element count and data, without the byte length that precedes it in an
-    argument.
+    """Encode a VARIANT as type, element count and data. In an argument, a byte length precedes this encoding.
 
     Raises:
-        LocalProtocolError: b-CAP has no such type, or the value does not fit the type. The error is also
-            raised if the number of an array's values differs from its element count, or if arrays are nested
-            deeper than `MAX_NESTING`.
+        LocalProtocolError: b-CAP has no such type, or the value does not fit the type. The same error is
+            raised if an array's element count differs from its number of values. It is also raised if arrays
+            are nested deeper than `MAX_NESTING`.
     """
     return _encode(variant, 0)
 
@@ -179,7 +179,9 @@ def _encode(variant: Variant, depth: int) -> bytes:
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> Callable[..., bytes]:
-    """Return a function that packs type, element count and `count` numbers in one step, which is faster."""
+    """Return a function that packs the type, the element count and `count` numbers. One step is faster than
+    separate steps.
+    """
     return struct.Struct(f"<HI{count}{NUMBER_FORMATS[vt]}").pack
 
 

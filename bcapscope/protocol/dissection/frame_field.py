@@ -1,4 +1,5 @@
-"""Position and meaning of each field of a frame, for trees of fields and highlighted bytes on the screen.
+"""Finds the position and meaning of each field of a frame. The screen shows these fields as a tree, and
+highlights their bytes.
 
 `bcapscope.protocol.codec.arguments` decodes the values; this module finds the bytes of each value.
 """
@@ -38,7 +39,9 @@ HRESULT = "HRESULT"
 """Name of the field that holds the result code of a call."""
 
 UNREAD = "unread"
-"""Name of the field that holds the bytes of an argument that do not belong to its value."""
+"""Name of the field for superfluous bytes: bytes of an argument that do not belong to the argument's
+value.
+"""
 
 _TYPE_AND_COUNT = 6
 _COMPRESSED_AT = 13  # offset of the compressed bytes in a version 1 frame
@@ -82,8 +85,8 @@ def frame_fields(
 
     The fields without children together cover every byte exactly once, even in a damaged frame. If EOT is
     missing, its field has no bytes; if EOT is damaged, its field has the damaged byte. For a compressed
-    frame, this function returns the fields of the unpacked content, and `envelope_fields` the fields on the
-    wire.
+    frame, this function returns the fields of the unpacked content; `envelope_fields` returns the fields on
+    the wire.
 
     For a reply, `function_id` and `command` come from the request; both are None if the request was not
     captured.
@@ -350,7 +353,9 @@ class _ArgumentFields:
         return start
 
     def _string_end(self, start: int) -> int:
-        """Return the offset after a string, or after its argument if the string claims to be longer."""
+        """Return the offset after a string. If the string claims to be longer than its argument, return the
+        offset after the argument.
+        """
         size = int.from_bytes(self._builder.body[start : start + 4], "little")
         return min(start + 4 + size, self._argument.stop)
 
@@ -403,8 +408,8 @@ class _NumberFields(Sequence[FrameField]):
 
 
 class _LazyFields(Sequence[FrameField]):
-    """Fields that are created anew in each iteration. The first access by index or to the length stores the
-    fields.
+    """Fields that are created anew in each iteration. When a program first uses an index or the length, the
+    fields are stored.
     """
 
     def __init__(self, make: Callable[[], Iterator[FrameField]]) -> None:

@@ -181,8 +181,8 @@ def _string_meaning(function_id: int | None, name: str, value: str) -> str | Mes
 
 
 def _all_of(id: str, meanings: Sequence[Message]) -> str | Message:
-    """Join meanings into one text, two at a time, with the message `id`. If there are no meanings, return
-    "".
+    """Join meanings into one text. The message with this `id` joins two texts at a time. If there are no
+    meanings, return "".
     """
     if not meanings:
         return ""
@@ -201,7 +201,7 @@ def _first_elements(variant: Variant) -> tuple[Variant, ...]:
 
 
 def _pose_label(variant: Variant) -> ValueLabel:
-    """Name the elements of a pose that is a VARIANT array: numbers, type, pass and extra axes."""
+    """Name the elements of a pose that is a VARIANT array: numbers, pose type, pass motion and extra axes."""
     items = _first_elements(variant)
     if not items or not items[0].vt & ARRAY:
         return NO_LABEL

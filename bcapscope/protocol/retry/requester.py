@@ -98,8 +98,8 @@ class LateReply:
 
     Attributes:
         reply: The late reply as received.
-        time: Time at which the late reply arrived, ns.
-        sent: Time at which the client sent the attempt that the reply answers, ns.
+        time: Time in ns at which the late reply arrived.
+        sent: Time in ns at which the client sent the attempt; the late reply answers this attempt.
     """
 
     reply: Frame

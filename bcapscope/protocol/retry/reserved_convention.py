@@ -19,7 +19,7 @@ class ReservedConvention(StrEnum):
     SEED = "seed"
     """0 in the first attempt, then the serial of the first attempt in every retry (DENSO Wave 2009)."""
     OWN = "own"
-    """The first attempt's serial in every attempt, also in the first (orin_bcap C, C#, Java)."""
+    """Every attempt, even the first, has the serial of the first attempt (orin_bcap C, C#, Java)."""
     CHAIN = "chain"
     """0 in the first attempt, then the serial of the previous attempt (the older C client)."""
     TCP0 = "tcp0"
@@ -29,8 +29,8 @@ class ReservedConvention(StrEnum):
 
 
 def client_conventions(datagrams: bool) -> tuple[ReservedConvention, ...]:
-    """Return the conventions that a client may use over UDP (`datagrams`) or TCP, the most usual convention
-    first.
+    """Return the conventions that a client may use, the most usual convention first. `datagrams` is True for
+    UDP, False for TCP.
     """
     if datagrams:
         return ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN

@@ -32,8 +32,9 @@ _SERIAL_COUNT = 0xFFFF
 """Serials count from 1 to 65535, then start again at 1."""
 
 _MAX_ATTEMPTS = 16
-"""Assumed maximum number of attempts of one call: serials that differ by more belong to different calls.
-Known clients send at most half as many attempts per call, except for one client that retries without end.
+"""Assumed maximum number of attempts of one call: if two serials differ by more than this number, they belong
+to different calls. Known clients send at most half as many attempts per call, except for one client that
+retries without end.
 """
 
 
@@ -46,9 +47,9 @@ class Defect(Flag):
     NONE = 0
     FORGETS_FIRST = 1
     """The server stores only its last reply, with the serial of the first attempt that arrived. The server
-    does not compare the contents of requests. If the first attempt is lost, the second retry names a serial
-    that the server never received, so the server executes the call again. If a client restarts with the
-    serial of its last call, the server sends the old reply.
+    does not compare the contents of requests. If the first attempt is lost, the second retry refers to a
+    serial that the server never received. The server then executes the call again. If a client restarts with
+    the serial of its last call, the server sends the old reply.
     """
     SERIAL_ZERO = 2
     """If the first frame of a new client has serial 0, the server answers S_OK without executing the call."""
@@ -66,8 +67,9 @@ class RequestKind(Enum):
     abandoned call has this kind too, but never gets a reply.
     """
     BUSY = "busy"
-    """A new call while another call is running. The caller may refuse the new call with
-    `Responder.reply_unremembered`."""
+    """A new call that arrives while another call is running. The caller may refuse the new call with
+    `Responder.reply_unremembered`.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +114,7 @@ def _is_ahead(serial: int, other: int) -> bool:
 
 
 def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
-    """Return whether no known call has a serial between those of `call` and `serial`.
+    """Return True if no known call has a serial that is between the serial of `call` and `serial`.
 
     `calls` lists the newest call first. The function ignores calls before `call`: if such a call has a higher
     serial, it comes from an earlier program on the same port.
@@ -132,27 +134,29 @@ class Responder:
 
     In a first attempt, the reserved field is 0 or the frame's own serial. Any other value in the reserved
     field is the serial of the first or the previous attempt of the same call. A request belongs to a
-    remembered call if its reserved field names an attempt of this call, and function and arguments are the
-    same. The responder then stores the serial and the reserved field of the request as serials of this call.
-    If a known serial arrives with other contents, the client has restarted.
+    remembered call if two conditions hold: its reserved field holds the serial of an attempt of this call,
+    and function and arguments are the same. The responder stores the serial and the reserved field of such a
+    request as serials of this call. If a known serial arrives with other contents, the client has restarted.
 
     In two cases, a request does not show whether it is a new call or a retry:
 
-    * A retry from a client of the old C library (`ReservedConvention.CHAIN`) names the previous attempt. If
-      the previous attempt was lost, the responder does not know the serial of that attempt. The request may
-      then be a retry of a known call, or a retry of a new call with the same contents.
+    * A retry from a client of the old C library (`ReservedConvention.CHAIN`) holds the serial of the previous
+      attempt in its reserved field. If the previous attempt was lost, the responder does not know the serial
+      of that attempt. The request may then be a retry of a known call, or a retry of a new call with the same
+      contents.
     * A new program on the port of an earlier program may start with the same serial. A call of the new
-      program may have the contents of an earlier call whose serial is the same or slightly higher. The new
-      call then looks like a delayed attempt of the earlier call.
+      program may have the same contents as a call of the earlier program. The serial of the earlier call may
+      be the same or slightly higher. The new call then looks like a delayed attempt of the earlier call.
 
     If it is unclear whether a request is a retry, the responder assumes a retry, so that no call runs twice.
-    If neither serial of the request is known, the responder assumes a retry only while the convention is
-    `CHAIN` or unknown. If the responder mistakes a new call for a retry, the controller does not execute the
-    call, and the client gets the earlier reply. The earlier reply may hold an old value, or report a motion
-    that the robot made for the earlier call.
+    The responder may know neither the serial in the request's header nor the serial in its reserved field.
+    The responder then assumes a retry only while the convention is `CHAIN` or unknown. If the responder
+    mistakes a new call for a retry, the controller does not execute the call, and the client gets the earlier
+    reply. The earlier reply may hold an old value, or report a motion that the robot made for the earlier
+    call.
 
-    The responder forgets the calls of an earlier program when the new program uses one of their serials for a
-    different call, or at the latest after `remembered` further calls.
+    If a new program uses a serial of an earlier program for a different call, the responder forgets the calls
+    of the earlier program. It forgets these calls at the latest after `remembered` further calls.
     """
 
     def __init__(
@@ -172,7 +176,7 @@ class Responder:
                 `ZERO`.
             remembered: Maximum number of replies to store.
             largest_answer: Maximum size of a reply in bytes.
-            defects: Defects of DENSO's C server to imitate.
+            defects: Defects of DENSO's C server that the responder imitates.
         """
         self.convention = ReservedConvention.UNKNOWN
         self._retries = expects_retries
@@ -301,7 +305,8 @@ class Responder:
         calls = self._known_calls()
         serial, named = frame.serial, frame.reserved or frame.serial
         alike = [call for call in calls if serial in call.serials or call.content == content]
-        # If a retry of the old C client has serial 0 after 65535, the next attempt has the reserved value 0.
+        # After serial 65535, a retry of the old C client may have serial 0. The next attempt then has 0 in
+        # its reserved field.
         after_zero = serial == 1 and frame.reserved == 0
         equal, is_known = [], False
         for call in alike:
@@ -330,8 +335,8 @@ class Responder:
         self._calls.extend(call for call in later if not _is_ahead(call.newest, serial))
 
     def _find_in_chain(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
-        """Return the call to which a `CHAIN` retry belongs although earlier attempts were lost or overtaken;
-        None if there is no such call.
+        """Return the call to which a `CHAIN` retry belongs; None if there is no such call. Earlier attempts
+        of the call may be lost or overtaken.
         """
         if self.convention not in _CHAIN_CONVENTIONS:
             return None

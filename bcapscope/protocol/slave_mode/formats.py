@@ -161,8 +161,8 @@ class FormatParameter(NamedTuple):
 
 
 def parse_format_parameter(parameter: Variant) -> FormatParameter | None:
-    """Decode a parameter that is a format number, or an array of format number and time unit. Return None for
-    other parameters.
+    """Decode a parameter. It is either a format number, or an array that holds a format number and a time
+    unit. Return None for other parameters.
     """
     value = parameter.value
     items = value if isinstance(value, tuple) else (value,)

@@ -19,7 +19,8 @@ from bcapscope.protocol.slave_mode.formats import POSE_ONLY_FORMAT, ReceiveForma
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, FLOAT_ARRAYS, Pose, build_pose, pose_numbers
 
-# Kinds of elements in slvMove's parameter and result, from which the decoder guesses their meanings.
+# Kinds of elements in slvMove's parameter and result. The decoder uses the kinds to guess the meanings of the
+# elements.
 _ROW, _WORD, _DATA, _OTHER, _END = "numbers", "integer", "bytes", "other", "end"
 
 _Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each element
@@ -214,7 +215,7 @@ def _matching_arrangements(
 def _set_point_arrangements(
     send: SendFormat | None, receive: ReceiveFormat | None, kinds: tuple[str, ...]
 ) -> tuple[_Arrangement, ...]:
-    """Return the possible arrangements of elements in a set point, at least one arrangement, the most likely
+    """Return at least one possible arrangement of the elements in a set point, the most likely arrangement
     first.
     """
     sends = [send] if send else [SendFormat.parse(value) for value in (0, 0x20, 0x100, 0x120, 0x200, 0x220)]
@@ -238,7 +239,7 @@ def _set_point_parts(form: SendFormat, user_read: bool) -> Iterator[tuple[str, s
 
 @lru_cache(maxsize=256)
 def _feedback_arrangements(receive: ReceiveFormat | None, kinds: tuple[str, ...]) -> tuple[_Arrangement, ...]:
-    """Return the possible arrangements of elements in a result, at least one arrangement, the most likely
+    """Return at least one possible arrangement of the elements in a result, the most likely arrangement
     first.
     """
     if receive is not None:
@@ -265,8 +266,8 @@ def _feedback_parts(form: ReceiveFormat) -> Iterator[tuple[str, str]]:
 
 
 def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Variant], list[Message]]:
-    """Name the elements in order, as in the arrangement `layout`. Also return problems: elements that are
-    missing or too many.
+    """Give each element its name from the arrangement `layout`, in order. Also return problems: missing
+    elements and superfluous elements.
     """
     named: dict[str, Variant] = {}
     problems: list[Message] = []
@@ -349,8 +350,8 @@ def _poses_of_part(
             first._replace(guessed=receive is None),
             second._replace(guessed=receive is None),
         ), problems + more
-    # If the format is unknown, assume the pose type of the slave mode if the number of values fits. No source
-    # documents the default format of slvMove's result.
+    # If the format is unknown and the number of values fits, assume the pose type of the slave mode. No
+    # source documents the default format of slvMove's result.
     agrees = pose_type is not None and len(row) == len(AXES[pose_type])
     known = types[0] if types else (pose_type if agrees else None)
     pose, problems = build_pose(row, known)

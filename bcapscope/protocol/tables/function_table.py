@@ -40,7 +40,7 @@ class ResultKind(StrEnum):
     I4 = "I4"
     BSTR = "BSTR"
     VARIANT = "VARIANT"
-    """A VARIANT of a type that depends on the command or the variable."""
+    """A VARIANT; its type depends on the command or the variable."""
     NAMES = "names"
     """A VARIANT with an array of names."""
     DATE = "DATE"
@@ -162,8 +162,8 @@ _RESULT_TYPES = {ResultKind.HANDLE: "VT_I4", ResultKind.I4: "VT_I4", ResultKind.
 
 
 def request_param(function_id: int | None, index: int) -> Param:
-    """Return the name and type of a request's argument by its index, counted from 0. The name of an argument
-    that the function does not have is `arg` and a number from 1, such as `arg4`.
+    """Return the name and type of an argument of a request. `index` counts the arguments from 0. The name of
+    an argument that the function does not have is `arg` and a number from 1, such as `arg4`.
     """
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if function is not None and index < len(function.params):
@@ -172,7 +172,9 @@ def request_param(function_id: int | None, index: int) -> Param:
 
 
 def result_param(function_id: int | None, index: int) -> Param:
-    """Return the name and type of an argument in the reply to a function, by its index, counted from 0."""
+    """Return the name and type of an argument in the reply to a function. `index` counts these arguments from
+    0.
+    """
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if index:
         return Param(f"arg{index + 1}", _ANY)

@@ -1,7 +1,7 @@
 """HRESULT: the meaning of a reply's result code. The digits of an unknown code show part of its meaning.
 
-A result is 32 bits at offset 9 of a reply. Some clients print this number as signed, others as unsigned; the
-functions in this module accept both.
+A result code is a number of 32 bits at offset 9 of a reply. Some clients print this number as signed, others
+as unsigned; the functions in this module accept both.
 
 Codes of RC8 and later controllers have the form 8 L S nnnnn. L is the error level, and S is the part of the
 controller that reports the error. All 7687 codes in the error list of nkawa/Denso_CobottaPro900_MQTT_Control
@@ -65,7 +65,7 @@ programs, pendant.
 """
 
 
-# No `__slots__`: the class caches `text`, which speeds up the JSON of a million replies.
+# Without `__slots__`, the class can cache `text`. This cache speeds up the JSON of a million replies.
 @dataclass(frozen=True)
 class HresultInfo:
     """Everything known about a result code.
@@ -124,7 +124,9 @@ def ends_slave_mode(code: int) -> bool:
 
 @lru_cache(maxsize=4096)
 def is_rc7_code(code: int) -> bool:
-    """Return whether bcapscope treats a result code, 0000xxxx or 8000xxxx, as a four-digit code of RC7."""
+    """Return whether bcapscope takes a result code for a four-digit code of RC7. Such a result code has the
+    form 0000xxxx or 8000xxxx.
+    """
     code &= 0xFFFFFFFF
     in_range = any(first <= code <= last for first, last, _ in _RANGES)
     return _has_rc7_form(code) and code not in _KNOWN and not in_range
@@ -154,7 +156,7 @@ def is_success(code: int) -> bool:
 
 
 def is_known_code(code: int) -> bool:
-    """Return whether a table lists this code, alone or as part of a family or range."""
+    """Return whether a table lists this code, either alone, or within a family or a range of codes."""
     return describe_hresult(code).meaning.id not in _UNLISTED
 
 

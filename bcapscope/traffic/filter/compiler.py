@@ -118,8 +118,8 @@ class Filter:
             getters: One getter for each name in `getter_names`. A getter takes a record and returns a value
                 as `FieldType` specifies. Additional getters are ignored. If the getter of `t` is missing,
                 `bind` creates it.
-            first_time: Function that returns the start of `t`, ns since 1970; None if `t` starts at the first
-                tested record.
+            first_time: Function that returns the time, in ns since 1970, at which `t` is 0; None if `t` is 0
+                at the first tested record.
 
         Raises:
             KeyError: A getter in `getter_names` is missing.
@@ -140,7 +140,7 @@ class _ElapsedTime:
         self._noted: int | None = None
 
     def note(self, record: object) -> bool:
-        """Count `t` from this record if it is the first record. Return True."""
+        """If this record is the first record, start `t` at the time of this record. Return True."""
         time = self._time_of(record)
         if self._noted is None and isinstance(time, int):
             self._noted = time
@@ -166,7 +166,7 @@ def compile_filter(expression: str, kind: RecordKind) -> Filter:
 
 class _Parser:
     """Recursive-descent parser. Each method `parse_...` consumes the tokens of one construct, such as a
-    comparison, and returns its binder.
+    comparison. The method returns the binder of this construct.
     """
 
     def __init__(self, expression: str, kind: RecordKind) -> None:
@@ -283,8 +283,8 @@ class _Parser:
         return with_nearest(Message("input.no-such-field", name=f"{name!r}"), name, self.fields)
 
     def parse_other_field(self, subject: ComparedField) -> tuple[str, str] | None:
-        """Consume a sign and a second field of the same type; return the sign and the name of the field's
-        getter.
+        """Consume a sign and a second field of the same type. Return the sign and the name of the second
+        field's getter.
         """
         sign = self.peek()
         if not (sign.is_sign(*COMPARISONS) and subject.type in operands.NUMERIC):

@@ -25,7 +25,7 @@ class RecordKind(StrEnum):
 
 
 class FieldType(Enum):
-    """Type of a field's values. The value of each member is the name of the type in messages."""
+    """Type of a field's values. The value of each member is the type's name, as messages show it."""
 
     NUMBER = "number"
     """An int or a float."""

@@ -17,9 +17,9 @@ class AnnotatedFrame(NamedTuple):
     """A captured frame, or captured bytes that are no frame, with its function and command.
 
     Attributes:
-        observation: The frame, or the bytes, with time, packet and flow.
-        call_kind: Function and command of the request, or of the request that a reply answers; None if
-            unknown.
+        observation: Observation that holds the frame or the bytes, with their time, packet and flow.
+        call_kind: Function and command. For a reply, these are from the request that the reply answers. None
+            if unknown.
         comments: Comments on the packet in the capture.
     """
 
@@ -133,8 +133,8 @@ FRAME_GETTERS: Mapping[str, Callable[[AnnotatedFrame], object]] = {
 
 
 def _clients(call: Call) -> Endpoint | tuple[Endpoint, Endpoint]:
-    """Return the address of the client. If the call was captured on both legs of a proxy, return the client
-    of each leg.
+    """Return the address of the client. If the call was captured on both legs of a proxy, return the address
+    of the client on each leg.
     """
     near, far = call.conversation, call.conversation.controller_leg
     return near.client if far is None else (near.client, far.client)

@@ -42,7 +42,7 @@ class LiteralMatch(NamedTuple):
 
     Attributes:
         same_kind: Function that returns whether a value can be compared with the literal. If a value cannot
-            be compared, both == and != are false.
+            be compared with the literal, both == and != are false.
     """
 
     same_kind: Match
@@ -139,8 +139,8 @@ def code(wanted: int) -> LiteralMatch:
 
 
 def endpoint(address: Address, port: int | None) -> LiteralMatch:
-    """Match an address with this port, or with any port if `port` is None. A call through a proxy has one
-    address per leg in a tuple; one of these addresses must match.
+    """Return a test for the IP address `address` and the port `port`. If `port` is None, any port matches. A
+    call through a proxy has one address per leg in a tuple; one of these addresses must match.
     """
 
     def equal(value: object) -> bool:
@@ -185,8 +185,8 @@ def _parse_port(written: str) -> int | None:
 
 
 def equality(wanted: Sequence[LiteralMatch], negated: bool) -> Match:
-    """Match a value that equals one of the `wanted` literals. If `negated`, match a value that equals none of
-    the literals, but can be compared with one of them.
+    """Match a value that equals one of the `wanted` literals. If `negated` is True, a value matches if it
+    equals no literal but can be compared with at least one.
     """
     same_kind = any_of([one.same_kind for one in wanted])
     equal = any_of([one.equal for one in wanted])
@@ -207,14 +207,17 @@ def any_of(matches: Sequence[Match]) -> Match:
 
 
 def order(sign: str, wanted: Number) -> Match:
-    """Match a number by an ordering sign such as <. NaN and values of other types never match."""
+    """Return a test that compares a number with `wanted` by a sign such as <. NaN and values of other types
+    never match.
+    """
     compare = ORDERINGS[sign]
     return lambda value: is_number(value) and compare(value, wanted)
 
 
 def code_order(sign: str, wanted: int, signed: bool) -> Match:
-    """Match an HRESULT by an ordering sign such as <. The HRESULT is compared as a signed or unsigned
-    number."""
+    """Return a test that compares an HRESULT with `wanted` by a sign such as <. The HRESULT is compared as a
+    signed or unsigned number.
+    """
     compare = ORDERINGS[sign]
     flip = _SIGN_BIT if signed else 0
     limit = (wanted & _U32) ^ flip
@@ -230,7 +233,7 @@ def contains(wanted: str | int | float) -> Match:
 
 
 def _has_number(wanted: int | float) -> Match:
-    """Return a test that matches a list with the number `wanted` as an element.
+    """Return a test that is true for a list that contains the number `wanted`.
 
     A frame can contain 260,000 numbers, and the proxy forwards nothing during the search. The search
     therefore uses C code of the interpreter, which searches 65,536 numbers in a millisecond. All elements of
@@ -251,7 +254,7 @@ def _has_number(wanted: int | float) -> Match:
 
 
 def search(pattern: str) -> Match:
-    """Match a text, or a list with a text element, that matches a regular expression at any place.
+    """Return a test that searches a text, or each text in a list, for a regular expression.
 
     With any regular expression, RE2 needs a time proportional to the length of the text.
 

@@ -27,7 +27,7 @@ NUMERIC = frozenset({FieldType.NUMBER, FieldType.TIME, FieldType.DURATION})
 _LISTS = frozenset({FieldType.NUMBERS, FieldType.TEXTS, FieldType.VALUES})
 _LITERALS = frozenset({TokenKind.WORD, TokenKind.NUMBER, TokenKind.TEXT, TokenKind.ADDRESS})
 _EARLIEST_TIME = 100_000_000 * 10**9
-"""Smallest plausible capture time in ns since 1970; it is a time in 1973. A smaller number is probably a
+"""Smallest plausible capture time in ns since 1970. This time is in 1973. A smaller number is probably a
 mistake.
 """
 
@@ -55,8 +55,8 @@ class ComparedField(NamedTuple):
     start: int
 
     def mismatch(self, case: str, **places: str) -> Message:
-        """Return the message whose id is ``filter.`` followed by `case`. The message names the field and its
-        type.
+        """Return the message whose id is ``filter.`` followed by `case`. The message contains the names of
+        the field and of its type.
         """
         type_ = Message(f"filter.type.{self.type.name.lower()}")
         return Message(f"filter.{case}", name=self.name, type=type_, **places)
@@ -128,7 +128,7 @@ def doubts(compared: ComparedField, sign: str, literal: Token) -> Iterator[Messa
 
 
 def unknown_value(compared: ComparedField, literal: Token) -> Iterator[Message]:
-    """Yield a message if the field's table lacks a value. The message names the most similar value of the
+    """Yield a message if the field's table lacks a value. The message contains the most similar value of the
     table.
     """
     if compared.type is FieldType.HRESULT and literal.kind is TokenKind.NUMBER:

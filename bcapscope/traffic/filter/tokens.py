@@ -68,11 +68,11 @@ class TokenKind(Enum):
 
 
 class Token(NamedTuple):
-    """A word, number, text, address or sign in a filter expression.
+    """One token of a filter expression: a word, number, text, address or sign.
 
     Attributes:
-        text: Text of the token as written. The quotes and escapes of a quoted text, and the unit of a number,
-            are left out.
+        text: Text of the token, as the expression has it. The text of a quoted token has no quotes and no
+            escapes. The text of a number has no unit.
         stop: Index in the expression after the last character of the token.
         unit: Unit after a number. A space may precede a unit of time.
     """
@@ -87,7 +87,9 @@ class Token(NamedTuple):
         return self.kind is TokenKind.SIGN and self.text in texts
 
     def is_word(self, *texts: str) -> bool:
-        """Return whether the token is one of these keywords, in upper or lower case."""
+        """Return whether the token is one of the keywords that were passed. Upper and lower case are the
+        same.
+        """
         return self.kind is TokenKind.WORD and self.text.casefold() in texts
 
 

@@ -9,7 +9,7 @@ from bcapscope.traffic.joining.place_merger import Coverage
 
 
 class CapturedTwins:
-    """One conversation that two captures from different places contain.
+    """One conversation that was captured at two places, with two captures.
 
     Objects of this class are compared by identity.
 

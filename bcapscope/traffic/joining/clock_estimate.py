@@ -1,8 +1,8 @@
 """Estimate the difference between the clocks at two places, from the frames that both places captured.
 
 A frame cannot arrive before it was sent. A request therefore gives an upper bound for the lead of the
-controller's clock, and a reply gives a lower bound. The estimated lead is between the lowest upper bound and
-the highest lower bound.
+controller's clock, and a reply gives a lower bound. The estimated lead of this clock is between the lowest
+upper bound and the highest lower bound.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 SEGMENT_NS = 10_000_000_000
-"""Length in ns of the segments for which the offset of the clocks is estimated. Over this time, clocks drift
-apart by less than 2 ms even at 200 ppm.
+"""Length in ns of a time segment. The offset of the clocks is estimated for each segment. Over this time,
+clocks drift apart by less than 2 ms even at 200 ppm.
 """
 
 MAX_DRIFT = 200e-6
@@ -27,14 +27,15 @@ UNKNOWN_ERROR_NS = 1_000_000_000
 
 
 class ClockEstimate(NamedTuple):
-    """How far the controller-side clock is ahead of the client-side clock.
+    """Estimate of the time by which the controller-side clock is ahead of the client-side clock.
 
     Attributes:
-        points: Times by the controller-side clock, ns since 1970, each with the offset at that time, ns.
-            Between and beyond the points, the offset changes linearly.
+        points: Pairs of a time and the offset at this time. The time is in ns since 1970, by the
+            controller-side clock. The offset is in ns. Between and beyond the points, the offset changes
+            linearly.
         error: Uncertainty of the offset, ns: half the distance between its bounds.
         drift: How much faster the controller-side clock runs, as a ratio: 1e-6 is a lead of one microsecond
-            per second. `drift` is None if the traffic does not show it.
+            per second. `drift` is None if the traffic does not show the drift.
     """
 
     points: tuple[tuple[int, int], ...]
@@ -56,8 +57,8 @@ class ClockEstimate(NamedTuple):
 
 
 class _Segment:
-    """Lower and upper bound of the offset in one time segment, each with the time of the frame that sets
-    it.
+    """Lower and upper bound of the offset in one time segment. Each bound has the time of the frame that
+    proves it.
     """
 
     def __init__(self) -> None:
@@ -104,8 +105,8 @@ class ClockEstimator:
         return _OffsetBounds(most, least).straight_line() or self._curve()
 
     def _curve(self) -> ClockEstimate:
-        """Return an estimate through the middle of the bounds of each segment, for clocks whose drift
-        changes.
+        """Return an estimate for clocks whose drift changes: a curve through the middle of each segment's
+        bounds.
         """
         segments = [segment for _, segment in sorted(self._segments.items())]
         middles = dict(middle for segment in segments if (middle := segment.middle) is not None)
@@ -141,7 +142,8 @@ class _LowerHull:
 
 
 class _OffsetBounds:
-    """Bounds of the offset between two clocks over time, and the straight lines between these bounds.
+    """Bounds of the offset between two clocks at several times. Finds the straight lines that keep within
+    these bounds.
 
     A line is described by its offset at the first point, and by its drift. Times and offsets are relative to
     the first point.
@@ -170,7 +172,7 @@ class _OffsetBounds:
         return ClockEstimate(tuple(points), round(error) + 1, (slowest + fastest) / 2 if is_known else None)
 
     def _limits_at(self, time: int, slowest: float, fastest: float) -> tuple[float, float]:
-        """Return the highest and the lowest offset at `time` of all lines between the bounds."""
+        """Of all lines between the bounds, return the highest and the lowest offset at the time `time`."""
 
         def top(drift: float) -> float:
             return self._top(drift) + drift * time

@@ -8,8 +8,8 @@ from bcapscope.traffic.observation import Conversation, Observation
 
 
 class DeliveryQueue:
-    """A queue of observations, ordered by time, then by number. An observation waits until no earlier
-    observation can follow.
+    """A queue of observations, ordered by time, then by number. An observation waits in the queue as long as
+    an earlier observation can still be added.
     """
 
     def __init__(self) -> None:

@@ -23,7 +23,7 @@ polls with a reused serial, deviate more.
 """
 
 SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
-"""Conditions for joining two captures that, according to their clocks, did not run at the same time. The
+"""Conditions for joining two captures if their clocks say that one capture ended before the other began. The
 values are the minimum number of equal frames, the minimum share of equal frames, and the maximum median
 deviation in ns. In such captures, either a clock was wrong, or the client ran the same program twice. A
 second run has another client port, other values or other pauses.
@@ -39,13 +39,13 @@ class SharedConversation(NamedTuple):
     """A conversation that two captures hold.
 
     Attributes:
-        ends: Ends of the conversation in the first and in the second capture. The ends differ if a proxy or a
-            router is between the two capture points.
+        ends: Ends of the conversation in the first and in the second capture. The two captures show different
+            ends if a proxy or a router is between the two capture points.
         offset: Rough time in ns from a frame in the first capture to the same frame in the second capture.
-        request_offset: The offset of the requests only; None without a common request.
-        reply_offset: The offset of the replies only; None without a common reply.
-        is_sure: Whether the evidence suffices even if the captures, according to their clocks, did not run at
-            the same time.
+        request_offset: Offset measured on requests only; None if the captures have no request in common.
+        reply_offset: Offset measured on replies only; None if the captures have no reply in common.
+        is_sure: Whether the evidence suffices even if the clocks say that one capture ended before the other
+            began.
     """
 
     ends: tuple[ConversationEnds, ConversationEnds]
@@ -60,7 +60,7 @@ class FrameSample:
 
     Attributes:
         count: Number of frames in the sample.
-        frames: For each conversation, direction and bytes, the time of the first frame that has them.
+        frames: Maps a conversation, a direction and the bytes of a frame to the time of the first such frame.
     """
 
     def __init__(self) -> None:

@@ -20,16 +20,16 @@ class CapturePlace(IntEnum):
 
 
 class JoinedObservation(Observation):
-    """A frame of a conversation that was captured at two places, with its sighting at each place. A sighting
-    is the frame as captured at one place. The inherited fields have the values of the sighting at the
-    client's side or, if there is none, at the controller's side. `flow` is always the flow at the client's
-    side.
+    """One frame with its sightings. The frame's conversation was captured at two places. A sighting is the
+    frame as captured at one place. The inherited fields are from the sighting at the client's side. Without
+    this sighting, they are from the sighting at the controller's side. `flow` is always the flow at the
+    client's side.
 
     Attributes:
         at_client: Sighting at the client's side; None if the frame was not captured there.
         at_controller: Sighting at the controller's side; None if the frame was not captured there.
-        is_missed: Whether the frame did not pass one of the places, because this place was capturing but
-            lacks the frame.
+        is_missed: Whether the frame did not pass one place: the capture at this place ran, but lacks the
+            frame.
         is_relayed: Whether a proxy is between the two places.
         note: What a proxy did to the frame, from the comment on the packet; "" if the proxy did not change
             the frame.
@@ -49,13 +49,15 @@ class JoinedObservation(Observation):
 
     @property
     def was_lost_between(self) -> bool:
-        """Whether the frame was lost between the two places: it was not captured at the receiver's side."""
+        """Whether the frame was lost between the two places. The capture at the receiver's side lacks such a
+        frame.
+        """
         receiver = self.at_controller if self.is_request else self.at_client
         return self.is_missed and receiver is None
 
     @property
     def was_made_between(self) -> bool:
-        """Whether a proxy between the places made the frame: it was not captured at the sender's side."""
+        """Whether a proxy made the frame. The capture at the sender's side lacks such a frame."""
         sender = self.at_client if self.is_request else self.at_controller
         return self.is_missed and self.is_relayed and sender is None
 
@@ -69,11 +71,13 @@ class JoinedObservation(Observation):
 
     @property
     def held_by_proxy(self) -> int:
-        """Time from one leg of a proxy to the other, ns; 0 if the time is unknown or there is no proxy."""
+        """Time in ns that the frame took from one leg of a proxy to the other; 0 if unknown or without a
+        proxy.
+        """
         return (self.delay or 0) if self.is_relayed else 0
 
     def sightings(self) -> Iterator[Observation]:
-        """Yield the sightings, beginning with that at the client's side."""
+        """Yield the sightings, beginning with the sighting at the client's side."""
         for sighting in (self.at_client, self.at_controller):
             if sighting is not None:
                 yield sighting
@@ -89,7 +93,9 @@ def join_sightings(
     note: str = "",
     delay_error: int = 0,
 ) -> JoinedObservation:
-    """Join one or two sightings into one observation. `flow` is the flow at the client's side."""
+    """Join one or two sightings into one observation. `flow` is the frame's flow as captured at the client's
+    side.
+    """
     base = at_client or at_controller
     assert base is not None
     joined = JoinedObservation(base.number, base.time, base.first_byte_time, flow, base.item, base.packet)
@@ -99,8 +105,23 @@ def join_sightings(
     return joined
 
 
+def numbered(joined: JoinedObservation, number: int) -> JoinedObservation:
+    """Return a joined observation that was captured only at the controller's side, with another number."""
+    assert joined.at_client is None
+    assert joined.at_controller is not None
+    return join_sightings(
+        None,
+        joined.at_controller._replace(number=number),
+        joined.flow,
+        is_missed=joined.is_missed,
+        is_relayed=joined.is_relayed,
+        note=joined.note,
+        delay_error=joined.delay_error,
+    )
+
+
 def sighting_numbers(observation: object) -> tuple[int, ...]:
-    """Return the numbers of an observation at all places where it was captured."""
+    """Return the numbers that an observation has in the captures of all places."""
     if isinstance(observation, JoinedObservation):
         return tuple(sighting.number for sighting in observation.sightings())
     return (observation.number,) if isinstance(observation, Observation) else ()

@@ -1,4 +1,6 @@
-"""Join the conversations that several places captured, and return all observations in order of time."""
+"""Join the observations of each conversation that was captured at several places. Return all observations in
+order of time.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,7 @@ from itertools import permutations
 from bcapscope.traffic.joining.captured_twins import CapturedTwins, CaptureSide
 from bcapscope.traffic.joining.delivery_queue import DeliveryQueue
 from bcapscope.traffic.joining.joined_observation import CapturePlace
-from bcapscope.traffic.joining.place_merger import JOIN_WITHIN_NS, NO_COMMENTS, PlaceMerger
+from bcapscope.traffic.joining.place_merger import JOIN_WITHIN_NS, PlaceMerger
 from bcapscope.traffic.joining.twin_recognition import (
     ENOUGH_CALLS,
     NestedCalls,
@@ -37,16 +39,16 @@ HELD_FRAMES = 512
 """Maximum number of frames of a new conversation that are held until the other leg is known."""
 
 OWN_CALLS = 2
-"""If no other conversation has the same requests, a conversation with this number of answered calls is
-assumed not to be the leg of a proxy. A proxy forwards a request before it receives the reply. With a proxy,
-the request would have been captured twice before the reply.
+"""Number of answered calls after which a conversation counts as direct traffic, not as the leg of a proxy. No
+other conversation may have the same requests. A proxy forwards a request before it receives the reply. With a
+proxy, the request would have been captured twice before the reply.
 """
 
 MAX_NEW = 1024
-"""Maximum number of conversations that are held at a time."""
+"""Maximum number of conversations that the joiner holds at the same time."""
 
 MAX_SUSPECTS = 32
-"""Maximum number of conversations that are compared with a new conversation."""
+"""Maximum number of conversations with which the joiner compares one new conversation."""
 
 MAX_CONVERSATIONS = 4096
 """Maximum number of conversations that the joiner remembers. Beyond this limit, the joiner forgets all
@@ -58,7 +60,7 @@ MAX_JOINED = 256
 """
 
 MAX_SENDERS = 16
-"""Maximum number of conversations with the same request that are compared with each other."""
+"""Maximum number of conversations that the joiner remembers and compares for one request."""
 
 MAX_REQUESTS = 65536
 """Maximum number of requests that the joiner remembers, to find the same request in new conversations."""
@@ -96,7 +98,7 @@ class _NewConversation:
             self.suspects[conversation] = None
 
     def drop_before(self, client_side: _NewConversation) -> None:
-        """Drop the frames before the first frame that the client's side still holds."""
+        """Drop the first frames until a frame comes that the client's side still holds."""
         waiting = {each.item.raw for each in client_side.held}
         while self.held and self.held[0].item.raw not in waiting:
             del self.held[0]
@@ -110,12 +112,13 @@ class Joiner:
     other observations unchanged.
 
     Attributes:
-        passing: Flows whose observations never wait, because their conversation is not the leg of a proxy.
-            Callers need not add the observations of the flows in `passing`.
+        passing: Flows whose conversation is not the leg of a proxy. Their observations never wait. Callers
+            need not add the observations of the flows in `passing`.
+        delivered_until: Time up to which all observations were returned, ns since 1970.
     """
 
     def __init__(
-        self, comments: Mapping[int, tuple[str, ...]] = NO_COMMENTS, only: CapturePlace | None = None
+        self, comments: Mapping[int, tuple[str, ...]] | None = None, only: CapturePlace | None = None
     ) -> None:
         """Start without conversations.
 
@@ -125,7 +128,8 @@ class Joiner:
                 has no second leg, its observations are always returned.
         """
         self.passing: set[Flow] = set()
-        self._comments = comments
+        self.delivered_until = 0
+        self._comments = {} if comments is None else comments
         self._only = only
         self._hidden: set[Conversation] = set()
         self._single_flows: set[Flow] = set()
@@ -141,7 +145,7 @@ class Joiner:
         self._now = self._next_due = 0
 
     def add(self, observation: Observation) -> Sequence[Observation]:
-        """Add the next observation; return the observations that are due, in order of time."""
+        """Add the next observation. Return all observations that are due now, in order of time."""
         time = observation.time
         due: list[Observation] = []
         if time < self._now - JOIN_WITHIN_NS:  # the clock of the capturing computer was set back
@@ -199,7 +203,7 @@ class Joiner:
                 is_relayed=twins.is_relayed,
                 coverage=twins.coverage,
                 clock_error=twins.clock_error,
-                comments=self._comments,
+                notes_of=self._comments_on,
             )
         elif twins.is_relayed and merger.conversation.controller_leg is None:
             merger.conversation.controller_leg = conversation
@@ -256,8 +260,9 @@ class Joiner:
         self._recent_count = 0
 
     def _note_sender(self, request: Observation) -> list[Conversation]:
-        """Remember the conversation of a request; return the other conversations that have the same
-        request."""
+        """Remember the conversation of a request; return the conversations that sent the same request
+        before.
+        """
         if len(self._senders) >= MAX_REQUESTS:
             self._senders.clear()
         senders = self._senders.setdefault(request.item.raw, {})
@@ -295,7 +300,7 @@ class Joiner:
         conversation.controller_leg = controller_side.conversation
         if len(self._mergers) >= 2 * MAX_JOINED:
             self._stop_joining(next(iter(self._mergers.values()))[0])
-        merger = PlaceMerger(conversation, self._queue.add, comments=self._comments)
+        merger = PlaceMerger(conversation, self._queue.add, notes_of=self._comments_on)
         places = {twin.conversation: place for twin, place in zip(twins, CapturePlace, strict=True)}
         for leg, place in places.items():
             self._mergers[leg] = merger, place
@@ -304,7 +309,7 @@ class Joiner:
         self._busy[merger] = None
 
     def _take_over(self, twin: _NewConversation) -> None:
-        """Remove a conversation and its pending observations from all other collections."""
+        """Remove a conversation and its pending observations from the joiner's other collections."""
         conversation = twin.conversation
         if conversation in self._single:
             self._single.remove(conversation)
@@ -320,7 +325,7 @@ class Joiner:
         second leg.
 
         Args:
-            calls: Minimum number of nested calls that proves a second leg; 0 to use the result of
+            calls: Minimum number of nested calls that prove a second leg; 0 to use the result of
                 `fewest_calls`.
         """
         found: list[tuple[NestedCalls, _NewConversation, _NewConversation]] = []
@@ -339,8 +344,8 @@ class Joiner:
         return outer, inner
 
     def _waiting_traffic(self, conversation: Conversation) -> _NewConversation | None:
-        """Return the waiting traffic of a conversation without a second leg; None if no traffic waits. The
-        traffic waits because a newer conversation may be the second leg.
+        """Return the traffic that waits in a conversation without a second leg; None if no traffic waits.
+        This traffic waits because a newer conversation may be the second leg.
 
         If the proxy dropped the client's first request, the client's leg begins long before the controller's
         leg.
@@ -380,7 +385,7 @@ class Joiner:
             self._decide_due(now)
         if len(self._queue) > MAX_WAITING:
             self._decide_all()
-        # the new conversations are in the order in which they began
+        # `_new` lists the conversations in the order in which they began
         oldest = next(iter(self._new.values()), None)
         until = now if oldest is None else min(now, oldest.began - 1)
         for merger in list(self._busy):
@@ -390,6 +395,7 @@ class Joiner:
                 del self._busy[merger]
             else:
                 until = min(until, pending - 1)
+        self.delivered_until = until
         due = self._queue.pop_until(until)
         if not self.passing:
             self._update_passing()
@@ -407,6 +413,9 @@ class Joiner:
             self._decide(next(iter(self._new.values())))
         for merger in self._distinct_mergers():
             merger.close()
+
+    def _comments_on(self, observation: Observation) -> tuple[str, ...]:
+        return self._comments.get(observation.packet, ())
 
     def _update_passing(self) -> None:
         is_idle = not (self._new or self._mergers or self._queue)

@@ -5,7 +5,7 @@ sightings.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -24,19 +24,19 @@ frame is delivered without its second sighting.
 """
 
 MAX_COMPARED = 1024
-"""Maximum number of waiting frames that are compared with a frame that a proxy may have changed."""
-
-MAX_OVERDUE = 256
-"""Maximum number of lost frames that are remembered. The merger can then recognise a lost frame that the
-other place captures later, such as a held message that the proxy's user released.
+"""Maximum number of waiting frames with which the merger compares one frame, if a proxy may have changed this
+frame.
 """
 
-NO_COMMENTS: Mapping[int, tuple[str, ...]] = {}
+MAX_OVERDUE = 256
+"""Maximum number of lost frames that the merger remembers. The merger thus recognises a lost frame if the
+other place captures the frame later. An example is a held message that the proxy's user released.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """The time that the capture of a place covers.
+    """Time span that the capture at one place covers.
 
     Attributes:
         begins: Time of the first packet, ns since 1970; None if the capture covers the beginning of the
@@ -64,8 +64,8 @@ class PlaceMerger:
     changed the bytes. Add the observations of both places in order of time.
 
     Attributes:
-        conversation: Conversation to which all joined observations belong, normally the one captured at the
-            client's side.
+        conversation: Conversation to which all joined observations belong; usually the conversation that was
+            captured at the client's side.
         own_requests: Number of requests that the proxy sent on its own.
     """
 
@@ -77,24 +77,24 @@ class PlaceMerger:
         is_relayed: bool = True,
         coverage: tuple[Coverage, Coverage] = (Coverage(), Coverage()),
         clock_error: int = 0,
-        comments: Mapping[int, tuple[str, ...]] = NO_COMMENTS,
+        notes_of: Callable[[Observation], Iterable[str]],
     ) -> None:
         """Start without observations.
 
         Args:
-            deliver: Function that receives each joined observation. The observations are not in order of
-                time; see `earliest_pending`.
+            deliver: Function that receives each joined observation. The function does not receive the
+                observations in order of time; see `earliest_pending`.
             is_relayed: Whether a proxy is between the places.
             coverage: When the capture of each place began and ended.
             clock_error: Uncertainty of the difference between the clocks of both places, ns.
-            comments: For each packet number, the comments on the packet.
+            notes_of: Function that returns the notes on a sighting. A proxy notes what it changed.
         """
         self.conversation = conversation
         self._deliver = deliver
         self._is_relayed = is_relayed
         self._coverage = coverage
         self._clock_error = clock_error
-        self._comments = comments
+        self._notes_of = notes_of
         self._flows = {direction: Flow(conversation, direction) for direction in Direction}
         self._known_flows: set[Direction] = set()
         self._pending: deque[_Waiting] = deque()
@@ -106,7 +106,9 @@ class PlaceMerger:
 
     @property
     def earliest_pending(self) -> int | None:
-        """Earliest time of a frame that is not delivered yet, ns since 1970; None if all are delivered."""
+        """Time of the earliest frame that is not delivered yet, ns since 1970; None if all frames are
+        delivered.
+        """
         pending = self._pending
         while pending and pending[0].is_resolved:
             pending.popleft()
@@ -166,7 +168,7 @@ class PlaceMerger:
         )
 
     def _give_up(self, waiting: _Waiting, *, is_at_end: bool) -> None:
-        """Deliver a frame although the other place did not capture the same bytes in time."""
+        """Deliver a frame that waited in vain: the other place did not capture the same bytes in time."""
         observation, place = waiting.observation, waiting.place
         direction = observation.flow.direction
         key = direction, observation.item.raw
@@ -200,7 +202,9 @@ class PlaceMerger:
         self._deliver(joined)
 
     def _is_missed(self, observation: Observation, place: CapturePlace, is_at_end: bool) -> bool:
-        """Return whether the other place was capturing at the time when this frame should have passed it."""
+        """Return whether the capture at the other place was running when this frame should have passed that
+        place.
+        """
         if not self._is_relayed and self.conversation.transport is Transport.TCP:
             return False  # TCP retransmits lost bytes, so the missing frame is a gap in the other capture
         other, time = self._coverage[1 - place], observation.time
@@ -213,7 +217,7 @@ class PlaceMerger:
             return True  # the frame passed the sender's side first, so the other place had time to capture it
         closing = self.conversation.connection_end
         if self._is_relayed and closing is not None and closing.ends_replies:
-            return True  # the connection has ended, so no further frame can pass
+            return True  # the connection has ended, so no further frame can come
         if is_at_end or (other.ends is not None and time > other.ends - JOIN_WITHIN_NS):
             return time < self._latest_joined[observation.flow.direction]
         return True
@@ -226,7 +230,9 @@ class PlaceMerger:
                 del self._by_bytes[key]
 
     def _find_changed(self, waiting: _Waiting) -> _Waiting | None:
-        """Return the frame at the other place that has the same serial and direction but other bytes."""
+        """Return the frame that was captured at the other place with the same serial and direction, but
+        different bytes.
+        """
         direction = waiting.observation.flow.direction
         serial = _serial_of(waiting.observation)
         if serial is None:
@@ -246,8 +252,8 @@ class PlaceMerger:
     def _complete_overdue(
         self, key: tuple[Direction, bytes], place: CapturePlace, observation: Observation
     ) -> bool:
-        """Return whether a sighting belongs to a request that already counted as lost, and add the sighting
-        to this request.
+        """If a sighting belongs to a request that already counted as lost, add the sighting to this request
+        and return True.
         """
         joined = self._overdue.get(key)
         if joined is None or not joined.is_request or place is not CapturePlace.CONTROLLER_SIDE:
@@ -258,13 +264,10 @@ class PlaceMerger:
         return True
 
     def _note_on(self, *observations: Observation) -> str:
-        """Return the comments on the packets of a frame. The proxy notes its changes to the frame in these
-        comments.
+        """Return the notes on the sightings of a frame, each note once. The proxy notes its changes to a
+        frame.
         """
-        if not self._comments:
-            return ""
-        notes = dict.fromkeys(note for each in observations for note in self._comments.get(each.packet, ()))
-        return "; ".join(notes)
+        return "; ".join(dict.fromkeys(note for each in observations for note in self._notes_of(each)))
 
 
 def _serial_of(observation: Observation) -> int | None:

@@ -10,8 +10,8 @@ from typing import NamedTuple
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 ENOUGH_CALLS = 8
-"""Number of nested calls that prove that two conversations are the legs of a proxy, while further calls may
-follow. Two clients that start the same program at the same time send the same bytes. However, eight nested
+"""If further calls may follow, this number of nested calls proves that two conversations are the legs of a
+proxy. Two clients that start the same program at the same time send the same bytes. However, eight nested
 calls in a row are very unlikely without a proxy.
 """
 
@@ -21,7 +21,7 @@ proxy.
 """
 
 CLIENT_LEG, CONTROLLER_LEG = "clients of ", "controller "
-"""Prefixes of the interface names that bcapscope's proxy uses for its two legs in a recording."""
+"""How interface names begin in a recording of bcapscope's proxy: one prefix for each leg."""
 
 _REQUEST = Direction.REQUEST
 
@@ -35,8 +35,8 @@ class NestedCalls(NamedTuple):
     Attributes:
         calls: Number of nested calls.
         lag: Sum of the times from each outer request to the same inner request, ns.
-        is_contradicted: Whether an inner request precedes the same outer request, or an outer reply precedes
-            the same inner reply. Such calls cannot be nested.
+        is_contradicted: Whether a request appears first in the inner conversation, or a reply appears first
+            in the outer conversation. Such calls cannot be nested.
     """
 
     calls: int
@@ -65,10 +65,11 @@ def may_be_twins(one: Conversation, other: Conversation) -> bool:
 
 
 def fewest_calls(outer: Conversation, inner: Conversation) -> int | None:
-    """Return how many nested calls prove that `outer` is the client's leg and `inner` the controller's leg.
+    """Return the number of nested calls that is enough to prove that `outer` is the client's leg and `inner`
+    the controller's leg.
 
     Returns:
-        None if the names of the interfaces contradict these legs.
+        None if the interface names show that the conversations are not these two legs.
     """
     if outer.interface.startswith(CLIENT_LEG) or inner.interface.startswith(CONTROLLER_LEG):
         are_legs = outer.interface.startswith(CLIENT_LEG) and inner.interface.startswith(CONTROLLER_LEG)

@@ -1,5 +1,5 @@
-"""The built-in simulator: a process on a free loopback port, for a user of the Tester who has no
-controller.
+"""The built-in simulator is for users of the Tester who have no controller. It is a process that listens on a
+free loopback port.
 """
 
 from __future__ import annotations
@@ -37,8 +37,7 @@ after slvMove.
 """
 
 END_TIMEOUT = 2.0
-"""Maximum time in seconds that the simulator may take to end. After this time, bcapscope kills the
-simulator.
+"""Time limit in seconds for the simulator to end. After this time, bcapscope kills the simulator.
 """
 
 _STEP = 0.2
@@ -97,7 +96,7 @@ def serve(profile: str) -> None:
     threading.Thread(target=end_with_stdin, daemon=True).start()
     sys.stdout.write(f"{server.address[1]}\n")
     sys.stdout.flush()
-    with realtime_priority():  # a simulated controller must keep its cycle of 8 ms under any load
+    with realtime_priority():  # a simulated controller must keep its 8 ms cycle even on a busy computer
         while True:
             server.step(_STEP)
 

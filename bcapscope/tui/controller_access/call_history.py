@@ -1,4 +1,6 @@
-"""The history of calls: one line per call, the filter, and calls as text for the clipboard."""
+"""The history of calls. Calls are shown one per line, selected with a filter, and copied to the clipboard as
+text.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ from bcapscope.traffic.pipeline import CallCollector, Pipeline
 from bcapscope.tui.reader_language import reader_words
 
 _PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")
-"""Matches a text of words. A text with any other character, such as `=`, is a filter expression."""
+"""Matches a text of words. If a text has any other character, such as `=`, the text is a filter
+expression.
+"""
 
 _MAX_ARGUMENT_TEXT, _MAX_SUBJECT_TEXT = 18, 24
 
@@ -49,8 +53,8 @@ _INITIATOR_MARKS = {Initiator.USER: " ", Initiator.SCREEN: "·", Initiator.WATCH
 
 
 def history_line(record: HistoryRecord, palette: Palette) -> str:
-    """Return a call as one line: number, time (UTC), a mark for who made the call, function or command,
-    object, result, duration.
+    """Return a call as one line: number, time (UTC), a mark that shows who made the call, function or
+    command, object, result, duration.
     """
     head = f"{record.number:>5} {utc_text(record.began)[11:23]} {_INITIATOR_MARKS[record.initiator]}"
     name = f"{call_name(record.function_id, record.arguments)}{_subject_text(record)}{_argument_text(record)}"
@@ -77,7 +81,9 @@ def _subject_text(record: HistoryRecord) -> str:
 
 
 def _argument_text(record: HistoryRecord) -> str:
-    """Return the arguments in parentheses, without handle and command name, shortened if long."""
+    """Return the arguments in parentheses, without the handle and the command name. A long text is
+    shortened.
+    """
     function = FUNCTIONS.get(record.function_id)
     named = function is not None and function.takes_handle
     first = named + (record.function_id in COMMAND_FUNCTIONS)
@@ -106,8 +112,8 @@ def history_filter(text: str) -> RecordFilter:
 
 
 def call_of_record(record: HistoryRecord) -> Call | None:
-    """Convert a record of the history to a `Call`, as if it had been captured; None if no intact request was
-    sent.
+    """Convert a call in the history to a `Call`, as if bcapscope had captured the call. Return None if no
+    intact request was sent.
     """
     calls = CallCollector()
     pipeline = Pipeline(calls)

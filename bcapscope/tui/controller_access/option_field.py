@@ -1,7 +1,7 @@
-"""The Option field of the connection, as in b-CAP Tester, with text such as ``Timeout=300``.
+"""The Option field of the connection, as in b-CAP Tester, which contains a text such as ``Timeout=300``.
 
-The field has pairs of key and value. The key decides whether bcapscope, Service_Start or Controller_Connect
-uses the pair.
+The field has pairs of key and value. The key of a pair decides who gets the pair: bcapscope, Service_Start or
+Controller_Connect.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def read_option_field(text: str, host: str, port: int, tcp: bool) -> tuple[Contr
         The target, and the names of the providers to try.
 
     Raises:
-        ValueError: A pair is invalid; the error text names the pair and what is expected.
+        ValueError: A pair is invalid. The error text contains the pair, and says what is expected.
     """
     target = ControllerTarget(host, port, tcp, name="")
     providers: tuple[str, ...] = AUTOMATIC_PROVIDERS

@@ -1,5 +1,5 @@
-"""Play a trajectory: read and check the file, run the player process, and collect what the screen shows about
-a run.
+"""Play a trajectory. This module reads and checks the file, runs the player process, and collects the
+player's messages for the screen.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class PlaybackSettings:
     Attributes:
         index: Number of the trajectory in the file, from 1.
         interval: Cycle time in ms.
-        speed: Speed as a fraction of the speed in the file.
+        speed: Playing speed divided by the speed in the file.
         rounds: Number of repetitions; 0 repeats until stopped.
         always_resample: Whether to resample even if speed and interval are the same as in the file.
         limits: Arm limits in the notation of `player.arm_limits.with_limits`.
@@ -64,8 +64,8 @@ class PlaybackSettings:
 
 @dataclass(frozen=True, slots=True)
 class PreparedTrajectory:
-    """A trajectory that is ready to play. The pre-flight check ran before the player connected, so the check
-    does not know the robot's position.
+    """A trajectory that is ready to play. The pre-flight check runs before the player connects, so it does
+    not know the robot's position.
     """
 
     settings: PlaybackSettings
@@ -74,8 +74,8 @@ class PreparedTrajectory:
     preflight: PreflightResult
 
     def summary_lines(self, palette: Palette, width: int) -> Iterator[str]:
-        """Yield lines on how bcapscope read the file, what the file contains, and which problems prevent
-        playing it.
+        """Yield lines of text: how bcapscope read the file, what the file contains, and which problems
+        prevent playing.
         """
         yield from source_lines(self.trajectory, reader_words(), width)
         if len(self.all_trajectories) > 1:
@@ -115,7 +115,7 @@ def prepare_trajectory(settings: PlaybackSettings, type_name: str) -> PreparedTr
         type_name: Type of the robot; empty if unknown.
 
     Raises:
-        TrajectoryError: The file contains nothing that can be played.
+        TrajectoryError: The file contains no trajectory that can be played.
         ValueError: The limits are invalid.
     """
     found = read_trajectories(settings.path)
@@ -195,17 +195,17 @@ class PlayerSlot:
 
 
 MAX_SAMPLES = 600
-"""Number of readings in the plots: half a minute at twenty readings per second."""
+"""Number of readings that the plots show. They cover half a minute, at twenty readings per second."""
 
 
 @dataclass(slots=True)
 class PlaybackRun:
-    """What the player has reported about one run.
+    """What the player has reported while it played a trajectory once.
 
     Attributes:
         samples: Latest readings, each as elapsed seconds, set point and returned pose.
         preflight: Pre-flight check against the connected controller; None before the connection.
-        readiness: Text on the real-time settings that the system allows; None until the player sends this
+        readiness: Text that says which real-time settings the system allows; None until the player sends this
             text.
     """
 
@@ -223,8 +223,8 @@ class PlaybackRun:
     ended: PlayEnded | None = None
 
     def on_message(self, message: PlayerMessage) -> str | None:
-        """Store a message of the player. If the message is a question that the screen can answer without the
-        user, return the answer.
+        """Store a message of the player. If the message is a question, and the screen can answer it without
+        the user, return the answer.
         """
         if isinstance(message, PlayProgress):
             if message.of or self.progress is None:
@@ -257,10 +257,10 @@ class PlaybackRun:
     def buffer_margin(self) -> tuple[int, float, float] | None:
         """Margin of the controller's buffer, according to a model.
 
-        The margin consists of the number of buffer slots, the time in ms that a full buffer lasts, and the
-        part of this time that was left after the longest pause. The controller in the model takes one set
-        point every 8 ms. The margin is None before the first set point, and in a mode in which an empty
-        buffer is not an error.
+        The margin has three values. The first is the number of buffer slots. The second is the time in ms
+        that a full buffer lasts. The third is the part of this time that was left after the longest pause.
+        The controller in the model takes one set point every 8 ms. The margin is None before the first set
+        point. The margin is also None if an empty buffer is no error in the slave mode.
         """
         mode, progress = self.mode, self.progress
         if mode is None or progress is None or not progress.cycle or mode.underflow_is_error is False:

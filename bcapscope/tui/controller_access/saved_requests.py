@@ -128,7 +128,7 @@ def save_request(
     """Write a saved request atomically, and return its file.
 
     Args:
-        name: Name of the request, from which bcapscope makes the file name.
+        name: Name of the request. bcapscope makes the file name from this name.
         arguments: All arguments of the request. If the function takes a handle, the handle is the first
             argument.
 

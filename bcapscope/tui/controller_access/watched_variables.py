@@ -43,7 +43,9 @@ class WatchSeries:
 
     @property
     def rate(self) -> float | None:
-        """Change of the number per second between the last two readings; None before the second reading."""
+        """How much the number changed per second between the last two readings; None before the second
+        reading.
+        """
         if len(self.readings) < 2:
             return None
         (before, was), (now, value) = self.readings[-2], self.readings[-1]

@@ -66,8 +66,8 @@ class HelpScreen(ModalScreen[None]):
 
 
 class ScreenCommand(NamedTuple):
-    """An action in the command palette. `key` is the action's key as the documentation writes it; "" if the
-    action has no key.
+    """An action in the command palette. `key` is the key of the action, with its name as in the
+    documentation; "" if the action has no key.
     """
 
     name: str
@@ -78,7 +78,9 @@ class ScreenCommand(NamedTuple):
 
 
 def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
-    """Yield one command for each action that has a key binding in a widget, a screen or the application."""
+    """Yield one command for each action that has a key binding in `node`. The node is a widget, a screen or
+    the application.
+    """
     for kind in type(node).__mro__:
         for binding in vars(kind).get("BINDINGS", ()):
             if isinstance(binding, Binding) and has_message(binding.description):
@@ -150,8 +152,8 @@ class BaseScreen(Screen[None], PlainContainer):
     ]
 
     def compose(self) -> ComposeResult:
-        """Put the content between the top bar and the key bar. Set the style classes for the terminal width
-        before the first layout.
+        """Put the content between the top bar and the key bar. Before the first layout, set the style classes
+        that depend on the terminal width.
         """
         classes = [name for width, name in self.HORIZONTAL_BREAKPOINTS or () if width <= self.app.size.width]
         self.set_class(True, *classes[-1:], update=False)
@@ -160,14 +162,14 @@ class BaseScreen(Screen[None], PlainContainer):
         yield KeyBar()
 
     def on_mount(self) -> None:
-        """Exclude the mounted widgets from garbage collection, because a collection that scans them would
-        delay keys.
+        """Exclude the mounted widgets from garbage collection. Otherwise a collection would scan them, and
+        delay the response to keys.
         """
         self.call_after_refresh(gc.freeze)
 
     def on_screen_resume(self, event: ScreenResume) -> None:
-        """Skip Textual's style update, because each widget already has its styles, even after a change of
-        theme.
+        """Skip Textual's style update, because each widget already has the right styles. This is true even
+        after a change of theme.
         """
         event.refresh_styles = False
 
@@ -192,8 +194,8 @@ class BaseScreen(Screen[None], PlainContainer):
 
 
 def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
-    """Yield one key binding per view of a screen: 1 for the first view, and so on. `tip` is the label id of
-    the explanation.
+    """Yield one key binding for each view of a screen. The key 1 shows the first view, the key 2 the second,
+    and so on. `tip` is the label id of the explanation.
     """
     for number, (view, name) in enumerate(views.items(), 1):
         yield Binding(f"{number}", f"view('{view}')", name, show=False, tooltip=tip)
@@ -234,7 +236,7 @@ class ViewsScreen(BaseScreen):
         raise NotImplementedError
 
     def show_state(self) -> None:
-        """Show the counts of all views and the present state of the screen in the view bar."""
+        """Show in the view bar the number of rows of each view, and the present state of the screen."""
         raise NotImplementedError
 
     def action_back(self) -> None:

@@ -77,7 +77,7 @@ def related_filter(relation: str, frame: AnnotatedFrame, settled: PairingResult 
     Args:
         relation: Kind of relation: ``client``, ``handle``, ``chain`` (same call) or ``kind`` (same function).
         frame: Frame whose related frames the filter selects.
-        settled: Call or stray reply that contains the frame; None if the call is not complete yet.
+        settled: Call or stray reply to which the frame belongs; None if the call is not complete yet.
     """
     client = f"client == {frame.observation.flow.conversation.client}"
     if relation == "client":
@@ -113,11 +113,13 @@ def _handle_of(settled: PairingResult | None) -> int | None:
 
 
 def find_frame(text: str, journal: ObservationStore) -> int | None:
-    """Find a frame by its number, or by a time in seconds after the start, such as ``12.5s``.
+    """Find the frame with a given number, or the frame at a given time. A time is in seconds after the start,
+    such as ``12.5s``.
 
     Returns:
-        Number of the frame; None if the text is neither a number nor a time. For a time, the result is the
-        first frame at or after the time. If the number or time is too large, the result is the last frame.
+        Number of the frame; None if the text is neither a number nor a time. If the text is a time, the
+        result is the first frame at or after this time. If the number or time is too large, the result is the
+        last frame.
     """
     text = text.strip()
     number = parse_integer(text, 0, 1 << 63)

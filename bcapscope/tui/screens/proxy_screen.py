@@ -147,8 +147,8 @@ class ProxyScreen(ViewsScreen):
         self._control_client.close()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer actions on rules only while the cursor is on a rule. Offer actions on held messages only
-        while the cursor is on a held message.
+        """Show the actions for rules only while the cursor is on a rule. Show the actions for held messages
+        only while the cursor is on a held message.
         """
         if action in _RULE_ACTIONS:
             return self.view == "rules" and self.rules.current_item is not None
@@ -183,9 +183,7 @@ class ProxyScreen(ViewsScreen):
 
     @work(thread=True, group="order")
     def _send_order(self, order: control.ControlRequest, done: Callable[[], None] = lambda: None) -> None:
-        """Send a control request to the proxy, and call `done` after the proxy has carried out the
-        request.
-        """
+        """Send a control request to the proxy. When the proxy has carried out the request, call `done`."""
         try:
             with self._control_lock:
                 self._control_client.request(order, control.DoneResponse)
@@ -221,7 +219,7 @@ class ProxyScreen(ViewsScreen):
         self.show_state()
 
     def _report_source_problem(self, reason: str) -> None:
-        """Tell the traffic screen why no further traffic may come from the proxy."""
+        """Tell the traffic screen why the proxy may send no further traffic."""
         if self._feed is not None:
             self._feed.report_source_problem(reason)
 
@@ -231,7 +229,9 @@ class ProxyScreen(ViewsScreen):
         self.show_state()
 
     def show_end(self, last_line: str) -> None:
-        """Show that the proxy has ended; `last_line` is its last output, "" if a signal killed the proxy."""
+        """Show that the proxy has ended; `last_line` is the last line that the proxy printed; "" if a signal
+        killed the proxy.
+        """
         self._has_ended = True
         self._problem = label("proxy.ended", reason=printable(last_line) or label("proxy.killed"))
         app_of(self).show_message(self._problem, "error")
@@ -266,7 +266,7 @@ class ProxyScreen(ViewsScreen):
             self.query_one("#intercepts", InkedText).show_text(intercept_line(self._state.figures))
         if self._problem:
             lines.append(f"{INK.problem} {printable(self._problem)}{INK.reset}")
-        # unchanged lines are not shown again, because showing lines can cause a new layout
+        # lines that have not changed are left alone, because an update can cause a new layout
         if lines != self._summary_lines:
             self._summary_lines = lines
             self.query_one("#summary", InkedText).show_text("\n".join(lines))

@@ -168,7 +168,7 @@ class SlaveScreen(BaseScreen):
         self._show_report(lines)
         self._show_state(
             lines[-1]
-        )  # the last line is the verdict, which may be out of sight in a long report
+        )  # the last line is the verdict; in a long report, this line may be out of sight
         is_playable = ready.preflight.is_playable and not self._player_slot.is_playing
         self.query_one("#start", Button).disabled = not is_playable
         app = app_of(self)

@@ -25,8 +25,8 @@ class TesterNavigation(BaseScreen):
     """
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Yield palette commands for the tabs and views. Without the palette, reaching a tab or a view takes
-        several keys.
+        """Yield palette commands for the tabs and views. Without the palette, the user must press several
+        keys to reach a tab or a view.
         """
         for kind, names in (("tab", TABS), ("view", VIEWS)):
             for name in names:
@@ -34,7 +34,9 @@ class TesterNavigation(BaseScreen):
                 yield title, label(f"tester.{kind}.tip"), f"{kind}('{name}')"
 
     def action_part(self, by: int) -> None:
-        """Focus the next area of the screen if `by` is 1, the previous area if `by` is -1."""
+        """Move the focus to the next area of the screen if `by` is 1, or to the previous area if `by` is
+        -1.
+        """
         parts = list(self.query(_PART_SELECTOR))
         here = next((at for at, part in enumerate(parts) if part.has_focus_within), -1 if by > 0 else 0)
         for step in range(1, len(parts) + 1):

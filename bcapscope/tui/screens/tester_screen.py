@@ -250,7 +250,7 @@ class TesterScreen(TesterNavigation):
                 settings.hosts = with_recent(wanted.host, settings.hosts)
                 app_of(self).save_settings()
         finally:
-            if panel.children:  # if the screen has no children, it is being closed
+            if panel.children:  # if the screen has no child widgets, it is being closed
                 self._set_connecting(panel, False)
                 panel.show_status(self.session.status)
 
@@ -339,7 +339,7 @@ class TesterScreen(TesterNavigation):
     # Keys.
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer only the action of the enabled button: connect or disconnect."""
+        """Show the action Connect or the action Disconnect, whichever button is enabled."""
         if action in ("connect", "disconnect"):
             return (action == "disconnect") == (self._is_connected or self._is_connecting)
         return super().check_action(action, parameters)

@@ -33,7 +33,7 @@ _CLOCKS = (TimeFormat.RELATIVE, TimeFormat.DELTA, TimeFormat.UTC)
 
 
 class TrafficScreen(TrafficViews):
-    """Navigates between related frames, marks and saves packets, and opens other captures."""
+    """Lets the user navigate between related frames, mark and save packets, and open other captures."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         *view_keys(TrafficViews.VIEWS, "traffic.view.tip"),
@@ -63,7 +63,7 @@ class TrafficScreen(TrafficViews):
         self._evidence_frames: list[int] = []
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer actions on frames only if the visible list shows frames or calls. Offer the action `stop`
+        """Show the actions for frames only if the visible list shows frames or calls. Show the action `stop`
         only while a capture runs.
         """
         if action in _FRAME_ACTIONS:
@@ -81,7 +81,7 @@ class TrafficScreen(TrafficViews):
         self.set_focus(self.query_one("#filter"))
 
     def action_back(self) -> None:
-        """If the filter field has the focus, return to the list. If the list has the focus, clear the
+        """If the filter field has the focus, return to the list. If the list has the focus, remove the
         filter.
         """
         if self.shown_list.has_focus and self.query_one(CheckedInput).field.value:
@@ -119,8 +119,8 @@ class TrafficScreen(TrafficViews):
             self.go_to_frame(other)
 
     def action_call(self) -> None:
-        """In the list of frames, go to the call of the frame under the cursor. In the list of calls, go to
-        the frame under the cursor.
+        """From the list of frames, go to the list of calls and select the call of the frame under the cursor.
+        From the list of calls, go to the list of frames and select the frame under the cursor.
         """
         number, calls = self.frame_number, self.feed.calls
         if number is None or calls is None:

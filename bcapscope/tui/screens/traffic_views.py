@@ -243,7 +243,7 @@ class TrafficViews(ViewsScreen):
         return self.frames.frame_number if self.view == "frames" else None
 
     def settled_at(self, number: int) -> PairingResult | None:
-        """Return the call or stray reply that a frame belongs to; None while that call is not complete."""
+        """Return the call or stray reply to which a frame belongs; None while that call is not complete."""
         calls = self.feed.calls
         row = None if calls is None else calls.index_of_frame(number)
         return None if calls is None or row is None else calls.read_call(row).settled
@@ -333,11 +333,12 @@ _BAR = 12
 def progress_texts(
     progress: ReadProgress, source_problem: str, searched: int | None, title: str
 ) -> tuple[str, ...]:
-    """Return texts of decreasing length about the progress of reading and searching.
+    """Return several texts about the progress of reading and searching. Each text is shorter than the
+    previous text.
 
     Args:
-        source_problem: Reason why the traffic may have ended although bcapscope still reads its source; ""
-            for no reason.
+        source_problem: Reason to suspect that the traffic has ended, although bcapscope still reads it; "" if
+            there is no reason.
         searched: Percentage of rows that the search has examined; None if the search is complete.
     """
     long, short = [], []

@@ -29,7 +29,7 @@ from bcapscope.tui.tester.typed_value import TypedValue, command_hint
 
 
 class CommandForm(Vertical):
-    """A form for calls of one ..._Execute function, with completion of command names."""
+    """A form for calls of one ..._Execute function. The form completes command names."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("f4", "pick", "tester.pick")]
 
@@ -52,10 +52,10 @@ class CommandForm(Vertical):
 
     @on(Input.Changed, ".command")
     def _show_suggestion(self, message: Input.Changed) -> None:
-        """Show what the typed command does, and prepare its parameter.
+        """Show what the typed command does, and fill in or clear its parameter.
 
-        The form restores the parameter that the user last sent with this command. For a command that the user
-        has not sent before, the form clears the parameter of the last sent command.
+        The form restores the parameter that the user last sent with this command. If the user has not sent
+        this command before, the form clears a parameter that was left from the last sent command.
         """
         found = command_hint(self.function.id, message.value)
         if found is None:
@@ -79,7 +79,9 @@ class CommandForm(Vertical):
 
     @on(Input.Submitted, ".command")
     def _submit_command(self, message: Input.Submitted) -> None:
-        """Complete a partly typed command name, or ask for a missing parameter, or execute the command."""
+        """Handle Enter: complete the command name if it is incomplete, ask for the parameter if it is
+        missing, otherwise execute the command.
+        """
         typed = message.value.strip().casefold()
         names = [each.name for each in commands_of(self.function.id)]
         names = [name for name in names if name.casefold().startswith(typed)]
@@ -150,7 +152,7 @@ class FunctionForm(Vertical):
         known = _NAMED_VALUES.get((self.function.name, param.name))
         if known is not None:
             return select_named_value(known, id)
-        vt = _PARAMETER_TYPES.get(param.type)  # no types if the parameter may have any type
+        vt = _PARAMETER_TYPES.get(param.type)  # None if the parameter may have any type
         return TypedValue(VT.BSTR, id=id) if vt is None else TypedValue(vt, (vt,), id=id)
 
     def focus_first(self) -> None:
@@ -198,7 +200,7 @@ class FunctionForm(Vertical):
 
 
 def select_named_value(texts: Mapping[int, str], id: str) -> Select[int]:
-    """Return a widget that offers several numbers, each with its meaning."""
+    """Return a widget in which the user chooses a number. The widget shows the meaning of each number."""
     options = [(f"{value} {table_text(text)}", value) for value, text in texts.items()]
     return Select(options, allow_blank=False, compact=True, id=id, classes="named")
 
@@ -258,7 +260,7 @@ class RawForm(Vertical):
 
     @property
     def typed_bytes(self) -> bytes | str:
-        """The bytes in the field, or a text that says why the field is invalid."""
+        """The bytes that the user typed, or a text that says why the field is invalid."""
         text = self.query_one(Input).value
         try:
             raw = bytes.fromhex(text)

@@ -51,8 +51,8 @@ class HistoryLines(ItemList[HistoryRecord]):
 
     @dataclass
     class ActionWanted(Message):
-        """The user wants an action on a call in the history: ``again``, ``edit``, ``hex``, ``python``,
-        ``line`` or ``save``.
+        """The user wants bcapscope to do one of these actions with a call in the history: ``again``,
+        ``edit``, ``hex``, ``python``, ``line`` or ``save``.
         """
 
         record: HistoryRecord
@@ -71,7 +71,7 @@ class HistoryPanel(Vertical):
 
     @dataclass
     class RecordSelected(Message):
-        """The cursor moved to a call, whose packets the screen then shows."""
+        """The cursor moved to a call. The screen then shows the packets of this call."""
 
         record: HistoryRecord
 
@@ -131,7 +131,7 @@ class HistoryPanel(Vertical):
 
 
 class ColumnWidths(NamedTuple):
-    """Widths of the columns of a row, in characters."""
+    """Widths of the columns in a list, in characters."""
 
     name: int
     number: int

@@ -156,8 +156,8 @@ class CallRunner:
         await self._run_reported(result_display, lambda: start_robslave(self._session))
 
     def _object_of(self, kind: ObjectClass) -> ObjectHandle:
-        """Return the selected robot if `kind` is robot. For any other class, return its most recently opened
-        object.
+        """Return the selected robot if `kind` is robot. For any other class, return the most recently opened
+        object of this class.
         """
         status = self._session.status
         found = status.robot if kind is ObjectClass.ROBOT else None
@@ -168,8 +168,8 @@ class CallRunner:
         return found
 
     async def _run_reported(self, result_display: ResultDisplay, step: CallStep) -> bool:
-        """Run a step, and show its outcome in a widget. If the step needs arming, ask the user first. Return
-        whether the step ran.
+        """Run `step`, which makes calls, and show the outcome in a widget. If `step` needs arming, ask
+        the user to arm first. Return whether the step ran.
         """
         result_display.show_pending()
         try:
@@ -189,8 +189,8 @@ class CallRunner:
 async def run_armed(
     session: ControllerSession, ask_to_arm: Callable[[], Awaitable[bool]], step: CallStep
 ) -> HistoryRecord:
-    """Run a step in the event loop of the `ControllerSession`. If the step needs arming, ask the user to arm,
-    then run the step again.
+    """Run the function `step`, which makes calls, in the event loop of the `ControllerSession`. If `step`
+    needs arming, ask the user to arm, then run `step` again.
 
     Raises:
         NotArmedError: The user refused to arm.
@@ -210,7 +210,7 @@ class CallNotice:
         self._app = app
 
     def show_pending(self) -> None:
-        """Show nothing yet, because the message with the result appears when the call ends."""
+        """Show nothing while the call runs. A message with the result appears when the call ends."""
 
     def show_record(self, record: HistoryRecord) -> None:
         name = printable(call_name(record.function_id, record.arguments))

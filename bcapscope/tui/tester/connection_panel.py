@@ -1,4 +1,4 @@
-"""The connection panel of the Tester, and the status line that is always visible."""
+"""The connection panel of the Tester, and the Tester's status line. The status line is always visible."""
 
 from __future__ import annotations
 
@@ -188,7 +188,8 @@ def status_pieces(
     if reply_monitor.is_reply_overdue(now):
         text = label("tester.status.silent", seconds=age // _SECOND)
         pieces = [(f" ◌ {name} ", "bad"), (f"{text} ", "bad")]
-    # no reply is expected, such as in slave mode, so silence does not show that the controller is gone
+    # no reply is expected now, for example in slave mode, so silence does not prove that the controller is
+    # gone
     elif age >= _LONG_SILENCE:
         text = label("tester.status.age", seconds=age // _SECOND)
         pieces = [(f" ● {name} ", ""), (f"{text} ", "dim")]

@@ -64,7 +64,7 @@ class TickBox(Checkbox):
 
 
 class ChoiceRow(ClickBar, can_focus=True):
-    """A row of names, of which the user chooses one."""
+    """A row of names. The user chooses one name."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "step(-1)", "", show=False),

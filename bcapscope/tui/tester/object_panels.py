@@ -1,4 +1,4 @@
-"""The tabs Robot, Variable and Task, with forms for open objects."""
+"""The tabs Robot, Variable and Task. Their forms open and use objects."""
 
 from __future__ import annotations
 
@@ -42,7 +42,9 @@ class OpenObjectRow(Horizontal):
         *,
         id: str | None = None,
     ) -> None:
-        """`kind` is the class of the objects to open, and `parent` is the class of their owners."""
+        """`kind` is the class of the objects that the user opens. `parent` is the class of the objects that
+        own them.
+        """
         super().__init__(id=id, classes="row")
         self._parent_kind = parent
         self._kind = kind

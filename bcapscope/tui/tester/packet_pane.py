@@ -1,5 +1,5 @@
-"""The packet pane has SendData, ReceiveData, Overwrite and Clear, as in b-CAP Tester, and in addition the
-call history and lists.
+"""The packet pane has SendData, ReceiveData, Overwrite and Clear, as in b-CAP Tester. It adds the call
+history and other lists.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ _MAX_ATTEMPT_LINES = 8
 class PacketPane(Vertical):
     """Shows the packets of the latest call, and the lists of calls, variables and requests.
 
-    On a wide screen SendData and ReceiveData stay visible, and the user chooses only among the lists.
+    On a wide screen, SendData and ReceiveData stay visible, and the user switches only between the lists.
     """
 
     def __init__(self, requests: Path, *, id: str | None = None) -> None:
@@ -151,7 +151,7 @@ class PacketPane(Vertical):
         self._switch_view(view)
 
     def _show_attempts(self, record: HistoryRecord) -> None:
-        """If a call had retries, notices or late replies, show the outcome of each attempt."""
+        """Show the outcome of each attempt, if the call had retries, notices or late replies."""
         lines = []
         if record.retries or record.notices or record.late_replies:
             attempts = record.attempts

@@ -36,7 +36,9 @@ class ListPicker(ModalScreen[str | None]):
     ]
 
     def __init__(self, title: str, entries: Iterable[tuple[str, Text, str]]) -> None:
-        """Each entry has a name, a text to show, and a text in which the dialog searches the typed words."""
+        """Each entry has a name and two texts. The dialog shows the first text, and searches the typed words
+        in the second text.
+        """
         super().__init__()
         self._title = title
         self._entries = tuple(entries)

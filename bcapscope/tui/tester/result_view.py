@@ -1,4 +1,4 @@
-"""Show the outcome of a call: its result, a problem and its remedy, or a hint on the input."""
+"""Show the result of a call, a problem with its remedy, or a hint on the input."""
 
 from __future__ import annotations
 
@@ -59,7 +59,9 @@ class ResultView(InkedText, can_focus=True):
         self._show_line(f"{INK.problem}{printable(text)}{INK.reset}")
 
     def show_check(self, problem: str, hint: str) -> None:
-        """Show the problem of an invalid input. If the input is valid, show a hint on the expected input."""
+        """Show what is wrong with an invalid input. If the input is valid, show a hint on the expected
+        input.
+        """
         if problem:
             self.show_problem(problem)
         else:
@@ -74,7 +76,7 @@ class ResultView(InkedText, can_focus=True):
             self.show_record(self.record)
 
     def _scroll_into_view(self) -> None:
-        """Scroll the forms until this view is visible, because a small terminal does not show all forms."""
+        """Scroll the forms until this view is visible. A small terminal does not show all forms at once."""
         self.call_after_refresh(self.scroll_visible, animate=False)
 
     def _show_line(self, line: str) -> None:

@@ -1,5 +1,5 @@
-"""Input of a value of any b-CAP type, with a list of types, and a field that checks the text while the user
-types.
+"""Widget for a value of any b-CAP type. It has a list of types, and a field that checks the text while the
+user types.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class CheckedText(NamedTuple):
 
     Attributes:
         value: Value of the text; None if the text does not fit the type.
-        problem: Text that says which input is expected; empty if the input is valid.
+        problem: Text that tells the user which input is expected; "" if the input is valid.
     """
 
     value: Variant | None
@@ -62,7 +62,7 @@ def check_text(vt: int, text: str) -> CheckedText:
 
 
 def expected_input(vt: int) -> str:
-    """Return a hint on how to type a value of the type `vt`."""
+    """Return a hint that says how the user types a value of the type `vt`."""
     if vt in (VT.EMPTY, VT.NULL):
         return label("controller.expected.nothing")
     what = label(f"controller.expected.{VT(vt & ~ARRAY).name}")
@@ -71,14 +71,16 @@ def expected_input(vt: int) -> str:
 
 
 class CommandHint(NamedTuple):
-    """Types of a command's parameter, the usual type first, and a text that explains the command."""
+    """Hint on a command: the types of its parameter, the usual type first, and a text that explains the
+    command.
+    """
 
     types: tuple[int, ...]
     text: str
 
 
 def command_hint(function_id: int, name: str) -> CommandHint | None:
-    """Return the hint on a command by its name; None if the command is unknown."""
+    """Return the hint on the command with the given name; None if the command is unknown."""
     known = find_command(function_id, name.strip())
     if known is None:
         return None
@@ -158,7 +160,7 @@ class TypedValue(Horizontal):
 
     @property
     def hint(self) -> str:
-        """Hint on what to type; "" for a type without a value."""
+        """Hint that says what to type; "" for a type without a value."""
         return "" if self.vt in (VT.EMPTY, VT.NULL) else expected_input(self.vt)
 
     @on(Input.Changed)

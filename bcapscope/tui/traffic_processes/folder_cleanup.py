@@ -1,7 +1,7 @@
 """The process that removes the screen's temporary folder after the screen has ended or was killed.
 
-bcapscope runs this file by its path and without site packages, as ``python -I -S folder_cleanup.py FOLDER``.
-The end of standard input shows that the screen has ended, even if it was killed.
+bcapscope runs this file by its path, without site packages: ``python -I -S folder_cleanup.py FOLDER``. The
+end of standard input shows that the screen has ended, even if it was killed.
 """
 
 import sys

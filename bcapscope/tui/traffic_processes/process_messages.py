@@ -17,6 +17,7 @@ from bcapscope.analysis.finding import TrafficTotals
 from bcapscope.capture.append_log import write_all
 from bcapscope.messages import Language, Message, MessageFormatter
 from bcapscope.render.escape import printable
+from bcapscope.traffic.capture_point import CapturePoint
 
 _NICE = 5
 _LENGTH_PREFIX = struct.Struct("<I")
@@ -29,16 +30,19 @@ ends.
 
 
 class ReadJob(msgspec.Struct, frozen=True, kw_only=True):
-    """The traffic that the reader process, or the watcher of a proxy, reads for the screen.
+    """Job for the reader process or for a proxy's watcher: which traffic to read for the screen.
 
     Attributes:
-        path: Capture file, or the recording that the watcher writes; "" for a live capture.
+        path: Name of the capture file or of the watcher's recording; "" for a live capture.
         interface: Network interface for a live capture; "" to read a file.
         follow: Whether another program is still writing the capture.
         ports: Ports of controllers; an empty tuple selects 5007.
-        leg: Beginning of the names of the capture interfaces to read; "" reads all interfaces.
+        leg: Prefix of interface names. Only traffic of interfaces with this prefix is read; "" reads all
+            interfaces.
         language: Language of rendered lines, ``en`` or ``ja``.
-        own_clients: Whether bcapscope itself is the client, which remains connected even while it is silent.
+        own_clients: Whether bcapscope itself is the client. This client remains connected even while it is
+            silent.
+        taken_at: Where the capture was taken; None to infer the place from the traffic.
         folder: Empty folder for the journal.
     """
 
@@ -49,6 +53,7 @@ class ReadJob(msgspec.Struct, frozen=True, kw_only=True):
     leg: str = ""
     language: str = "en"
     own_clients: bool = False
+    taken_at: CapturePoint | None = None
     folder: str = ""
 
 

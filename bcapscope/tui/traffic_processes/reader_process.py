@@ -46,8 +46,8 @@ from bcapscope.tui.traffic_processes.process_messages import (
 from bcapscope.tui.traffic_processes.traffic_publisher import TrafficPublisher
 
 _BATCH_MASK = 0xFF
-"""Mask for frame numbers. With this mask, the reader checks the clock every 256 frames, so several times per
-ms.
+"""Mask for frame numbers. With this mask, the reader checks the clock every 256 frames. It reads so fast that
+this is several times per ms.
 """
 
 LIVE_FILE = "live.pcapng"
@@ -108,12 +108,13 @@ class TrafficReader:
                     return
 
     def _load_pipeline(self) -> Pipeline:
-        """Return the pipeline. Pipeline and diagnosis are loaded only when they are first needed, because
-        loading at the start would delay the first frames.
+        """Return the pipeline. Pipeline and diagnosis are loaded at their first use. If they were loaded at
+        the start, the first frames would appear later.
         """
         if self._pipeline is None:
             joiner = Joiner(self._observer.comments)
-            self._pipeline = Pipeline(*self._publisher.subscribers(), joiner=joiner)
+            subscribers, taken_at = self._publisher.subscribers(), self._job.taken_at
+            self._pipeline = Pipeline(*subscribers, joiner=joiner, taken_at=taken_at)
             self._analyse = self._pipeline.add
             for observation in self._undiagnosed:
                 self._analyse(observation)
@@ -136,7 +137,7 @@ class TrafficReader:
             raise self._live.problem
 
     def _on_idle(self) -> None:
-        """While no new packets arrive, complete the calls to which no reply can follow any more."""
+        """No new packets have arrived. Complete the calls for which it is too late for a reply."""
         if self._live is not None and self._live.problem is not None:
             self._source_ended.set()
         if self._publisher.journal.count:
@@ -197,7 +198,7 @@ def main() -> None:
     # Ctrl-C must not end this process, because the screen uses Ctrl-C as a key
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     lower_priority()
-    # sys.stdin is not used, because a thread would still hold the lock of sys.stdin at the end
+    # sys.stdin is not used, because the reading thread would still hold its lock at the end
     stdin = io.FileIO(0, closefd=False)
     job = next(receive_messages(stdin, ReadJob), None)
     if job is None:

@@ -18,7 +18,7 @@ from bcapscope.tui.ink import INK
 from bcapscope.tui.traffic_processes.process_messages import ShownFinding, TrafficAnalysis
 
 MAX_LINES = 20_000
-"""Maximum number of lines that the screen shows about slave-mode sessions."""
+"""Maximum number of lines about slave-mode sessions that the screen shows."""
 
 
 class RunningDiagnosis:

@@ -1,8 +1,8 @@
 """The search process: applies a filter to the records of a journal, and reports the matches.
 
 bcapscope runs this process as ``python -m bcapscope.tui.traffic_processes.search_process FOLDER``. Search
-requests arrive on standard input; matches go to standard output. A new request ends the previous search. A
-search that has reached the last row waits for new rows, and examines these rows too.
+requests arrive on standard input; matches go to standard output. A new request ends the previous search.
+After the last row, a search waits for new rows and examines them.
 """
 
 from __future__ import annotations
@@ -38,7 +38,9 @@ REPORT_INTERVAL = 0.05
 """Seconds between two reports."""
 
 _BATCH = 128
-"""Number of rows that a search examines, in some milliseconds, between two checks for a new request."""
+"""Number of rows that a search examines between two checks for a new request. This takes some
+milliseconds.
+"""
 
 
 class TrafficSearch:
@@ -63,7 +65,9 @@ class TrafficSearch:
             request = self._answer_request(request) if request.expression else self.requests.get()
 
     def _answer_request(self, request: SearchRequest) -> SearchRequest:
-        """Search the existing rows, then new rows, until the next request arrives; return that request."""
+        """Search the existing rows first, and then new rows. Stop when the next request arrives, and return
+        that request.
+        """
         is_frame = request.kind == RecordKind.FRAME
         fits, count_rows = self._frame_search(request) if is_frame else self._call_search(request)
         rows, searched, reported, reported_at = array("I"), 0, 0.0, -1

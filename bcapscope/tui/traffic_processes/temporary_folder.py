@@ -19,7 +19,7 @@ from bcapscope.tui.traffic_processes import folder_cleanup
 
 _PREFIX = "traffic-"
 _REMOVE_TIMEOUT = 10.0
-"""Maximum time in seconds that `close` waits until the folder is removed."""
+"""Maximum time in seconds that `close` waits for the removal of the folder."""
 
 
 class TemporaryFolderError(BcapError):
@@ -29,8 +29,9 @@ class TemporaryFolderError(BcapError):
 class TemporaryFolder:
     """A context manager for a folder that is removed when the screen ends, even if the screen is killed.
 
-    Unnamed temporary files do not suffice, because several processes open the files. Windows cannot remove an
-    open file. Therefore a separate process waits until the screen has ended, and then removes the folder.
+    Temporary files without names are not enough, because several processes open these files. Windows cannot
+    remove an open file. Therefore a separate process waits until the screen has ended, and then removes the
+    folder.
     """
 
     def __init__(self) -> None:

@@ -30,7 +30,7 @@ from bcapscope.tui.traffic_processes.process_messages import (
 from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder, cache_root
 
 _END_TIMEOUT = 2.0
-"""Maximum time in seconds that a process may take to end. After this time, the screen kills the process."""
+"""Time limit in seconds for a process to end. After this time, the screen kills the process."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +112,8 @@ class TrafficFeed:
 
     @property
     def display_path(self) -> Path:
-        """Path of the capture file, from which the screen proposes names of new files; ``live.pcapng`` for a
-        temporary capture.
+        """Path of the capture file; ``live.pcapng`` for a temporary capture. The screen derives names for
+        new files from this path.
         """
         path = Path(self.job.path)
         lasts = self.job.path and not path.is_relative_to(cache_root())
@@ -189,8 +189,8 @@ class TrafficFeed:
                 self._publish(message)
 
     def make_save_job(self, target: str, notes: dict[int, str]) -> SaveJob:
-        """Return a job that writes all packets seen so far to a new file. `notes` maps packet
-        numbers to notes.
+        """Return a job that saves all packets read so far in a new file. `notes` maps packet numbers to
+        notes.
         """
         most = 0
         if self.journal is not None and not self.progress.ended and len(self.journal):
@@ -219,7 +219,8 @@ class TrafficFeed:
             _pipe(self._reader.stdin).flush()
 
     def report_source_problem(self, reason: str) -> None:
-        """Report in one sentence why the source may send no more traffic; "" withdraws an earlier report.
+        """Report why the source may send no more traffic. `reason` is one sentence, or "" to withdraw an
+        earlier report.
 
         Any thread may call this method.
         """

@@ -1,4 +1,4 @@
-"""Publish traffic for the screen: write files of frames and calls, and send reports."""
+"""Publish traffic for the screen. This module writes frames and calls to files, and sends reports."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ class TrafficPublisher:
         self._last_analysis_count = 0
 
     def load_diagnosis(self) -> RunningDiagnosis:
-        """Return the diagnosis of the traffic. The diagnosis is loaded only when it is first needed, because
-        loading at the start would delay the first frames.
+        """Return the diagnosis of the traffic. The diagnosis is loaded at its first use. If it were loaded at
+        the start, the first frames would appear later.
         """
         if self._diagnosis is None:
             from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415

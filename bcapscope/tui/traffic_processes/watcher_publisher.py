@@ -45,7 +45,7 @@ class ReportSender:
 
     def send(self, report: ReadProgress | TrafficAnalysis) -> None:
         with self._changed:
-            # removing the old report first makes the new report the last in the queue
+            # the old report is removed first, so that the new report goes to the end of the queue
             self._waiting.pop(type(report), None)
             self._waiting[type(report)] = report
             self._changed.notify()
@@ -87,7 +87,9 @@ class WatcherPublisher:
         self._has_ended, self._problem = False, ""
 
     def on_frame(self, observation: Observation, note: str) -> None:
-        """Publish a frame. `note` says what the proxy did to the frame; "" for nothing."""
+        """Publish a frame. `note` says how the proxy changed the frame; "" if the proxy did not change the
+        frame.
+        """
         kind = self._call_kind_of(observation)
         self._publish(self._publisher.journal.add, observation, kind, (note,) if note else ())
 
@@ -109,8 +111,8 @@ class WatcherPublisher:
         self._publisher.report_end(end_time)
 
     def _publish(self, action: Callable[..., object], *arguments: object) -> None:
-        """Run an action that publishes traffic. If the action fails, report the error and publish nothing
-        more.
+        """Run the function `action`, which publishes traffic. If `action` fails, report the error and publish
+        nothing more.
         """
         if self._has_ended:
             return

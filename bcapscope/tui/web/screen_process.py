@@ -12,15 +12,15 @@ from textual_serve.app_service import AppService
 from textual_serve.download_manager import DownloadManager
 
 ENDS_WITHIN = 13.0
-"""Maximum time in seconds that a screen process may take to end. After this time, the server kills the
-process.
+"""Time limit in seconds for a screen process to end. After this time, the server kills the process.
 
-The time is longer than `tui.app.CLOSE_TIMEOUT`, within which the process closes everything that it opened.
+This time is longer than `tui.app.CLOSE_TIMEOUT`. Within that shorter time, the process closes everything that
+it opened.
 """
 
 RELOAD_WITHIN = 2.0
-"""Maximum time in seconds that a new viewer waits for a seat. When a viewer reloads the page, the viewer's
-old seat becomes free only after some time.
+"""Maximum time in seconds that a new viewer waits for a seat. If a viewer reloads the page, some time passes
+until the viewer's old seat is free.
 """
 
 _KILLED_WITHIN = 2.0
@@ -33,7 +33,7 @@ class NoSeat(Exception):
 class ViewerSeats:
     """Limits the viewers of a served screen: each viewer occupies one of a fixed number of seats.
 
-    `ending` is the number of seats that become free soon, because their screen process is ending.
+    `ending` is the number of seats whose screen process is ending. These seats become free soon.
     """
 
     def __init__(self, count: int) -> None:
@@ -42,7 +42,9 @@ class ViewerSeats:
 
     @asynccontextmanager
     async def taken(self) -> AsyncIterator[None]:
-        """Occupy a seat while the `with` block runs. Raise `NoSeat` if no seat becomes free in time."""
+        """Wait for a free seat, and occupy the seat while the `with` block runs. Raise `NoSeat` if no seat
+        becomes free in time.
+        """
         if not await self._acquire(RELOAD_WITHIN) and not (
             self.ending and await self._acquire(ENDS_WITHIN + _KILLED_WITHIN)
         ):
@@ -77,7 +79,7 @@ class ScreenProcess(AppService):
 
         Args:
             write_bytes: Function that sends drawing data to the page. `write_bytes` must not raise an
-                exception, because unread output would then block the process.
+                exception. After an exception, nobody would read the output, and the process would block.
             write_str: Function that sends messages to the page. `write_str` must not raise an exception.
         """
         super().__init__(

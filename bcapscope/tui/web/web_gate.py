@@ -2,8 +2,8 @@
 
 The address that bcapscope prints contains a token. The printed address opens a page that sets a cookie and
 forwards to a secret path. All other pages are below the secret path and need the cookie. Browsers send a
-cookie to every port of a host, so another user's server on the same host could collect the cookie. Therefore
-bcapscope limits the cookie to the secret path, which other servers do not know.
+cookie to every port of a host. Another user may run a server on another port, and could collect the cookie
+there. Therefore bcapscope limits the cookie to the secret path, which other servers do not know.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ TOKEN = "token"
 
 _HTTP_PORT = 80
 _NOT_FROM_OTHER_PAGES = ("", "none", "same-origin")
-"""Accepted values of the header Sec-Fetch-Site. The values mean, in this order: the header is missing; the
-user typed the address or used a bookmark; the request is from bcapscope's own page.
+"""Accepted values of the header Sec-Fetch-Site. The first value means that the header is missing. The second
+means that the user typed the address or used a bookmark. The third means that the request is from bcapscope's
+own page.
 """
 
 
@@ -47,7 +48,7 @@ class WebRequest:
 
 
 class WebGate:
-    """The secrets of one served screen, and the check whether a request contains these secrets.
+    """Holds the secrets of one served screen, and checks whether a request contains these secrets.
 
     Attributes:
         authority: Host and port of the server, in the form of the Host header.
@@ -66,7 +67,7 @@ class WebGate:
         self.cookie = secrets.token_urlsafe()
 
     def refusal_reason(self, request: WebRequest) -> str:
-        """Return why a request is refused; "" if it is accepted."""
+        """Return the reason why a request is refused; "" if the request is accepted."""
         if list(request.hosts) != [self.authority]:
             return f"this server answers only to {self.origin}"
         if list(request.origins) != [self.origin] and (request.origins or request.is_websocket):
@@ -75,7 +76,8 @@ class WebGate:
             return (
                 "" if _equal_in_constant_time(request.token, self._token) else "the token is missing or wrong"
             )
-        # Always compare both secrets, so that the response time does not show which secret was right.
+        # Compare both secrets even if the first is wrong, so that the response time does not show which
+        # secret was right.
         below = _equal_in_constant_time(request.path[: len(self.base_path) + 1], f"{self.base_path}/")
         allowed = _equal_in_constant_time(request.cookie, self.cookie)
         if not below or not allowed:

@@ -25,11 +25,13 @@ from bcapscope.tui.web.screen_process import ENDS_WITHIN, NoSeat, ScreenProcess,
 from bcapscope.tui.web.web_gate import COOKIE, TOKEN, WebGate, WebRequest
 
 PROVES_WITHIN = 10.0
-"""Maximum age in seconds of a connection without a request that passed the access check."""
+"""Time limit in seconds for a new connection. Within this time, one of its requests must pass the access
+check.
+"""
 
 MAX_UNPROVED = 64
-"""Maximum number of connections without a request that passed the access check. Beyond this limit, the server
-closes the oldest of these connections.
+"""Maximum number of connections that have not yet passed the access check with a request. Beyond this limit,
+the server closes the oldest of these connections.
 
 One browser opens at most six connections.
 """
@@ -44,7 +46,7 @@ _LARGEST_MESSAGE = 1 << 20
 """Maximum size in bytes of a message from a page. The largest messages contain pasted text."""
 
 _LARGEST_SIZE = 1000
-"""Maximum number of columns or lines of a screen. No real display has more."""
+"""Maximum number of columns of a screen. Also the maximum number of its lines. No real display has more."""
 
 _BUSY_PATH = "/busy"
 
@@ -73,7 +75,7 @@ class WebServer:
         self._seats = ViewerSeats(viewers)
         self._websockets: set[web.WebSocketResponse] = set()
         self._connections: WebConnections | None = None
-        # textual-serve only renders the page, because this module controls access, processes and logging.
+        # textual-serve only renders the page. This module itself controls access, processes and logging.
         self._pages = Server("", address.host, address.port, "bcapscope", self.gate.origin)
 
     async def run(self, on_listening: Callable[[], None]) -> None:
@@ -294,7 +296,7 @@ class _OneLineHandler(logging.Handler):
 
 
 def _one_line_logger() -> logging.Logger:
-    """Make the loggers of the web server print errors in one line each, so that the token is not logged."""
+    """Make the web server log each error in one line. This keeps the token out of the log."""
     for name in ("aiohttp", "asyncio", "textual-serve"):
         logger = logging.getLogger(name)
         logger.handlers = [_OneLineHandler(logging.WARNING)]
@@ -303,7 +305,7 @@ def _one_line_logger() -> logging.Logger:
 
 
 class WebConnections:
-    """Creates the protocol object of each connection, and ends connections whose requests do not pass the
+    """Creates the protocol object of each connection. Closes a connection if no request on it passes the
     access check in time.
     """
 

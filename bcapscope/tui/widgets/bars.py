@@ -45,7 +45,7 @@ class TopBar(ClickBar):
         self.refresh()
 
     def render(self) -> RenderResult:
-        """Render the bar. If the screens and the status do not both fit, cut off the screens."""
+        """Render the bar. If the bar is too short for the screens and the status, cut off the screens."""
         app = app_of(self)
         status = Text.assemble(*((text, app.text_styles.get(ink, "")) for text, ink in app.status))
         left = Text(" bcapscope ", style=self.get_component_rich_style("topbar--title"), end="")
@@ -99,8 +99,8 @@ class KeyBar(ClickBar):
 
 
 class ViewBar(ClickBar):
-    """Shows the views with their keys and counts, and the progress at the right. A click on a view shows this
-    view.
+    """Shows the views with their keys and numbers of rows. At the right, it shows the progress. A click on a
+    view shows this view.
     """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {f"viewbar--{part}" for part in ("here", "there", "key", "state")}
@@ -114,8 +114,8 @@ class ViewBar(ClickBar):
         self._states: Sequence[str] = ()
 
     def show_counts(self, current_view: str, counts: Mapping[str, str], states: Sequence[str]) -> None:
-        """Show which view is visible, and the count of each view. Also show the first of the texts `states`
-        that fits.
+        """Show which view is visible, and how many rows each view has. From the texts in `states`, also show
+        the first text that fits.
         """
         if (current_view, counts, states) != (self._current_view, self._counts, self._states):
             self._current_view, self._counts, self._states = current_view, counts, states

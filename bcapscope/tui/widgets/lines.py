@@ -91,7 +91,7 @@ class Lines(ScrollView, can_focus=True):
     # for subclasses
 
     def reset_lines(self, cursor: int = 0) -> None:
-        """Replace all lines, and put the cursor on the line with index `cursor`."""
+        """Tell the list that all lines may be different. Put the cursor on the line with index `cursor`."""
         self._strips.clear()
         self._width = 0
         self._known_count = self.count
@@ -162,7 +162,7 @@ class Lines(ScrollView, can_focus=True):
         self._scroll_to_cursor()
 
     def render_lines(self, crop: Region) -> list[Strip]:
-        """Return the visible lines, most of them from the cache.
+        """Return the visible lines. Most of these lines are in the cache.
 
         Textual's own method would draw every line again when the user scrolls by one line.
         """
@@ -189,8 +189,8 @@ class Lines(ScrollView, can_focus=True):
         return strip
 
     def line_state(self, index: int) -> str:
-        """Return a text that describes how a line looks. If this text changes, the list draws the line again,
-        even without `reset_lines` or `repaint`.
+        """Return a text that describes how a line looks. If this text changes, the list draws the line again.
+        Calls of `reset_lines` or `repaint` are not necessary.
         """
         return ""
 
@@ -208,8 +208,8 @@ class Lines(ScrollView, can_focus=True):
         return Strip(drawn, max(length, x + width)).crop(x, x + width)
 
     def _line_styles(self, cursor_state: str) -> Styles:
-        """Return the styles for pieces of a line, by style name. The name "" stands for the style of the
-        whole line.
+        """Return the styles for the pieces of a line. The keys are style names. The name "" stands for the
+        style of the whole line.
 
         Args:
             cursor_state: "cursor" or "blurred" for the line under the cursor, "" for any other line.
@@ -296,7 +296,7 @@ class ItemList(Lines, Generic[T]):
     """A list of items. When the items change, the cursor stays on the same item."""
 
     def __init__(self, empty: str = "", *, id: str | None = None) -> None:
-        """Create an empty list; `empty` is the label id of the line that an empty list shows."""
+        """Create an empty list; `empty` is a label id. An empty list shows this label as its only line."""
         super().__init__(id=id)
         self.items: list[T] = []
         self._empty = empty
@@ -306,7 +306,9 @@ class ItemList(Lines, Generic[T]):
         """Return the line of an item, rendered with `ink.INK`."""
 
     def key_of(self, item: T) -> object:
-        """Return a value that identifies the item; None if only its position identifies the item."""
+        """Return a value that identifies the item; None if the item can be identified only by its
+        position.
+        """
         return None
 
     def show_items(self, items: Sequence[T]) -> None:

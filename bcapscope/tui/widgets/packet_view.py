@@ -1,6 +1,4 @@
-"""Show a frame as a tree and as bytes, side by side. The tree and the bytes both highlight the selected
-field.
-"""
+"""Show a frame as a tree and as bytes, side by side. The selected field is highlighted in both."""
 
 from __future__ import annotations
 
@@ -30,8 +28,7 @@ MAX_ROWS = 20_000
 _NAME_WIDTH = 18
 _NARROW_NAME, _NARROW_TREE = 14, 44
 _FOLDED_AT_FIRST = 6
-"""A branch with at most this number of rows is folded at first, because the branch's first row already shows
-the content.
+"""A branch with at most this number of rows is folded at first. Its first row already shows the content.
 """
 
 
@@ -39,8 +36,8 @@ class _Entry(NamedTuple):
     """An entry of the tree: a row of a section, or the caption above a section.
 
     Attributes:
-        row: Row of the section; None for the caption.
-        stop: Index of the first entry after the branch that begins with this entry.
+        row: Row of the section that the entry shows; None if the entry is the caption.
+        stop: If a branch begins with this entry, the index of the first entry after the branch.
     """
 
     section: int
@@ -60,7 +57,9 @@ class FieldTree(Lines):
 
     @dataclass
     class FieldSelected(Message):
-        """The cursor moved to a row that shows the bytes from `begin` to `end` (exclusive) of a section."""
+        """The cursor moved to a row. The row shows the bytes of a section from `begin` up to, but not
+        including, `end`.
+        """
 
         section: int
         begin: int
@@ -146,7 +145,7 @@ class FieldTree(Lines):
         self.reset_lines()
 
     def _is_short_branch(self, at: int) -> bool:
-        """Return whether to fold a branch at first, because it is short and contains no problem."""
+        """Return whether a branch is folded at first. A short branch without problems is folded."""
         _, row, stop = self._entries[at]
         if row is None or row.depth or row.kind is not FieldRowKind.FIELD or stop - at - 1 > _FOLDED_AT_FIRST:
             return False
@@ -190,7 +189,9 @@ class FieldTree(Lines):
                 self._set_folded(at, at not in self._folded)
 
     def action_full(self) -> None:
-        """Switch between showing all elements and characters of long values, and showing only the first."""
+        """Show all elements and characters of long values, or only the first ones. Each use of the action
+        switches between the two.
+        """
         self._full = not self._full
         self._rebuild()
 
@@ -276,8 +277,8 @@ class HexView(Lines):
         return bool(caption) - (-len(body) // self._per_line)
 
     def _locate_line(self, index: int) -> tuple[int, int]:
-        """Return the section at a line, and the index of the row in the section; -1 if the line is the
-        caption.
+        """Return which section a line belongs to, and which row of the section the line shows. The row is -1
+        if the line shows the caption.
         """
         section = 0
         while index >= self._section_height(section):
@@ -375,8 +376,8 @@ def _byte_at(column: int, per_line: int) -> int | None:
 
 
 _TREE_AT_LEAST = 48
-"""Minimum width in columns of the tree if 16 bytes per line are shown. In a narrower view, eight bytes per
-line are shown.
+"""Minimum width of the tree, in columns, if the view of the bytes shows 16 bytes per line. If the tree would
+be narrower, the view shows eight bytes per line.
 """
 
 
@@ -403,7 +404,9 @@ class PacketView(Horizontal, PlainContainer):
             self.query_one(FieldTree).show_sections(found)
 
     def on_resize(self, event: Resize) -> None:
-        """Give the view of the bytes the columns that it needs, and give the tree the rest."""
+        """Divide the width: the view of the bytes gets the columns that it needs, and the tree gets the other
+        columns.
+        """
         scrollbar, edge = 1, 1
         wide = width_for(PER_LINE) + scrollbar
         fits = event.size.width - edge - wide >= _TREE_AT_LEAST

@@ -13,8 +13,8 @@ class PlainContainer(Widget):
     """A container without border, padding and scroll bars. Only the children of the container are visible.
 
     Textual draws each line of an ordinary container, even if children cover the line. Drawing these covered
-    lines took a third of the time that Textual needs after a resize of the terminal. A subclass must list
-    another base class before this class, because Textual takes styles from the first base class only.
+    lines took a third of the time that Textual needs after a resize of the terminal. A subclass must name
+    another base class first, and this class after it. Textual takes styles only from the first base class.
     """
 
     def render_lines(self, crop: Region) -> list[Strip]:

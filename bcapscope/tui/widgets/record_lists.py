@@ -38,11 +38,12 @@ def client_and_arrow(flow: Flow) -> str:
 
 
 class RecordList(Lines):
-    """Shows all records, or the records that match a filter and that the search has already found.
+    """Shows all records. With a filter, shows the matching records that the search has found so far.
 
     Attributes:
         clock: Format of the times in the lines.
-        matches: Numbers, from 1, of the records that match the filter; None without a filter.
+        matches: Numbers of the records that match the filter; None without a filter. Records are numbered
+            from 1.
     """
 
     def __init__(self, *, id: str | None = None) -> None:
@@ -66,9 +67,7 @@ class RecordList(Lines):
 
     @property
     def client_header(self) -> str:
-        """Header of the columns for the client and the direction arrow; "" if lines do not show the
-        client.
-        """
+        """Header of two columns: the client and the direction arrow. "" if lines do not show the client."""
         return f"{left_aligned(label('traffic.head.client'), 21)}   " if self._shows_client else ""
 
     @abstractmethod
@@ -89,7 +88,9 @@ class RecordList(Lines):
         return row if self.matches is None or number in self.matches[row : row + 1] else None
 
     def nearest_row(self, number: int) -> int:
-        """Return the row of a record or, if the filter hides the record, of the next visible record."""
+        """Return the row of a record. If the filter hides the record, return the row of the next visible
+        record.
+        """
         return number - 1 if self.matches is None else bisect_left(self.matches, number)
 
 
@@ -104,8 +105,8 @@ def right_aligned(text: str, width: int) -> str:
 
 
 MARKED, RELATED, EVIDENCE = "●", "┃", "◆"
-"""Marks before a frame. Marks of a frame that the user marked, of a frame of the call under the cursor, and
-of a frame that proves a finding.
+"""Marks before a frame. The first mark shows that the user marked the frame. The second shows that the frame
+belongs to the call under the cursor. The third shows that the frame proves a finding.
 """
 
 
@@ -113,7 +114,7 @@ class FrameList(RecordList):
     """Shows the frames of the journal that `open_journal` sets.
 
     Attributes:
-        marks: For the number of each frame that the user marked, the user's note; "" for a mark without a
+        marks: Maps the number of a frame that the user marked to the user's note; "" for a mark without a
             note.
         related: Numbers of the frames of the call under the cursor.
         evidence: Numbers of the frames that prove the selected finding.
@@ -230,8 +231,8 @@ class CallList(RecordList):
         self.reset_lines()
 
     def _locate_line(self, index: int) -> tuple[int, int]:
-        """Return the position of the call at a line, and the number, from 1, of the call's frame at the line;
-        0 for no frame.
+        """Return the position of the call that a line belongs to. Also return which frame of the call the
+        line shows, counted from 1; 0 if the line shows the call itself.
         """
         above = 0
         for position, extra in self._unfolded:
@@ -252,7 +253,9 @@ class CallList(RecordList):
 
     @property
     def current_call(self) -> tuple[StoredCall, int] | None:
-        """The call under the cursor, and the number of the frame under the cursor; None in an empty list."""
+        """The call under the cursor, and the number of the frame under the cursor; None if the list is
+        empty.
+        """
         if self.cursor >= self.count:
             return None
         position, part = self._locate_line(self.cursor)

@@ -11,7 +11,7 @@ from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Direction, Endpoint, Observation, Transport
 from bcapscope.traffic.pipeline import CallCollector, Pipeline
 from tests.traffic.joining.two_places import START_SERVICE, ProxiedScript
-from tests.traffic.playbook import MOVE, MS, OTHER, POSE, S_EXECUTING, Script, execute, i4
+from tests.traffic.playbook import MOVE, MS, OTHER, POSE, S_EXECUTING, START, Script, execute, i4
 
 TRANSPORTS = [Transport.UDP, Transport.TCP]
 
@@ -253,6 +253,24 @@ def test_silence_ends_the_hold() -> None:
     assert not pipeline.has_open_calls
     pipeline.expire(seen.time + joiner_module.HELD_UNANSWERED_NS)
     assert pipeline.has_open_calls
+
+
+def test_no_call_is_complete_while_frames_before_that_time_wait() -> None:
+    script = ProxiedScript()
+    client = script.proxied_client()
+    client.calls(0, 10, MOVE)
+    client.ask(80, 11, 0, OTHER, lost=True)
+    for side in (client.near, client.far):
+        side.reply(90, 9)  # the network copied this frame
+    seen = script.in_order()
+    collector = CallCollector()
+    pipeline = Pipeline(collector, joiner=Joiner())
+    for each in seen:
+        pipeline.add(each)
+    pipeline.expire(START + 800 * MS)
+    pipeline.finish()
+    call = next(call for call in collector.calls if call.serials == (9,))
+    assert len(call.duplicates) == 1
 
 
 def test_a_clock_that_is_set_back_does_not_stop_the_output() -> None:

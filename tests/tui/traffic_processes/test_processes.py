@@ -22,7 +22,8 @@ from bcapscope.capture.observation_store import ObservationStore
 from bcapscope.capture.packet import Interface, Packet
 from bcapscope.render.diagnosis_summary import diagnosis_summary as verdict_line
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.call_verdict import Outcome
+from bcapscope.traffic.call_verdict import CallVerdict, Outcome
+from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.tui.traffic_processes import reader_process as readings
 from bcapscope.tui.traffic_processes import traffic_publisher
@@ -42,6 +43,7 @@ from bcapscope.tui.traffic_processes.search_process import TrafficSearch
 from tests.analysis.scenes import HOME, ROBOT, Story
 from tests.capture.test_rotating_recording import SmallDisk
 from tests.cli.common.test_call_reading import captured, in_slave_mode
+from tests.cli.late_retry import late_retry
 from tests.cli.run import CAPTURES, run
 from tests.samples.calls import r8s, text
 from tests.tui.marks import strip_styles
@@ -345,3 +347,28 @@ class _Endless:
 
     def __iter__(self) -> Iterator[Packet]:
         return repeat((1, bytes(400), 400, Interface(1, "eth0"), ()))
+
+
+@pytest.mark.parametrize(
+    ("taken_at", "verdict"),
+    [(None, CallVerdict.CANNOT_TELL), (CapturePoint.CLIENT, CallVerdict.REPLY_LOST)],
+)
+def test_the_place_of_the_capture_decides_whether_a_reply_was_lost(
+    tmp_path: Path, taken_at: CapturePoint | None, verdict: CallVerdict
+) -> None:
+    job = ReadJob(folder=str(tmp_path), path=str(late_retry(tmp_path)), taken_at=taken_at)
+    inbox = BytesIO()
+    send_message(inbox, job)
+    inbox.seek(0)
+    (received,) = receive_messages(inbox, ReadJob)
+    TrafficReader(received, BytesIO(), threading.Event(), threading.Event()).run()
+    journal = ObservationStore(tmp_path)
+    calls = CallStore(tmp_path, journal)
+    try:
+        journal.refresh(), calls.refresh()
+        settled = calls.read_call(0).settled
+        assert isinstance(settled, Call)
+        assert settled.verdict is verdict
+    finally:
+        journal.close()
+        calls.close()

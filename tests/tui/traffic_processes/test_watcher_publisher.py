@@ -16,6 +16,9 @@ from bcapscope.capture.call_store import CallStore
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.observation_store import ObservationStore, ObservationStoreWriter
 from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.protocol.codec.frame import encode_frame
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_verdict import CallVerdict
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.tui.traffic_processes import traffic_publisher
 from bcapscope.tui.traffic_processes.process_messages import (
@@ -26,7 +29,8 @@ from bcapscope.tui.traffic_processes.process_messages import (
     receive_messages,
 )
 from bcapscope.tui.traffic_processes.watcher_publisher import ReportSender, WatcherPublisher
-from tests.live.test_proxy_watcher import Chain
+from tests.english import encoded
+from tests.live.test_proxy_watcher import MS, Chain
 
 REPORT = cast("type[ReadProgress | TrafficAnalysis]", ReadProgress | TrafficAnalysis)
 
@@ -152,3 +156,32 @@ def test_a_screen_that_has_gone_ends_the_sending() -> None:
         sender.send(ReadProgress())
         sender.close()
         assert not sender._thread.is_alive()
+
+
+def test_the_screen_gets_the_replies_that_a_rule_dropped(tmp_path: Path) -> None:
+    chain, _ = published(tmp_path)
+    chain.meet(1, "udp")
+    request, retry, reply = encode_frame(1, 0, 2), encode_frame(2, 1, 2), encode_frame(2, 0, 0)
+    chain.say(1, True, request)
+    chain.now += MS
+    dropped = encode_frame(1, 0, 0)
+    assert chain.ring.write_record(False, 1, chain.now, 0, dropped, note=encoded("lossy: dropped"))
+    chain.say(1, True, retry)
+    chain.say(1, False, reply)
+    chain.end()
+    journal = ObservationStore(tmp_path)
+    calls = CallStore(tmp_path, journal)
+    frames = [journal.read_frame(number) for number in range(1, journal.refresh() + 1)]
+    calls.refresh()
+    call = calls.read_call(0).settled
+    calls.close()
+    journal.close()
+    assert sorted(each.observation.item.raw for each in frames) == sorted([request, retry, reply, dropped])
+    (lost,) = [each.observation.number for each in frames if each.observation.item.raw == dropped]
+    assert frames[lost - 1].comments == ("lossy: dropped",)
+    assert isinstance(call, Call)
+    assert call.verdict is CallVerdict.REPLY_LOST
+    assert [(each.number, each.item.raw) for each in call.lost_replies] == [(lost, dropped)]
+    assert [(seen.note, seen.was_lost_between) for seen in call.joined_frames if seen.note] == [
+        ("lossy: dropped", True)
+    ]
