@@ -193,10 +193,10 @@ end
 -- What is known of each frame, by its key. Plain values take a tenth of the memory of a table per frame.
 local is_request_by_key, kind_by_key, peer_by_key, request_time_by_key, first_by_key
 
--- Keys of frames that Wireshark passes again in a later packet: the key there, and the key when they came first
+-- For each frame that Wireshark passes again in a later packet: its key there, and its first key
 local first_key_of
 
--- Keys of the bytes of streams that continue garbage
+-- Keys of the bytes of a stream that continue garbage
 local is_lost_by_key
 
 local function forget_frames()
@@ -555,9 +555,9 @@ local function dissect_datagram(tvb, pinfo, tree)
     return size
 end
 
--- Return the pieces of a stream's next bytes that this packet shows, and the offset of the first byte that needs
--- more bytes. While Wireshark reads a capture, it may pass bytes in several packets. The first one shows their
--- pieces. Later, Wireshark passes them only in the last of these packets, which then shows them.
+-- Return the pieces that this packet shows, and the offset of the first byte that needs more bytes. While Wireshark
+-- reads a capture, it may pass the same bytes in several packets. Then only the first of these packets shows the
+-- pieces. When the user opens a packet later, Wireshark passes the bytes only in the last of these packets.
 local function stream_pieces(raw, pinfo, base_key)
     if pinfo.visited or pinfo.can_desegment == 0 then return split_stream(raw, is_lost_by_key[base_key]) end
     local flow = flow_of(pinfo)

@@ -57,8 +57,8 @@ local function ends_at(raw, pos, length, trust)
     return byte(raw, stop + 1) == SOH
 end
 
--- Return the offset of the next whole frame from `pos` on, or of the largest piece of garbage's end, and whether
--- it is a frame; nil if more bytes are needed.
+-- Return the offset of the next whole frame from `pos` on, and true. If the garbage before it has the largest
+-- size, return the end of this garbage, and false. Return nil if more bytes are needed.
 local function next_frame(raw, pos)
     local limit, at = pos + LARGEST_GARBAGE, pos
     while true do
@@ -96,7 +96,7 @@ local function next_piece(raw, pos, is_synchronized)
 end
 
 -- Return the pieces that are complete, the offset of the first byte that needs more bytes, and whether a frame
--- begins there. `is_lost` tells that the bytes continue garbage, where a frame needs more evidence.
+-- begins there. `is_lost` is true if the bytes continue garbage. After garbage, a frame needs more evidence.
 function split_stream(raw, is_lost)
     local pieces, pos, is_synchronized = {}, 0, not is_lost
     while pos < #raw do
@@ -108,14 +108,14 @@ function split_stream(raw, is_lost)
     return pieces, pos, is_synchronized
 end
 
--- Wireshark's desegmentation passes the bytes that need more bytes again, with the next segment after them. If
--- the pieces end before the latest segment, Wireshark passes the bytes of these pieces again too. So a stream
--- remembers what Wireshark will pass again (`pending`), and how many bytes at its start already had their
--- pieces (`done`).
+-- Wireshark passes the bytes after the last piece again, followed by the next segment. If the last piece ends
+-- before the latest segment, Wireshark passes the bytes of all pieces again too. So a stream remembers the bytes
+-- that Wireshark will pass again (`pending`). `done` is the size of the pieces at the start of `pending` that
+-- were already returned.
 function new_stream() return { pending = "", done = 0, is_lost = false } end
 
--- Do the same as `split_stream` for bytes that continue a stream. Also return how many bytes at the start of
--- `raw` had their pieces in an earlier call, and whether `raw` begins in garbage.
+-- Do the same as `split_stream` for the next bytes that Wireshark passes of a stream. Also return the size of the
+-- pieces at the start of `raw` that an earlier call returned, and whether `raw` begins in garbage.
 function continue_stream(stream, raw)
     local passed, done, is_lost = #stream.pending, stream.done, stream.is_lost
     if passed == 0 or #raw <= passed or sub(raw, 1, passed) ~= stream.pending then
