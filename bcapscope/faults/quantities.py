@@ -251,8 +251,8 @@ QUANTITIES = (DurationQuantity, Share, Rate, HresultQuantity, FrameCondition, Sp
 
 
 def read_path(written: str) -> tuple[int, ...]:
-    """Parse an argument, or an element of an argument, in the notation of filters, and return its indexes:
-    ``arg[2][0]``.
+    """Parse the filter notation of an argument, or of an element, such as ``arg[2][0]``. Return the indexes:
+    (2, 0).
 
     Raises:
         InputError: The text is not an argument with indexes.

@@ -361,7 +361,7 @@ class Machine:
             self.raise_error(HAND_DEVIATION, collision)
 
     def due(self) -> int | None:
-        """Return the time in ns of the next change that no call causes; None if no such change is due."""
+        """Return the time in ns of the next change that happens without a call; None if none is due."""
         slave = self.slave
         due = None if slave.mode is None or slave.is_empty else slave.next_tick
         collision = self.equipment.hand.collides_at
