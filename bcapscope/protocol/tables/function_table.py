@@ -172,7 +172,7 @@ def request_param(function_id: int | None, index: int) -> Param:
 
 
 def result_param(function_id: int | None, index: int) -> Param:
-    """Return the name and type of an argument in the reply to a function. `index` counts these arguments from
+    """Return the name and type of the value that a function's reply carries. `index` counts these arguments from
     0.
     """
     function = FUNCTIONS.get(function_id) if function_id is not None else None
