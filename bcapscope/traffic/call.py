@@ -121,8 +121,7 @@ class Call:
             belong to this call.
         is_at_controller: Whether the user says that the capture was taken at the controller.
         last_activity: Time of the latest frame of the call, ns since 1970.
-        no_reply_expected: Whether a reply can no longer follow, although the client has not begun another
-            call.
+        no_reply_expected: True if no reply can follow, and the client has not yet begun its next call.
         state: State of the call; a complete call is unanswered, settled or evicted.
         crossing_ns: Maximum time in ns between a reply and a retry that may have crossed on the network, for
             this client. bcapscope determines this time when the call settles.

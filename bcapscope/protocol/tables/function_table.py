@@ -172,8 +172,8 @@ def request_param(function_id: int | None, index: int) -> Param:
 
 
 def result_param(function_id: int | None, index: int) -> Param:
-    """Return the name and type of the value that a function's reply carries. `index` counts these arguments from
-    0.
+    """Return the name and type of the value that a function's reply carries. `index` is the position of the
+    value, from 0.
     """
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if index:
