@@ -15,7 +15,7 @@ def test_all_simulators_have_the_same_default() -> None:
     assert Scenario(title="").controller_profile is PROFILES[DEFAULT_PROFILE]
     assert tester_screen.TesterOptions(Path(), Path()).profile == DEFAULT_PROFILE
     help_ = " ".join(run_here("sim", "--help").out.split())
-    assert f"otherwise {DEFAULT_PROFILE}." in help_
+    assert f"without a scenario, {DEFAULT_PROFILE}." in help_
     assert "Default: as for `bcapscope sim`" in " ".join(run_here("tui", "--help").out.split())
 
 

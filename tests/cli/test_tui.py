@@ -56,7 +56,7 @@ def test_the_place_of_a_capture_decides_whether_a_reply_was_lost(tmp_path: Path)
         os.close(far)
         try:
             _read_until(near, b"slvMove")
-            _read_until(near, b"reply lost", press=b"2")
+            _read_until(near, b"reply lost", press=b"12")  # from another screen, so that all of it is drawn
             os.close(near)
             assert process.wait(LIMIT) == 0
         finally:
