@@ -48,15 +48,16 @@ def test_it_ends_when_the_terminal_is_closed(leads: bool, tmp_path: Path) -> Non
 def test_the_place_of_a_capture_decides_whether_a_reply_was_lost(tmp_path: Path) -> None:
     near, far = pty.openpty()
     fcntl.ioctl(far, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 200, 0, 0))
-    argv = [sys.executable, "-m", "bcapscope", "tui", str(late_retry(tmp_path)), "--taken-at", "client"]
+    argv = [sys.executable, "-m", "bcapscope", "tui", late_retry(tmp_path).name, "--taken-at", "client"]
     env = {**os.environ, "TERM": "xterm-256color", "HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
+    env |= {"COLUMNS": "200", "LINES": "40"}  # pytest-xdist may set a smaller size
     with subprocess.Popen(
-        argv, stdin=far, stdout=far, stderr=far, pass_fds=[far], env=env, start_new_session=True
+        argv, stdin=far, stdout=far, stderr=far, cwd=tmp_path, env=env, start_new_session=True
     ) as process:
         os.close(far)
         try:
             _read_until(near, b"slvMove")
-            _read_until(near, b"reply lost", press=b"12")  # from another screen, so that all of it is drawn
+            _read_until(near, b"reply lost", press=b"2")
             os.close(near)
             assert process.wait(LIMIT) == 0
         finally:
