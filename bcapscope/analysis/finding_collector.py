@@ -120,7 +120,7 @@ class FindingCollector:
 
     def _certain_cause(self, effect: Occurrence) -> Occurrence | None:
         """Return the problem that certainly caused the problems in the call of `effect`. If there are
-        several, return the one that was reported last.
+        several, return the latest report.
         """
         for each in reversed(self._explained.get(effect.call, ())):
             if effect.call and each is not effect and not self._leads_to(each, effect):

@@ -18,7 +18,7 @@ from bcapscope.simulator.simulator import Peer, Simulator
 
 
 class ScenarioProfileError(InputError):
-    """The scenario is made for a profile other than the one that the user chose."""
+    """The scenario is made for another profile than the user chose."""
 
 
 def played_scenario(
