@@ -144,6 +144,12 @@ def _encode_problems(problems: Sequence[Problem]) -> list[tuple[int, bytes, byte
     return [(each.offset, encode_text(each.code), encode_message(each.reason)) for each in problems]
 
 
+def _decode_problems(problems: Sequence[tuple[int, bytes, bytes]]) -> tuple[Problem, ...]:
+    return tuple(
+        Problem(offset, decode_text(code), decode_message(reason)) for offset, code, reason in problems
+    )
+
+
 class ObservationStore:
     """Reads the files that an `ObservationStoreWriter` writes, even while the writer adds observations."""
 
@@ -175,10 +181,7 @@ class ObservationStore:
         if record.function_id is not None:
             command = None if record.command is None else decode_text(record.command)
             kind = CallKind(record.function_id, command)
-        problems = tuple(
-            Problem(offset, decode_text(code), decode_message(reason))
-            for offset, code, reason in record.problems
-        )
+        problems = _decode_problems(record.problems) if record.problems else ()
         item: Frame | Malformed
         if record.missing is not None:
             item = Malformed(record.raw, problems, record.missing)
@@ -186,7 +189,8 @@ class ObservationStore:
             item = Frame(record.raw, problems[0] if problems else None, self._templates)
         flow = self._flows_of(record.conversation)[record.is_reply]
         observation = Observation(number, record.time, record.began, flow, item, record.packet)
-        return AnnotatedFrame(observation, kind, tuple(map(decode_text, record.comments)))
+        comments = tuple(map(decode_text, record.comments)) if record.comments else ()
+        return AnnotatedFrame(observation, kind, comments)
 
     def time_of(self, number: int) -> int:
         """Return the arrival time of the observation with this number, ns since 1970.
