@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Callable
 
 import pytest
 
+from bcapscope.analysis import rules
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.rules import RULES
-from bcapscope.analysis.rules.rule_checker import DiagnosisRule
+from bcapscope.analysis.rules.rule_table import RULES, DiagnosisRule
 from bcapscope.capture.capture_file import CaptureFile
 from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.protocol.tables.table_rows import table_rows
 from bcapscope.traffic.observation import Direction
 from tests.analysis.plays import SCENES
 from tests.analysis.plays.scene import Scene
@@ -56,22 +58,21 @@ def test_findings_are_sentences_about_frames_that_there_are(scene: Scene) -> Non
 
 
 def test_each_rule_has_a_scene() -> None:
-    assert {scene.rule for scene in SCENES} == {rule.id for rule in RULES}
+    assert {scene.rule for scene in SCENES} == set(RULES)
 
 
 def test_there_are_many_rules_each_with_a_name_of_its_own() -> None:
     assert len(RULES) >= 30
-    assert len({rule.id for rule in RULES}) == len(RULES)
+    assert [row["id"] for row in table_rows("rules", os.path.dirname(rules.__file__))] == list(RULES)
 
 
 def test_rules_follow_rules_that_there_are() -> None:
-    known = {rule.id for rule in RULES}
-    for rule in RULES:
-        assert set(rule.possible_causes) <= known
+    for rule in RULES.values():
+        assert set(rule.possible_causes) <= set(RULES)
         assert rule.id not in rule.possible_causes
 
 
-@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.id)
+@pytest.mark.parametrize("rule", RULES.values(), ids=lambda rule: rule.id)
 def test_the_text_of_a_rule_fits_a_table_and_a_sentence(rule: DiagnosisRule) -> None:
     for each in (str(rule.title), rule.source):
         assert "|" not in each

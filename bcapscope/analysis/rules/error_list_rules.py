@@ -15,24 +15,17 @@ from bcapscope.analysis.call_arguments import first_number
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding_places import call_place, client_place, code_place
 from bcapscope.analysis.rules.error_rules import ACTIVE_CODES, CONTROLLER_ERROR, advice_on_code
-from bcapscope.analysis.rules.preparation_rules import (
-    ARM_TAKEN_BY_OTHER,
-    EMERGENCY_STOP,
-    MANUAL_RESET_MISSING,
-    NO_EXECUTABLE_TOKEN,
-    NO_LICENCE,
-    NOT_IN_AUTOMATIC_MODE,
-)
+from bcapscope.analysis.rules.preparation_rules import ARM_TAKEN_BY_OTHER
 from bcapscope.analysis.rules.refusal_checker import REFUSALS
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
-    DiagnosisRule,
     Occurrence,
     OccurrenceSink,
     RuleChecker,
     frame_numbers,
     last_frame_time,
 )
+from bcapscope.analysis.rules.rule_table import RULES, DiagnosisRule
 from bcapscope.messages import Message
 from bcapscope.messages.places import Moment
 from bcapscope.protocol.tables.function_table import ID
@@ -48,13 +41,13 @@ _ABANDONED = 0x84201486
 _NAMES_NO_CAUSE = SLAVE_MODE_OFF_CODES | ACTIVE_CODES | {_ABANDONED}
 """Codes that say that another error occurred, without naming that error."""
 
-_LASTING = (
-    EMERGENCY_STOP,
-    NOT_IN_AUTOMATIC_MODE,
-    NO_EXECUTABLE_TOKEN,
-    NO_LICENCE,
-    MANUAL_RESET_MISSING,
-)
+_LASTING = [
+    RULES[id]
+    for id in (
+        *("emergency-stop", "not-in-automatic-mode", "no-executable-token", "no-licence"),
+        "manual-reset-missing",
+    )
+]
 """Rules about states that ClearError does not end. If the controller refuses a call because an error is
 active, only errors of these rules explain the refusal. For any other error in the error list, the reason for
 the refusal is that the client did not call ClearError.
@@ -130,8 +123,6 @@ class ErrorListChecker(RuleChecker):
     remembers the latest errors that a client read. It compares these errors with refusals that it receives
     later.
     """
-
-    rules = ()
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         super().__init__(report_occurrence, clients)

@@ -8,20 +8,17 @@ from collections.abc import Iterator
 
 from bcapscope.analysis.call_arguments import requested_motor_state
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
-    SECOND,
     CallHealth,
     ClientEnd,
-    DiagnosisRule,
     Occurrence,
     RuleChecker,
     frame_numbers,
     last_frame_time,
 )
-from bcapscope.analysis.rules.rule_sources import ERROR_LIST, guide
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, HexNumber, Moment
@@ -40,46 +37,9 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
-_EVER = 24 * 3600 * SECOND
-_FIRST_ERRORS = (
-    "underflow",
-    "over-limit",
-    "beyond-range",
-    "overflow",
-    "invalid-set-point",
-    "refused-in-slave-mode",
-    "slvmove-outside-slave-mode",
-    "emergency-stop",
-    "controller-error",
-)
-
-ERROR_NOT_CLEARED = DiagnosisRule(
-    "error-not-cleared", Severity.ERROR, f"{guide('Clearing errors')}; {ERROR_LIST}", _FIRST_ERRORS, _EVER
-)
-WENT_ON_AFTER_ERROR = DiagnosisRule(
-    "went-on-after-error",
-    Severity.WARNING,
-    guide("Error, and the sequence of clearing error"),
-    _FIRST_ERRORS,
-    _EVER,
-)
-CLEARED_UNREAD = DiagnosisRule(
-    "cleared-unread",
-    Severity.WARNING,
-    "nkawa/Denso_CobottaPro900_MQTT_Control",
-    (*_FIRST_ERRORS, "motor-off", "arm-not-taken", "error-not-cleared"),
-    _EVER,
-)
-CONTROLLER_TIMEOUT = DiagnosisRule(
-    "controller-timeout", Severity.ERROR, f"orin_bcap C/include/dn_common.h; {ERROR_LIST}"
-)
-ROBOT_BUSY = DiagnosisRule("robot-busy", Severity.NOTE, "start-jsk/denso denso_controller/src/main.cpp")
-CONTROLLER_ERROR = DiagnosisRule(
-    "controller-error",
-    Severity.ERROR,
-    f"{ERROR_LIST}; orin_bcap C/include/dn_common.h",
-    ("malformed-request",),
-)
+WENT_ON_AFTER_ERROR = RULES["went-on-after-error"]
+CLEARED_UNREAD = RULES["cleared-unread"]
+CONTROLLER_ERROR = RULES["controller-error"]
 
 ACTIVE_CODES = with_rc7_forms((0x81501025, 0x81201701, 0x81201749, 0x82501009))
 """Result codes with which a controller refuses a call because an error is active."""
@@ -106,7 +66,6 @@ class _CallsAfterError:
 class ErrorChecker(RuleChecker):
     """Checks what a client does after the controller reported an error."""
 
-    rules = (WENT_ON_AFTER_ERROR, CLEARED_UNREAD)
     by_client: dict[Conversation, _CallsAfterError]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
@@ -238,8 +197,8 @@ def advice_on_code(code: int) -> Message | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(ERROR_NOT_CLEARED, ACTIVE_CODES, _explain_not_cleared),
-    Refusal(CONTROLLER_TIMEOUT, _TIMEOUT_CODES),
-    Refusal(ROBOT_BUSY, (E_ROBOTISBUSY,)),
+    Refusal(RULES["error-not-cleared"], ACTIVE_CODES, _explain_not_cleared),
+    Refusal(RULES["controller-timeout"], _TIMEOUT_CODES),
+    Refusal(RULES["robot-busy"], (E_ROBOTISBUSY,)),
     Refusal(CONTROLLER_ERROR, (), _explain_other),
 )

@@ -10,11 +10,10 @@ from itertools import pairwise
 
 from bcapscope.analysis.call_arguments import argument
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
-from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence, RuleChecker
-from bcapscope.analysis.rules.rule_sources import ERROR_LIST, guide
+from bcapscope.analysis.rules.rule_checker import Occurrence, RuleChecker
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.motion_model import Jump, MotionFacts
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
@@ -25,31 +24,9 @@ from bcapscope.protocol.slave_mode.slvmove_values import parse_set_point
 from bcapscope.protocol.tables.hresult import describe_hresult, with_rc7_forms
 from bcapscope.traffic.call import Call
 
-OVER_LIMIT = DiagnosisRule(
-    "over-limit",
-    Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 19 and 48; DENSORobot/denso_robot_ros2 issue 17; {ERROR_LIST}",
-    (
-        *("set-point-jump", "far-first-point", "not-finite", "set-point-gap", "off-grid", "slow-retry"),
-        "slow-set-points",
-    ),
-)
-BEYOND_RANGE = DiagnosisRule(
-    "beyond-range", Severity.ERROR, ERROR_LIST, ("set-point-jump", "far-first-point", "not-finite")
-)
-INVALID_SET_POINT = DiagnosisRule(
-    "invalid-set-point",
-    Severity.ERROR,
-    f"{ERROR_LIST}; DENSORobot/denso_robot_ros2 denso_robot_core",
-    ("not-finite", "unusual-argument", "set-point-jump"),
-)
-NOT_FINITE = DiagnosisRule(
-    "not-finite", Severity.ERROR, "IEEE 754; DENSORobot/denso_robot_ros2 denso_robot_control"
-)
-FAR_FIRST_POINT = DiagnosisRule("far-first-point", Severity.WARNING, guide("Starting your client app."))
-SET_POINT_JUMP = DiagnosisRule(
-    "set-point-jump", Severity.NOTE, "DENSORobot/denso_robot_ros issues 19 and 48; denso_cobotta_ros issue 14"
-)
+NOT_FINITE = RULES["not-finite"]
+FAR_FIRST_POINT = RULES["far-first-point"]
+SET_POINT_JUMP = RULES["set-point-jump"]
 
 _SPEED_FAMILIES = tuple(
     range(base, base + 0x10)
@@ -68,8 +45,6 @@ _FAR_DISTANCE = 1.0
 
 class LimitChecker(RuleChecker):
     """Checks the commanded motion."""
-
-    rules = (OVER_LIMIT, BEYOND_RANGE, INVALID_SET_POINT, NOT_FINITE, FAR_FIRST_POINT, SET_POINT_JUMP)
 
     def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
         motion = session.motion
@@ -202,7 +177,7 @@ def _explain_invalid(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(OVER_LIMIT, _SPEED_CODES, _explain_over_limit),
-    Refusal(BEYOND_RANGE, _RANGE_CODES, _explain_beyond_range),
-    Refusal(INVALID_SET_POINT, _INVALID_CODES, _explain_invalid),
+    Refusal(RULES["over-limit"], _SPEED_CODES, _explain_over_limit),
+    Refusal(RULES["beyond-range"], _RANGE_CODES, _explain_beyond_range),
+    Refusal(RULES["invalid-set-point"], _INVALID_CODES, _explain_invalid),
 )

@@ -7,16 +7,15 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from bcapscope.analysis.client_state import MOTION_COMMANDS, MOTION_FUNCTIONS, ClientRegistry, ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
-    DiagnosisRule,
     Occurrence,
     OccurrenceSink,
     RuleChecker,
     frame_numbers,
 )
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.places import CallPlace, Moment
@@ -25,11 +24,7 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
-SPEED_CHANGED_IN_MOTION = DiagnosisRule(
-    "speed-changed-in-motion",
-    Severity.NOTE,
-    "ShoheiKobata/orin_bcap_python_samples; nkawa/Denso_CobottaPro900_MQTT_Control denso_robot.py (ExtSpeed)",
-)
+SPEED_CHANGED_IN_MOTION = RULES["speed-changed-in-motion"]
 
 _REMEMBERED = 32
 """Maximum number of motions, and of speed changes, that the checker remembers for all controllers together.
@@ -54,8 +49,6 @@ class _TimedCall(NamedTuple):
 
 class MotionChecker(RuleChecker):
     """Checks whether a client changed a controller's external speed while the robot moved."""
-
-    rules = (SPEED_CHANGED_IN_MOTION,)
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         super().__init__(report_occurrence, clients)

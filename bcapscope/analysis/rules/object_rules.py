@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from bcapscope.analysis.call_arguments import result_of
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
-    SECOND,
     CallHealth,
-    DiagnosisRule,
     Occurrence,
     OccurrenceSink,
     RuleChecker,
     frame_numbers,
     last_frame_time,
 )
-from bcapscope.analysis.rules.rule_sources import C_SERVER
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Moment, WireText
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
@@ -27,11 +24,7 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.handle_tracker import handle_of, requested_name
 from bcapscope.traffic.observation import Conversation
 
-HANDLE_LEAK = DiagnosisRule("handle-leak", Severity.WARNING, C_SERVER)
-BAD_HANDLE = DiagnosisRule("bad-handle", Severity.ERROR, C_SERVER, ("unclean-quit",), 600 * SECOND)
-TOO_MANY_OBJECTS = DiagnosisRule(
-    "too-many-objects", Severity.ERROR, C_SERVER, ("handle-leak",), 24 * 3600 * SECOND
-)
+HANDLE_LEAK = RULES["handle-leak"]
 
 _LEAK_AT = 20
 _MAX_NAMES = 4096
@@ -49,8 +42,6 @@ class _HandleTally:
 
 class ObjectChecker(RuleChecker):
     """Counts the open handles of each object, for each client."""
-
-    rules = (HANDLE_LEAK,)
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         super().__init__(report_occurrence, clients)
@@ -175,6 +166,6 @@ def _explain_bad_handle(call: Call, client: ClientState) -> RefusalReason | None
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(BAD_HANDLE, (E_HANDLE,), _explain_bad_handle),
-    Refusal(TOO_MANY_OBJECTS, (E_MAX_OBJECT,)),
+    Refusal(RULES["bad-handle"], (E_HANDLE,), _explain_bad_handle),
+    Refusal(RULES["too-many-objects"], (E_MAX_OBJECT,)),
 )

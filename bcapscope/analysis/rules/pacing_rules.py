@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
@@ -18,7 +17,7 @@ from bcapscope.analysis.rules.rule_checker import (
     OccurrenceSink,
     RuleChecker,
 )
-from bcapscope.analysis.rules.rule_sources import GUIDE
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.buffer_model import DEFAULT_SLOTS, PredictedUnderflow, slack_ms
 from bcapscope.analysis.slave.motion_pace import MotionPace
 from bcapscope.analysis.slave.slave_session import SlaveSession
@@ -30,42 +29,10 @@ from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLO
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 
-_SAMPLES = "documentation of ShoheiKobata/orin_bcap_python_samples (table of slave modes)"
-
-SET_POINT_GAP = DiagnosisRule(
-    "set-point-gap",
-    Severity.WARNING,
-    f"{_SAMPLES}; DENSORobot/denso_robot_ros issues 20 and 49",
-    ("late-reply", "client-gave-up", "no-reply", "retried", "reply-lost", "slow-retry"),
-)
-UNDERFLOW = DiagnosisRule(
-    "underflow",
-    Severity.ERROR,
-    f"{_SAMPLES}; DENSORobot/denso_robot_ros issues 20 and 49; orin_bcap issue 3",
-    (
-        "set-point-gap",
-        "late-reply",
-        "client-gave-up",
-        "no-reply",
-        "retried",
-        "reply-lost",
-        "slow-retry",
-        "off-grid",
-    ),
-)
-OVERFLOW = DiagnosisRule(
-    "overflow",
-    Severity.ERROR,
-    "ShoheiKobata/orin_bcap_python_samples 05_00_slvMove.py; DENSORobot/denso_robot_ros2 denso_robot_core",
-    ("off-grid",),
-)
-OFF_GRID = DiagnosisRule(
-    "off-grid",
-    Severity.WARNING,
-    "DENSORobot/denso_robot_ros2 issue 17; d-yui-hub/denso_robot_ros2_neo; " + GUIDE,
-)
-SLOW_SET_POINTS = DiagnosisRule("slow-set-points", Severity.NOTE, f"{_SAMPLES}; {GUIDE}")
-REPLIES_DO_NOT_PACE = DiagnosisRule("replies-do-not-pace", Severity.NOTE, f"{_SAMPLES}; {GUIDE}")
+SET_POINT_GAP = RULES["set-point-gap"]
+OFF_GRID = RULES["off-grid"]
+SLOW_SET_POINTS = RULES["slow-set-points"]
+REPLIES_DO_NOT_PACE = RULES["replies-do-not-pace"]
 
 _EMPTY_CODES = with_rc7_forms((E_SLAVE_UNDERFLOW, 0x84400503, 0x83201684))
 _FEWEST_CYCLES = 50
@@ -77,8 +44,6 @@ _MAX_REPORTED = 64
 
 class PacingChecker(RuleChecker):
     """Checks the times at which set points are sent and answered."""
-
-    rules = (SET_POINT_GAP, UNDERFLOW, OVERFLOW, OFF_GRID, SLOW_SET_POINTS, REPLIES_DO_NOT_PACE)
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         super().__init__(report_occurrence, clients)
@@ -285,7 +250,7 @@ def _explain_overflow(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(UNDERFLOW, _EMPTY_CODES, _explain_underflow),
-    Refusal(OVERFLOW, (E_SLAVE_OVERFLOW, 0x84400502), _explain_overflow),
-    Refusal(OVERFLOW, (E_SLAVE_OVERFLOW, 0x84400502)),
+    Refusal(RULES["underflow"], _EMPTY_CODES, _explain_underflow),
+    Refusal(RULES["overflow"], (E_SLAVE_OVERFLOW, 0x84400502), _explain_overflow),
+    Refusal(RULES["overflow"], (E_SLAVE_OVERFLOW, 0x84400502)),
 )

@@ -7,16 +7,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import client_place
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
     ClientEnd,
-    DiagnosisRule,
     Occurrence,
     RuleChecker,
     last_frame_time,
 )
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Duration, Quantity, WireText
 from bcapscope.protocol.tables.function_table import ID
@@ -24,9 +23,7 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
-POLLING = DiagnosisRule(
-    "polling", Severity.NOTE, "ShoheiKobata/orin_bcap_python_samples (1.7 ms for each variable)"
-)
+POLLING = RULES["polling"]
 
 _FEWEST_READS = 200
 _LEAST_SHARE = 0.5
@@ -57,7 +54,6 @@ class _VariableReads:
 class PollingChecker(RuleChecker):
     """Counts the calls that read a single variable, and adds up the time that these calls take."""
 
-    rules = (POLLING,)
     by_client: dict[Conversation, _VariableReads]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:

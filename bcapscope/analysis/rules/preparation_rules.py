@@ -6,12 +6,11 @@ from __future__ import annotations
 
 from bcapscope.analysis.call_arguments import argument, gets_robslave, requested_motor_state
 from bcapscope.analysis.client_state import MOTION_FUNCTIONS, ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.error_rules import ACTIVE_CODES
 from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
-from bcapscope.analysis.rules.rule_checker import MS, SECOND, CallHealth, DiagnosisRule, RuleChecker
-from bcapscope.analysis.rules.rule_sources import ERROR_LIST, guide
+from bcapscope.analysis.rules.rule_checker import MS, SECOND, CallHealth, RuleChecker
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import ClientPlace, Duration, HexNumber, Moment, WireText
 from bcapscope.protocol.codec.variant import Variant, integer_value
@@ -30,61 +29,9 @@ from bcapscope.protocol.tables.hresult import (
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 
-_EVER = 24 * 3600 * SECOND
-
-ROBSLAVE_NOT_RUNNING = DiagnosisRule(
-    "robslave-not-running",
-    Severity.ERROR,
-    guide("Starting your client app.", "Error, and the sequence of clearing error"),
-    ("controller-error", "underflow", "over-limit"),
-    _EVER,
-)
-NO_AT_E = DiagnosisRule("no-at-e", Severity.WARNING, guide("slvChangeMode"))
-ROBOT_STILL_MOVING = DiagnosisRule(
-    "robot-still-moving", Severity.ERROR, f"{guide('slvChangeMode')}; {ERROR_LIST}", ("no-at-e",), 10 * SECOND
-)
-ARM_NOT_TAKEN = DiagnosisRule(
-    "arm-not-taken",
-    Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issue 29; {ERROR_LIST}",
-    ("emergency-stop", "controller-error"),
-    60 * SECOND,
-)
-ARM_TAKEN_BY_OTHER = DiagnosisRule(
-    "arm-taken-by-other", Severity.ERROR, f"DENSORobot/denso_robot_ros issues 21, 29 and 48; {ERROR_LIST}"
-)
-MOTOR_OFF = DiagnosisRule(
-    "motor-off",
-    Severity.ERROR,
-    ERROR_LIST,
-    ("underflow", "over-limit", "beyond-range", "emergency-stop", "controller-error", "motor-switching-off"),
-    _EVER,
-)
-MOTOR_SWITCHING_OFF = DiagnosisRule(
-    "motor-switching-off",
-    Severity.ERROR,
-    "nkawa/Denso_CobottaPro900_MQTT_Control",
-    ("underflow", "over-limit", "beyond-range", "controller-error"),
-    60 * SECOND,
-)
-EMERGENCY_STOP = DiagnosisRule("emergency-stop", Severity.ERROR, ERROR_LIST)
-NOT_IN_AUTOMATIC_MODE = DiagnosisRule(
-    "not-in-automatic-mode", Severity.ERROR, f"{guide('Preparation')}; {ERROR_LIST}"
-)
-NO_EXECUTABLE_TOKEN = DiagnosisRule(
-    "no-executable-token",
-    Severity.ERROR,
-    f"{guide('Setting up your RC7')}; DENSORobot/denso_robot_ros issues 29 and 36",
-)
-NO_LICENCE = DiagnosisRule("no-licence", Severity.ERROR, f"{guide('Setting up your RC7')}; {ERROR_LIST}")
-MANUAL_RESET_MISSING = DiagnosisRule(
-    "manual-reset-missing",
-    Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 36 and 44; {ERROR_LIST}",
-    ("no-executable-token",),
-    60 * SECOND,
-)
-TYPE_NOT_CHECKED = DiagnosisRule("type-not-checked", Severity.NOTE, guide("Starting your client app. (tips)"))
+NO_AT_E = RULES["no-at-e"]
+ARM_TAKEN_BY_OTHER = RULES["arm-taken-by-other"]
+TYPE_NOT_CHECKED = RULES["type-not-checked"]
 
 _MOVING_CODES = with_rc7_forms((0x600B, 0x8150100D, 0x81201744))
 _STOP_CODES = with_rc7_forms(
@@ -115,8 +62,6 @@ _JUST_BEFORE_NS = 5 * SECOND
 
 class PreparationChecker(RuleChecker):
     """Checks the calls that prepare slave mode and the first motion."""
-
-    rules = (NO_AT_E, TYPE_NOT_CHECKED)
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         command = call_kind.folded_command
@@ -395,15 +340,15 @@ def _explain_reset(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(ROBOT_STILL_MOVING, _MOVING_CODES, _explain_moving),
+    Refusal(RULES["robot-still-moving"], _MOVING_CODES, _explain_moving),
     Refusal(ARM_TAKEN_BY_OTHER, _ARM_CODES, _explain_arm_taken),
-    Refusal(ARM_NOT_TAKEN, _ARM_CODES, _explain_arm_missing),
-    Refusal(MOTOR_OFF, _MOTOR_CODES, _explain_motor),
-    Refusal(MOTOR_SWITCHING_OFF, (0x8350106E,)),
-    Refusal(EMERGENCY_STOP, _STOP_CODES),
-    Refusal(NOT_IN_AUTOMATIC_MODE, _MODE_CODES),
-    Refusal(NO_EXECUTABLE_TOKEN, _TOKEN_CODES),
-    Refusal(NO_LICENCE, _LICENCE_CODES),
-    Refusal(MANUAL_RESET_MISSING, _RESET_CODES, _explain_reset),
-    Refusal(ROBSLAVE_NOT_RUNNING, (), _explain_robslave),
+    Refusal(RULES["arm-not-taken"], _ARM_CODES, _explain_arm_missing),
+    Refusal(RULES["motor-off"], _MOTOR_CODES, _explain_motor),
+    Refusal(RULES["motor-switching-off"], (0x8350106E,)),
+    Refusal(RULES["emergency-stop"], _STOP_CODES),
+    Refusal(RULES["not-in-automatic-mode"], _MODE_CODES),
+    Refusal(RULES["no-executable-token"], _TOKEN_CODES),
+    Refusal(RULES["no-licence"], _LICENCE_CODES),
+    Refusal(RULES["manual-reset-missing"], _RESET_CODES, _explain_reset),
+    Refusal(RULES["robslave-not-running"], (), _explain_robslave),
 )

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
-    DiagnosisRule,
     Occurrence,
     RuleChecker,
 )
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Duration, Moment, WireText
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
 
-INJECTED_FAULT = DiagnosisRule(
-    "injected-fault", Severity.WARNING, "the comments that bcapscope's proxy writes in its recordings"
-)
+INJECTED_FAULT = RULES["injected-fault"]
 
 _HELD_NS = 1_000_000
 """If the proxy delayed a frame for at least this time in ns, a finding mentions the delay. Usually, the proxy
@@ -27,8 +24,6 @@ forwards a frame in a fraction of this time.
 
 class ProxyChecker(RuleChecker):
     """Checks whether the proxy, one of its scripts or its user disturbed a call."""
-
-    rules = (INJECTED_FAULT,)
 
     def on_call(self, call: Call, client: ClientState) -> None:
         noted: dict[str, list[JoinedObservation]] = {}

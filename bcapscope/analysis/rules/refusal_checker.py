@@ -15,7 +15,8 @@ from bcapscope.analysis.rules import (
     slave_mode_rules,
 )
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
-from bcapscope.analysis.rules.rule_checker import CallHealth, DiagnosisRule, RobotImpact, RuleChecker
+from bcapscope.analysis.rules.rule_checker import CallHealth, RobotImpact, RuleChecker
+from bcapscope.analysis.rules.rule_table import DiagnosisRule
 from bcapscope.messages import Message
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, ends_slave_mode, rc7_digits_guessed
@@ -51,8 +52,6 @@ names.
 
 class RefusalChecker(RuleChecker):
     """Reports each refused call with exactly one rule."""
-
-    rules = tuple(dict.fromkeys(each.rule for each in REFUSALS))
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         return health is CallHealth.REFUSED

@@ -8,21 +8,18 @@ from dataclasses import dataclass, field
 from typing import TypedDict
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import attempt_place, call_place, call_places, client_place
 from bcapscope.analysis.rules.proxy_rules import advice_by_place, group_by_place, with_place
 from bcapscope.analysis.rules.rule_checker import (
     MS,
-    SECOND,
     ClientEnd,
-    DiagnosisRule,
     Occurrence,
     OccurrenceSink,
     RuleChecker,
     frame_numbers,
     last_frame_time,
 )
-from bcapscope.analysis.rules.rule_sources import C_CLIENT, GUIDE, guide
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, Duration, Moment, Times
@@ -34,66 +31,16 @@ from bcapscope.traffic.client_timeout import gives_up_at, waits_in_vain
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
-_ROS_12 = "DENSORobot/denso_robot_ros issues 8 and 12"
-
-LATE_REPLY = DiagnosisRule(
-    "late-reply",
-    Severity.WARNING,
-    f"{guide('Retry sequence in UDP connection')}; {_ROS_12}",
-    ("long-call-without-wdt", "malformed-request"),
-)
-CLIENT_GAVE_UP = DiagnosisRule(
-    "client-gave-up",
-    Severity.ERROR,
-    f"{_ROS_12}; {C_CLIENT}",
-    ("long-call-without-wdt", "malformed-request"),
-)
-NO_REPLY = DiagnosisRule(
-    "no-reply",
-    Severity.ERROR,
-    f"{C_CLIENT}; {_ROS_12}",
-    (
-        "controller-hung-up",
-        "malformed-request",
-        "oversize-datagram",
-        "executing-forever",
-        "controller-silent",
-        "malformed-reply",
-        "reply-to-nothing",
-    ),
-    60 * SECOND,
-)
-CLIENT_STOPPED = DiagnosisRule(
-    "client-stopped",
-    Severity.ERROR,
-    f"{C_CLIENT}; {_ROS_12}",
-    ("malformed-request", "oversize-datagram", "no-reply", "controller-silent", "long-call-without-wdt"),
-    60 * SECOND,
-)
-CONTROLLER_SILENT = DiagnosisRule(
-    "controller-silent",
-    Severity.ERROR,
-    f"{guide('Setting up your RC7')}; DENSORobot/denso_robot_ros2 issues 3, 8 and 50",
-    ("malformed-request", "oversize-datagram"),
-    60 * SECOND,
-)
-EXECUTED_TWICE = DiagnosisRule(
-    "executed-twice",
-    Severity.ERROR,
-    "orin_bcap C/src/bCAPServer/bcap_server.c",
-    ("late-reply", "reply-lost", "retried"),
-)
-REPLY_LOST = DiagnosisRule("reply-lost", Severity.WARNING, GUIDE)
-RETRIED = DiagnosisRule(
-    "retried",
-    Severity.WARNING,
-    guide("Retry sequence in UDP connection"),
-    ("malformed-request", "malformed-reply", "reply-to-nothing", "no-reply"),
-)
-VERY_LATE_REPLY = DiagnosisRule("very-late-reply", Severity.WARNING, C_CLIENT)
-REPLY_TO_NOTHING = DiagnosisRule(
-    "reply-to-nothing", Severity.WARNING, guide("Retry sequence in UDP connection")
-)
+LATE_REPLY = RULES["late-reply"]
+CLIENT_GAVE_UP = RULES["client-gave-up"]
+NO_REPLY = RULES["no-reply"]
+CLIENT_STOPPED = RULES["client-stopped"]
+CONTROLLER_SILENT = RULES["controller-silent"]
+EXECUTED_TWICE = RULES["executed-twice"]
+REPLY_LOST = RULES["reply-lost"]
+RETRIED = RULES["retried"]
+VERY_LATE_REPLY = RULES["very-late-reply"]
+REPLY_TO_NOTHING = RULES["reply-to-nothing"]
 
 _TURN_NS = PERIOD_MS * MS + 2 * MS
 _MAX_REQUESTING = 65536
@@ -118,19 +65,6 @@ class _Pending:
 
 class ReplyChecker(RuleChecker):
     """Checks calls that were retried, not answered or answered late, and replies without a request."""
-
-    rules = (
-        LATE_REPLY,
-        CLIENT_GAVE_UP,
-        NO_REPLY,
-        CLIENT_STOPPED,
-        CONTROLLER_SILENT,
-        EXECUTED_TWICE,
-        REPLY_LOST,
-        RETRIED,
-        VERY_LATE_REPLY,
-        REPLY_TO_NOTHING,
-    )
 
     by_client: dict[Conversation, _Pending]
 

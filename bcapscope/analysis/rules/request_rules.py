@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from bcapscope.analysis.call_arguments import argument
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_places
 from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
-from bcapscope.analysis.rules.rule_checker import SAME_CALL, CallHealth, DiagnosisRule, RuleChecker
-from bcapscope.analysis.rules.rule_sources import GUIDE
+from bcapscope.analysis.rules.rule_checker import CallHealth, RuleChecker
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.generation_clues import ENOUGH_TO_OBJECT
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Listing, WireText, shortened
@@ -23,26 +22,7 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
-_SAMPLES = "ShoheiKobata/orin_bcap_python_samples"
-
-FORMAT_REFUSED = DiagnosisRule(
-    "format-refused",
-    Severity.ERROR,
-    "DENSORobot/denso_robot_ros issue 47; DENSORobot/denso_robot_ros2 denso_robot_core",
-)
-UNKNOWN_COMMAND = DiagnosisRule(
-    "unknown-command", Severity.ERROR, f"orin_bcap C/include/bcap_funcid.h; {_SAMPLES}"
-)
-ARGUMENT_REFUSED = DiagnosisRule(
-    "argument-refused",
-    Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 48 and 52; {_SAMPLES}",
-    ("unusual-argument",),
-    SAME_CALL,
-)
-UNUSUAL_ARGUMENT = DiagnosisRule(
-    "unusual-argument", Severity.NOTE, f"{GUIDE}; {_SAMPLES}; DENSORobot/denso_robot_ros2 denso_robot_core"
-)
+UNUSUAL_ARGUMENT = RULES["unusual-argument"]
 
 _TYPE_CODES = (
     E_INVALIDARG,
@@ -63,7 +43,6 @@ _R4S, _R8S = ARRAY | VT.R4, ARRAY | VT.R8
 class RequestChecker(RuleChecker):
     """Checks each requested slave mode, and the first set point of each slave-mode session."""
 
-    rules = (UNUSUAL_ARGUMENT,)
     by_client: dict[Conversation, bool]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
@@ -191,7 +170,7 @@ def _argument_mismatch(call: Call) -> Message | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(FORMAT_REFUSED, (), _explain_format),
-    Refusal(UNKNOWN_COMMAND, _NAME_CODES, _explain_unknown),
-    Refusal(ARGUMENT_REFUSED, _TYPE_CODES, _explain_argument),
+    Refusal(RULES["format-refused"], (), _explain_format),
+    Refusal(RULES["unknown-command"], _NAME_CODES, _explain_unknown),
+    Refusal(RULES["argument-refused"], _TYPE_CODES, _explain_argument),
 )

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
-from bcapscope.analysis.rules.rule_checker import CallHealth, DiagnosisRule, Occurrence, RuleChecker
-from bcapscope.analysis.rules.rule_sources import C_SERVER, GUIDE, guide
+from bcapscope.analysis.rules.rule_checker import CallHealth, Occurrence, RuleChecker
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Duration, Moment
@@ -22,30 +21,14 @@ from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.reserved_field import ReservedConvention
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
-RETRY_IN_ASYNC = DiagnosisRule("retry-in-async", Severity.WARNING, guide("Recommendation of the Slave mode"))
-WRONG_RESERVED = DiagnosisRule("wrong-reserved", Severity.ERROR, guide("Retry sequence in UDP connection"))
-UNMARKED_RETRY = DiagnosisRule(
-    "unmarked-retry",
-    Severity.WARNING,
-    f"{guide('Retry sequence in UDP connection')}; {C_SERVER}",
-    ("no-reply", "client-gave-up", "reply-lost"),
-)
-SERIAL_ZERO = DiagnosisRule("serial-zero", Severity.WARNING, C_SERVER)
-SERIAL_REUSED = DiagnosisRule(
-    "serial-reused", Severity.ERROR, "orin_bcap Python/bCAPClient/bcapclient.py", ("long-call-without-wdt",)
-)
-STALE_ANSWER = DiagnosisRule("stale-answer", Severity.WARNING, C_SERVER, ("unclean-quit",))
-SLOW_RETRY = DiagnosisRule(
-    "slow-retry",
-    Severity.WARNING,
-    f"{guide('Recommendation of the Slave mode')}; DENSORobot/denso_robot_ros2 denso_robot_control",
-    ("long-call-without-wdt",),
-)
-MIXED_CONVENTIONS = DiagnosisRule(
-    "mixed-conventions",
-    Severity.NOTE,
-    f"{GUIDE}; orin_bcap C/src/bCAPClient/bcap_client.c; start-jsk/denso b-Cap.c",
-)
+RETRY_IN_ASYNC = RULES["retry-in-async"]
+WRONG_RESERVED = RULES["wrong-reserved"]
+UNMARKED_RETRY = RULES["unmarked-retry"]
+SERIAL_ZERO = RULES["serial-zero"]
+SERIAL_REUSED = RULES["serial-reused"]
+STALE_ANSWER = RULES["stale-answer"]
+SLOW_RETRY = RULES["slow-retry"]
+MIXED_CONVENTIONS = RULES["mixed-conventions"]
 
 _FIRST_FUNCTIONS = (ID["Service_Start"], ID["Controller_Connect"])
 """Functions with which a session begins. If the first captured call has serial 0 but none of these functions,
@@ -55,17 +38,6 @@ the capture began in the middle of a session.
 
 class RetryChecker(RuleChecker):
     """Checks the times and serials of the attempts of a call."""
-
-    rules = (
-        RETRY_IN_ASYNC,
-        WRONG_RESERVED,
-        UNMARKED_RETRY,
-        SERIAL_ZERO,
-        SERIAL_REUSED,
-        STALE_ANSWER,
-        SLOW_RETRY,
-        MIXED_CONVENTIONS,
-    )
 
     by_client: dict[Conversation, ReservedConvention]
 

@@ -8,7 +8,7 @@ from enum import Enum, IntEnum
 from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
-from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.rules.rule_table import DiagnosisRule
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.traffic.call import Call, FrameObservation, StrayReply
@@ -17,34 +17,6 @@ from bcapscope.traffic.observation import Conversation, Observation
 
 SECOND = 1_000_000_000
 MS = 1_000_000
-
-SAME_CALL = 0
-"""A rule has this value of `cause_within_ns` if only problems of the same call can cause its problems."""
-
-
-@dataclass(frozen=True, slots=True)
-class DiagnosisRule:
-    """The constant data of a rule of `diagnose`. A `RuleChecker` applies the rule.
-
-    Attributes:
-        id: Short name of the rule, as in JSON.
-        possible_causes: Ids of the rules that can report a cause of this rule's findings.
-        cause_within_ns: Maximum time in ns from the end of a possible cause to the start of the problem.
-    """
-
-    id: str
-    severity: Severity
-    source: str
-    possible_causes: tuple[str, ...] = ()
-    cause_within_ns: int = SECOND
-
-    @property
-    def title(self) -> Message:
-        return Message(f"rule.{self.id}.title")
-
-    @property
-    def advice(self) -> Message:
-        return Message(f"rule.{self.id}.advice")
 
 
 class RobotImpact(IntEnum):
@@ -147,7 +119,6 @@ class RuleChecker:
         by_client: Data that the checker keeps for each client, until the client is dropped from memory.
     """
 
-    rules: ClassVar[tuple[DiagnosisRule, ...]]
     needs_every_set_point: ClassVar[bool] = False
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:

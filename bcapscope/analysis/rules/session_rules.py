@@ -7,20 +7,18 @@ from collections.abc import Iterator
 
 from bcapscope.analysis.call_arguments import text_argument
 from bcapscope.analysis.client_state import MOTION_FUNCTIONS, ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, call_places, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     CallHealth,
     ClientEnd,
-    DiagnosisRule,
     Occurrence,
     RobotImpact,
     RuleChecker,
     last_frame_time,
 )
-from bcapscope.analysis.rules.rule_sources import C_SERVER, guide
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
@@ -56,46 +54,10 @@ _USUAL_PAUSES = 2
 
 _SMALLEST_WDT_MS = 80
 
-SERVICE_NOT_STARTED = DiagnosisRule(
-    "service-not-started",
-    Severity.ERROR,
-    "DENSORobot/denso_robot_ros2 issues 8 and 50; ShoheiKobata/orin_bcap_python_samples",
-)
-PROVIDER_REFUSED = DiagnosisRule(
-    "provider-refused",
-    Severity.ERROR,
-    "ShoheiKobata/orin_bcap_python_samples; DENSORobot/denso_robot_ros2 denso_controller",
-)
-NAME_IN_USE = DiagnosisRule(
-    "name-in-use",
-    Severity.ERROR,
-    "orin_bcap C/include/dn_common.h (E_CAO_COLLECTION_REGISTERED)",
-    ("unclean-quit",),
-    3600 * SECOND,
-)
-UNCLEAN_QUIT = DiagnosisRule(
-    "unclean-quit",
-    Severity.WARNING,
-    f"{guide('Setting up your RC7')}; start-jsk/denso issue 93; {C_SERVER}",
-    ("client-stopped", "no-reply", "client-gave-up"),
-    60 * SECOND,
-)
-QUIT_IN_SLAVE_MODE = DiagnosisRule(
-    "quit-in-slave-mode",
-    Severity.WARNING,
-    guide("Quitting or stopping your client application"),
-    ("controller-hung-up", "client-stopped", "no-reply", "client-gave-up"),
-)
-BUSY = DiagnosisRule(
-    "busy",
-    Severity.ERROR,
-    C_SERVER,
-    ("executing-forever", "no-reply", "client-gave-up", "long-call-without-wdt", "late-reply"),
-    600 * SECOND,
-)
-EXECUTING_FOREVER = DiagnosisRule("executing-forever", Severity.ERROR, C_SERVER)
-LONG_CALL_WITHOUT_WDT = DiagnosisRule("long-call-without-wdt", Severity.WARNING, C_SERVER)
-WDT_TOO_SMALL = DiagnosisRule("wdt-too-small", Severity.ERROR, C_SERVER)
+UNCLEAN_QUIT = RULES["unclean-quit"]
+QUIT_IN_SLAVE_MODE = RULES["quit-in-slave-mode"]
+EXECUTING_FOREVER = RULES["executing-forever"]
+LONG_CALL_WITHOUT_WDT = RULES["long-call-without-wdt"]
 
 _OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
 
@@ -107,8 +69,6 @@ other code shows that the reason is not a missing session.
 
 class SessionChecker(RuleChecker):
     """Checks how a client ends its sessions, and how long its calls take."""
-
-    rules = (UNCLEAN_QUIT, QUIT_IN_SLAVE_MODE, EXECUTING_FOREVER, LONG_CALL_WITHOUT_WDT)
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         return health is not CallHealth.SMOOTH or call_kind.function_id == ID["Service_Start"]
@@ -375,11 +335,13 @@ def _may_have_run(earlier: Call, call: Call) -> bool:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(WDT_TOO_SMALL, (E_INVALIDARG,), _explain_small_wdt),
-    Refusal(NAME_IN_USE, (E_CAO_COLLECTION_REGISTERED,), _explain_name_in_use),
+    Refusal(RULES["wdt-too-small"], (E_INVALIDARG,), _explain_small_wdt),
+    Refusal(RULES["name-in-use"], (E_CAO_COLLECTION_REGISTERED,), _explain_name_in_use),
     Refusal(
-        PROVIDER_REFUSED, (E_INVALIDARG, 0x80000201, 0x80000202, 0x80000208, 0x80000209), _explain_provider
+        RULES["provider-refused"],
+        (E_INVALIDARG, 0x80000201, 0x80000202, 0x80000208, 0x80000209),
+        _explain_provider,
     ),
-    Refusal(SERVICE_NOT_STARTED, (), _explain_not_started),
-    Refusal(BUSY, (E_BUSY,), _explain_busy),
+    Refusal(RULES["service-not-started"], (), _explain_not_started),
+    Refusal(RULES["busy"], (E_BUSY,), _explain_busy),
 )

@@ -8,19 +8,15 @@ from collections.abc import Iterator
 
 from bcapscope.analysis.call_arguments import argument
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     MS,
-    SAME_CALL,
-    SECOND,
-    DiagnosisRule,
     Occurrence,
     RobotImpact,
     RuleChecker,
 )
-from bcapscope.analysis.rules.rule_sources import ERROR_LIST
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.slave_session import CallFact, ExitReason, FrameTime, SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
@@ -33,66 +29,9 @@ from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE, with_rc7_
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.slave_mode_tracker import SLAVE_MODE_OFF_CODES
 
-_REACH = 60 * SECOND
-
-SLVMOVE_OUTSIDE_SLAVE_MODE = DiagnosisRule(
-    "slvmove-outside-slave-mode",
-    Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 6 and 42; {ERROR_LIST}",
-    (
-        "underflow",
-        "refused-in-slave-mode",
-        "slave-mode-ended-by-other",
-        "slave-mode-lost-unseen",
-        "over-limit",
-        "beyond-range",
-        "overflow",
-        "emergency-stop",
-        "motor-off",
-        "controller-error",
-        "robslave-not-running",
-        "not-in-automatic-mode",
-        "slave-mode-refused",
-        "robot-still-moving",
-        "arm-not-taken",
-        "arm-taken-by-other",
-        "error-not-cleared",
-        "no-executable-token",
-        "no-licence",
-    ),
-    _REACH,
-)
-REFUSED_IN_SLAVE_MODE = DiagnosisRule(
-    "refused-in-slave-mode",
-    Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 13, 21, 42 and 48; {ERROR_LIST}",
-)
-SLAVE_MODE_ENDED_BY_OTHER = DiagnosisRule(
-    "slave-mode-ended-by-other", Severity.ERROR, "DENSORobot/denso_robot_ros issues 13, 21 and 48"
-)
-SLAVE_MODE_LOST_UNSEEN = DiagnosisRule(
-    "slave-mode-lost-unseen",
-    Severity.WARNING,
-    f"DENSORobot/denso_robot_ros issues 6 and 42; {ERROR_LIST}",
-    (
-        "late-reply",
-        "client-gave-up",
-        "no-reply",
-        "set-point-gap",
-        "emergency-stop",
-        "not-in-automatic-mode",
-        "over-limit",
-        "beyond-range",
-        "controller-error",
-    ),
-)
-SLAVE_MODE_REFUSED = DiagnosisRule(
-    "slave-mode-refused",
-    Severity.ERROR,
-    "DENSO Wave 2009, How to use the Slave mode; ShoheiKobata/orin_bcap_python_samples",
-    ("unusual-argument",),
-    SAME_CALL,
-)
+REFUSED_IN_SLAVE_MODE = RULES["refused-in-slave-mode"]
+SLAVE_MODE_ENDED_BY_OTHER = RULES["slave-mode-ended-by-other"]
+SLAVE_MODE_LOST_UNSEEN = RULES["slave-mode-lost-unseen"]
 
 _NOT_ALLOWED = with_rc7_forms((E_REFUSED_IN_SLAVE_MODE, 0x8120174E, 0x81500177))
 _SUSPECT_WITHIN_NS = 200 * MS
@@ -100,8 +39,6 @@ _SUSPECT_WITHIN_NS = 200 * MS
 
 class SlaveModeChecker(RuleChecker):
     """Checks how slave-mode sessions ended."""
-
-    rules = (SLAVE_MODE_ENDED_BY_OTHER, SLAVE_MODE_LOST_UNSEEN)
 
     def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
         exit_ = session.exit
@@ -256,7 +193,9 @@ def _explain_mode_refused(call: Call, client: ClientState) -> RefusalReason | No
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(SLVMOVE_OUTSIDE_SLAVE_MODE, SLAVE_MODE_OFF_CODES, _explain_outside),
+    Refusal(RULES["slvmove-outside-slave-mode"], SLAVE_MODE_OFF_CODES, _explain_outside),
     Refusal(REFUSED_IN_SLAVE_MODE, _NOT_ALLOWED, _explain_not_allowed),
-    Refusal(SLAVE_MODE_REFUSED, (0x80070057, 0x80020005, 0x80010003, 0x83500127), _explain_mode_refused),
+    Refusal(
+        RULES["slave-mode-refused"], (0x80070057, 0x80020005, 0x80010003, 0x83500127), _explain_mode_refused
+    ),
 )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
@@ -15,7 +14,7 @@ from bcapscope.analysis.rules.rule_checker import (
     OccurrenceSink,
     RuleChecker,
 )
-from bcapscope.analysis.rules.rule_sources import C_SERVER
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, FramePlace, Moment
@@ -33,37 +32,15 @@ from bcapscope.traffic.observation import (
     Transport,
 )
 
-OVERSIZE_DATAGRAM = DiagnosisRule("oversize-datagram", Severity.ERROR, "orin_bcap C/include/dn_udp.h")
-NEAR_DATAGRAM_LIMIT = DiagnosisRule(
-    "near-datagram-limit", Severity.NOTE, "orin_bcap C/include/dn_udp.h; DENSORobot/denso_robot_ros issue 9"
-)
-MALFORMED_REQUEST = DiagnosisRule("malformed-request", Severity.ERROR, C_SERVER)
-MALFORMED_REPLY = DiagnosisRule(
-    "malformed-reply", Severity.WARNING, "orin_bcap C/src/bCAPClient/bcap_client.c"
-)
-CAPTURE_GAP = DiagnosisRule(
-    "capture-gap",
-    Severity.NOTE,
-    "how captures work: the other end acknowledged the missing bytes, or damaged bytes follow a gap",
-)
-CAPTURE_CUT = DiagnosisRule(
-    "capture-cut", Severity.NOTE, "the original length of the packet in the capture file"
-)
-ONE_DIRECTION = DiagnosisRule(
-    "one-direction",
-    Severity.NOTE,
-    "how clients work: a client that uses a handle has received the reply with this handle",
-)
-SERVER_GUESSED = DiagnosisRule(
-    "server-guessed",
-    Severity.NOTE,
-    "no field of a frame distinguishes requests from replies (orin_bcap C/include/bcap_common.h)",
-)
-DUPLICATE_FRAMES = DiagnosisRule(
-    "duplicate-frames",
-    Severity.NOTE,
-    "each retry has its own serial in all known clients (orin_bcap C, C#, Java)",
-)
+OVERSIZE_DATAGRAM = RULES["oversize-datagram"]
+NEAR_DATAGRAM_LIMIT = RULES["near-datagram-limit"]
+MALFORMED_REQUEST = RULES["malformed-request"]
+MALFORMED_REPLY = RULES["malformed-reply"]
+CAPTURE_GAP = RULES["capture-gap"]
+CAPTURE_CUT = RULES["capture-cut"]
+ONE_DIRECTION = RULES["one-direction"]
+SERVER_GUESSED = RULES["server-guessed"]
+DUPLICATE_FRAMES = RULES["duplicate-frames"]
 
 CHECKED_FROM_BYTES = 480
 """The rule checks only frames of at least this size in bytes."""
@@ -78,18 +55,6 @@ _MAX_PROBLEMS_NAMED = 3
 
 class WireChecker(RuleChecker):
     """Checks damaged frames, and decides whether the capture or the sender damaged a frame."""
-
-    rules = (
-        OVERSIZE_DATAGRAM,
-        NEAR_DATAGRAM_LIMIT,
-        MALFORMED_REQUEST,
-        MALFORMED_REPLY,
-        CAPTURE_GAP,
-        CAPTURE_CUT,
-        ONE_DIRECTION,
-        SERVER_GUESSED,
-        DUPLICATE_FRAMES,
-    )
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         super().__init__(report_occurrence, clients)
