@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -35,21 +34,6 @@ twelve.
 
 PickedNumbers: TypeAlias = "tuple[Sequence[float], float | None]"
 """The numbers of a pose and a time stamp, or the indexes of these numbers among all numbers of the frame."""
-
-
-@dataclass(frozen=True, slots=True)
-class NumberPicker:
-    """Finds the pose and the time stamp in an argument of a frame.
-
-    Attributes:
-        pick: Function that returns the pose and the time stamp in an argument; it returns () for a missing
-            pose, and None for a missing time stamp. To learn a template, `ColumnReader` replaces each number
-            of an argument by its index, and calls `pick` with this argument. The function must therefore not
-            depend on the values of the numbers.
-    """
-
-    argument: int
-    pick: Callable[[Variant], PickedNumbers]
 
 
 class PoseColumns:
@@ -108,8 +92,18 @@ class _ColumnTemplate:
 class ColumnReader:
     """Reads poses and time stamps from the frames of one direction of a slave-mode session."""
 
-    def __init__(self, picker: NumberPicker) -> None:
-        self._picker = picker
+    def __init__(self, argument: int, pick: Callable[[Variant], PickedNumbers]) -> None:
+        """Create a reader.
+
+        Args:
+            argument: Index of the argument that holds the numbers.
+            pick: Function that returns the pose and the time stamp in an argument; it returns () for a
+                missing pose, and None for a missing time stamp. To learn a template, the reader replaces each
+                number of an argument by its index, and calls `pick` with this argument. The function must
+                therefore not depend on the values of the numbers.
+        """
+        self._argument = argument
+        self._pick = pick
         self._templates: dict[int, list[_ColumnTemplate]] = {}
         self._template_count = 0
 
@@ -177,19 +171,19 @@ class ColumnReader:
         each number is replaced by its index, so the picker returns indexes.
         """
         arguments, places = form.prototype, tuple(_number_positions(form.spans))
-        if sum(number_counts(arguments)) != len(places) or self._picker.argument >= len(arguments):
+        if sum(number_counts(arguments)) != len(places) or self._argument >= len(arguments):
             return (), None
         numbered = tuple(
             raw[start : start + struct.calcsize(code)] if "s" in code else index
             for index, (start, code) in enumerate(places)
         )
-        return self._picker.pick(form.fill_variants(numbered)[self._picker.argument])
+        return self._pick(form.fill_variants(numbered)[self._argument])
 
     def _read_single(self, raw: bytes, row: int, columns: PoseColumns) -> None:
         arguments = Frame(raw).arguments
-        if self._picker.argument >= len(arguments):
+        if self._argument >= len(arguments):
             return
-        pose, stamp = self._picker.pick(arguments[self._picker.argument].variant)
+        pose, stamp = self._pick(arguments[self._argument].variant)
         axes = columns.poses.shape[1]
         if len(pose) >= axes:
             columns.has_pose[row] = True

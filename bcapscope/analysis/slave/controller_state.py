@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import deque
 
 from bcapscope.analysis.slave.generation_clues import NO_CLUE, GenerationClue
+from bcapscope.analysis.slave.motion_model import KnownPosition
 from bcapscope.analysis.slave.session_builder import SessionKey, SlaveSessionBuilder
-from bcapscope.analysis.slave.session_models import KnownPosition, SlaveSetup
+from bcapscope.analysis.slave.session_models import SlaveSetup
 from bcapscope.analysis.slave.slave_session import AcceptedFormat, CallFact
 from bcapscope.messages import Message
 from bcapscope.messages.places import WireText

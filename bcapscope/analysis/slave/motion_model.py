@@ -18,12 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bcapscope.analysis.slave.axis_lag import AxisLag
-from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
+from bcapscope.analysis.slave.column_templates import PoseColumns
+from bcapscope.analysis.slave.set_point_table import MAX_LISTED, SetPointTable
 from bcapscope.analysis.statistics.distribution import Bools, Floats, Histogram
 from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import Axis
+from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW
 
 JUMP_TIMES = 5.0
 """Minimum ratio of an isolated jump to the larger of the steps before and after it.
@@ -163,33 +165,16 @@ class MotionFacts:
     first_distance_frames: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class PoseTable:
-    """Columns of the poses of successive set points, one row per set point.
+class KnownPosition(NamedTuple):
+    """A position of the robot that the controller reported before the slave-mode session."""
 
-    Attributes:
-        commanded: Commanded pose of each set point; NaN if the pose is unreadable.
-        returned: Pose in the reply to each set point; NaN if no pose was returned.
-        times: Time of each set point's first request, ns since 1970.
-    """
-
-    commanded: Floats
-    readable: Bools
-    returned: Floats
-    has_returned: Bools
-    frames: NDArray[np.int64]
-    times: NDArray[np.int64]
+    pose_type: PoseType
+    values: tuple[float, ...]
+    known_by: Message
+    frames: tuple[int, ...]
 
 
-class StartDistance(NamedTuple):
-    """Distance of the first set point from the position of the robot.
-
-    Attributes:
-        distance: Distance of each axis in degrees or mm; () if unknown.
-        known_by: Message that says how the robot's position is known; None if the position is unknown.
-        frames: Numbers of the frames that prove the distance; () if the distance is unknown.
-    """
-
+class _StartDistance(NamedTuple):
     distance: tuple[float, ...] = ()
     known_by: Message | None = None
     frames: tuple[int, ...] = ()
@@ -221,8 +206,17 @@ class MotionModel:
     order.
     """
 
-    def __init__(self, axes: Sequence[Axis], pose_type: PoseType | None, guessed: bool) -> None:
+    def __init__(
+        self,
+        axes: Sequence[Axis],
+        pose_type: PoseType | None,
+        guessed: bool,
+        position: KnownPosition | None = None,
+    ) -> None:
         self._axes = axes
+        self._pose_type = pose_type
+        self._position = position
+        self._start: _StartDistance | None = None
         count = len(axes)
         self._guessed = guessed
         self._figure = next((index for index, axis in enumerate(axes) if axis.name == _FIGURE), None)
@@ -245,24 +239,48 @@ class MotionModel:
         self._tail = np.empty((0, count))
         self._tail_frames = self._tail_times = np.empty(0, np.int64)
 
-    def add(self, poses: PoseTable) -> None:
-        finite: Bools = np.logical_and.reduce(np.isfinite(poses.commanded), axis=1)
-        good = poses.readable & finite
-        self._count_bad(poses, finite)
+    def add(self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns) -> None:
+        """Add set points with the poses in their requests and replies."""
+        if self._start is None:
+            self._start = self._start_distance(rows, commanded, returned)
+        readable = commanded.has_pose & bool(self._axes) & (rows.codes != E_SLAVE_OVERFLOW)
+        finite: Bools = np.logical_and.reduce(np.isfinite(commanded.poses), axis=1)
+        good = readable & finite
+        self._unread += int((~readable).sum())
+        self._list_not_finite(rows.frames[readable & ~finite].tolist())
         self._read += int(good.sum())
-        commanded, frames, times = poses.commanded[good], poses.frames[good], poses.times[good]
-        if not len(commanded):
+        poses, frames, times = commanded.poses[good], rows.frames[good], rows.origin + rows.times[good]
+        if not len(poses):
             return
-        self._least = np.minimum(self._least, commanded.min(axis=0))
-        self._most = np.maximum(self._most, commanded.max(axis=0))
-        self._compare_returned(commanded, poses.returned[good], poses.has_returned[good], frames)
-        self._add_steps(commanded, frames, times)
+        self._least = np.minimum(self._least, poses.min(axis=0))
+        self._most = np.maximum(self._most, poses.max(axis=0))
+        answered = (returned.has_pose & rows.answered)[good]
+        self._compare_returned(poses, returned.poses[good], answered, frames)
+        self._add_steps(poses, frames, times)
 
-    def _count_bad(self, poses: PoseTable, finite: Bools) -> None:
-        self._unread += int((~poses.readable).sum())
-        odd = poses.frames[poses.readable & ~finite].tolist()
-        self._not_finite_count += len(odd)
-        self._not_finite += odd[: MAX_LISTED - len(self._not_finite)]
+    def _start_distance(
+        self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns
+    ) -> _StartDistance:
+        """Return the distance of the first set point from the pose in its reply. If the reply has no pose,
+        return the distance from the position that the controller reported before.
+        """
+        first, position, axes = commanded.poses[0], self._position, len(self._axes)
+        if not axes or not np.isfinite(first).all():
+            return _StartDistance()
+        if returned.has_pose[0] and np.isfinite(returned.poses[0]).all():
+            frames = int(rows.frames[0]), int(rows.reply_frames[0])
+            distance = (first - returned.poses[0]).tolist()
+            return _StartDistance(tuple(distance), Message("position-by.reply"), frames)
+        if position and position.pose_type is self._pose_type and len(position.values) >= axes:
+            actual = np.array(position.values[:axes])
+            if np.isfinite(actual).all():
+                evidence = *position.frames, int(rows.frames[0])
+                return _StartDistance(tuple((first - actual).tolist()), position.known_by, evidence)
+        return _StartDistance()
+
+    def _list_not_finite(self, frames: list[int]) -> None:
+        self._not_finite_count += len(frames)
+        self._not_finite += frames[: MAX_LISTED - len(self._not_finite)]
 
     def _compare_returned(
         self, commanded: Floats, returned: Floats, answered: Bools, frames: NDArray[np.int64]
@@ -345,8 +363,9 @@ class MotionModel:
             steps[:, self._turns] = turning - _TURN * np.rint(turning / _TURN)
         return steps
 
-    def facts(self, grid_ms: float, start: StartDistance) -> MotionFacts:
+    def facts(self, grid_ms: float) -> MotionFacts:
         """Return the facts so far, computed as if the client sent one set point every `grid_ms`."""
+        start = self._start or _StartDistance()
         return MotionFacts(
             read=self._read,
             unread=self._unread,

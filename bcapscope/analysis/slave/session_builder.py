@@ -9,7 +9,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from bcapscope.analysis.slave.column_templates import PoseColumns
-from bcapscope.analysis.slave.session_models import KnownPosition, SessionModels, SlaveSetup
+from bcapscope.analysis.slave.motion_model import KnownPosition
+from bcapscope.analysis.slave.session_models import SessionModels, SlaveSetup
 from bcapscope.analysis.slave.set_point_batch import SetPointBatch
 from bcapscope.analysis.slave.set_point_table import SetPointTable, table_of
 from bcapscope.analysis.slave.slave_session import CallFact, FrameTime, SessionExit, SlaveSession
@@ -175,7 +176,7 @@ class SlaveSessionBuilder:
             pace=models.pace.facts(),
             buffer=models.buffer.facts(),
             clock=models.clock.facts(),
-            motion=models.motion.facts(models.timing.grid.ms, models.start_distance) if first else None,
+            motion=models.motion.facts(models.timing.grid.ms) if first else None,
             refused_set_points=tuple(models.refused_list),
             forbidden_retry_frames=tuple(models.forbidden_retries),
             other_calls=other_calls,

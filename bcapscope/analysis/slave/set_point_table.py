@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,30 @@ from numpy.typing import NDArray
 from bcapscope.analysis.slave.set_point_batch import LATEST_TIME, SetPointBatch
 from bcapscope.analysis.statistics.distribution import Bools, Floats
 from bcapscope.traffic.call import Call
+
+MAX_LISTED = 64
+"""Maximum number of entries in each list of set points, jumps or calls. A list keeps the first entries,
+unless its description says something else.
+"""
+
+
+class SetPointFact(NamedTuple):
+    """A set point that a finding or a table names.
+
+    Attributes:
+        time: Time of the set point's first request, ns since 1970.
+        latency_ms: Time from the first request to the accepted reply, ms; None if no reply was captured.
+        cycle_ms: Time from the first request of the previous set point to the first request of this set
+            point, in ms; None for the first set point.
+    """
+
+    call: int
+    request_frame: int
+    time: int
+    reply_frame: int | None
+    hresult: int | None
+    latency_ms: float | None
+    cycle_ms: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +79,21 @@ class SetPointTable:
         taken: Floats = (self.replies - self.times) / 1e6
         taken[~self.answered] = np.inf
         return taken
+
+    def fact(self, row: int, cycles: Floats) -> SetPointFact:
+        """Return the facts about one set point. `cycles` has the cycle times in ms; the cycle time of the
+        very first set point is NaN.
+        """
+        answered, cycle = bool(self.answered[row]), float(cycles[row])
+        return SetPointFact(
+            call=self.calls[row],
+            request_frame=int(self.frames[row]),
+            time=self.origin + int(self.times[row]),
+            reply_frame=int(self.reply_frames[row]) if answered else None,
+            hresult=int(self.codes[row]) if answered else None,
+            latency_ms=int(self.replies[row] - self.times[row]) / 1e6 if answered else None,
+            cycle_ms=None if math.isnan(cycle) else cycle,
+        )
 
 
 def table_of(batch: SetPointBatch, origin: int) -> SetPointTable:

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcapscope.analysis.slave.buffer_model import slack_ms
-from bcapscope.analysis.slave.notable_set_points import MAX_LISTED, SetPointFact, set_point_fact
-from bcapscope.analysis.slave.set_point_table import SetPointTable
+from bcapscope.analysis.slave.set_point_table import MAX_LISTED, SetPointFact, SetPointTable
 from bcapscope.analysis.statistics.distribution import Floats, Histogram
 from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.messages import Message
@@ -220,7 +219,7 @@ class TimingModel:
         slow = np.flatnonzero(known > least)
         if len(slow):
             slow = slow[np.argsort(-known[slow], kind="stable")][:MAX_SLOWEST]
-            found = [(float(known[row]), set_point_fact(rows, row, cycles)) for row in slow.tolist()]
+            found = [(float(known[row]), rows.fact(row, cycles)) for row in slow.tolist()]
             merged = sorted((*self._slowest, *found), key=lambda each: -each[0])
             self._slowest = merged[:MAX_SLOWEST]
 
@@ -228,7 +227,7 @@ class TimingModel:
         gaps = np.flatnonzero(cycles > self._slack_ms)
         self._gap_count += len(gaps)
         for row in gaps[: MAX_LISTED - len(self._gaps)].tolist():
-            self._gaps.append(set_point_fact(rows, row, cycles))
+            self._gaps.append(rows.fact(row, cycles))
 
     def facts(self) -> TimingFacts:
         return TimingFacts(
