@@ -6,10 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from bcapscope.analysis.finding import Consequence, Finding, Repetition, Severity
-from bcapscope.analysis.finding_group import MAX_KEPT, FindingGroup
-from bcapscope.analysis.finding_order import FindingOrder, selected_groups
+from bcapscope.analysis.finding_order import MAX_KEPT, FindingGroup, FindingOrder
 from bcapscope.analysis.rules.rule_checker import Occurrence
-from bcapscope.messages import Message
 
 MAX_FINDINGS = 16
 """Maximum number of findings of one rule. When a rule has this many findings, further problems with a new
@@ -158,10 +156,8 @@ class FindingCollector:
         )
 
     def _possible_causes(self, occurrence: Occurrence) -> Iterator[Occurrence]:
-        earliest, host = (
-            occurrence.began - occurrence.rule.cause_within_ns,
-            occurrence.conversation.server.host,
-        )
+        earliest = occurrence.began - occurrence.rule.cause_within_ns
+        host = occurrence.conversation.server.host
         for rule_id in occurrence.rule.possible_causes:
             for group in self._by_rule.get(rule_id, ()):
                 for each in group:
@@ -216,7 +212,7 @@ class FindingCollector:
             for occurrence in group:
                 self._link_cause(occurrence)
         self._choose_shown(groups)
-        order = FindingOrder(selected_groups(groups, self._causes), self._causes)
+        order = FindingOrder(groups, self._causes)
         return tuple(_ordered_finding(group, order) for group in order.groups)
 
     def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
@@ -228,8 +224,7 @@ class FindingCollector:
         followed = set(self._causes.values())
         for group in groups:
             group.shown = min(
-                group,
-                key=lambda each: (each not in followed, each.impact, each.began, each.completed),
+                group, key=lambda each: (each not in followed, each.impact, each.began, each.completed)
             )
 
 
@@ -244,16 +239,14 @@ def _cause_rank(rule_id: str, likely: tuple[str, ...]) -> int:
 
 
 def _finding(group: FindingGroup, shown: Occurrence, frames: tuple[int, ...]) -> Finding:
-    rule, fact, advice = group.rule, shown.fact, shown.advice
-    assert isinstance(fact, Message)
-    assert not isinstance(advice, str)
+    rule = group.rule
     return Finding(
         rule=rule.id,
         severity=rule.severity,
-        fact=fact,
+        fact=shown.fact,
         frames=frames,
         consequence_of=None,
-        advice=advice or rule.advice,
+        advice=shown.advice or rule.advice,
         source=rule.source,
         calls=(shown.call,) if shown.call else (),
         conversation=shown.conversation,
@@ -262,10 +255,8 @@ def _finding(group: FindingGroup, shown: Occurrence, frames: tuple[int, ...]) ->
 
 
 def _ordered_finding(group: FindingGroup, order: FindingOrder) -> Finding:
-    cause = order.parent(group)
-    finding = replace(
-        _finding(group, group.shown, _frames(group)), consequence_of=cause, repetition=_repetition(group)
-    )
+    cause, finding = order.parent(group), _finding(group, group.shown, _frames(group))
+    finding = replace(finding, consequence_of=cause, repetition=_repetition(group))
     return _with_consequences(finding, group, order) if cause is None else finding
 
 
@@ -286,7 +277,6 @@ def _with_consequences(finding: Finding, root: FindingGroup, order: FindingOrder
         clause = group.shown.clause
         if clause is None or len(named) == _MAX_NAMED_STEPS:
             break
-        assert isinstance(clause, Message)
         named.append(Consequence(clause, group.shown.completed - time))
         time = group.shown.completed
     family = list(order.with_consequences(root))
