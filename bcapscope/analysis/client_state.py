@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple, TypeAlias, TypeVar
+from typing import NamedTuple, TypeVar
 
 from bcapscope.analysis.call_arguments import (
     gets_robslave,
@@ -173,11 +173,8 @@ class ClientState:
         """Slave mode that the client has entered; None while slave mode is off. If the controller's
         generation is unknown, the mode number is understood as on an RC8.
         """
-        return (
-            slave_mode_by_number(self.mode_value, self.generation or Generation.RC8)
-            if self.mode_value
-            else None
-        )
+        generation = self.generation or Generation.RC8
+        return slave_mode_by_number(self.mode_value, generation) if self.mode_value else None
 
     def other_clients(self) -> list[ClientState]:
         host = self.conversation.server.host
@@ -213,13 +210,14 @@ class ClientState:
         slow = unanswered if reply is None else reply.time - call.request.time > SLOW_CALL_NS
         if slow:
             self.slow_call = call
-        self._follow_attempt(call)
+        topic = self.topic_of(call)
+        self._follow_attempt(call, topic)
         is_point = call.kind.folded_command == "slvmove"
         if reply is None:
             if is_point and self.mode_value:
                 self._remember_set_point(call)
             elif call.reply_not_captured:
-                self._on_success(call)  # the reply that was not captured may have reported success
+                self._on_success(call, topic)  # the reply that was not captured may have reported success
             return
         self.answered_count += 1
         code = reply.item.code
@@ -228,12 +226,11 @@ class ClientState:
         elif is_point:
             self._remember_set_point(call)
         else:
-            self._on_success(call)
+            self._on_success(call, topic)
 
-    def _follow_attempt(self, call: Call) -> None:
+    def _follow_attempt(self, call: Call, topic: str) -> None:
         """Record that the client made this call, so that no rule says that the call is missing."""
         function_id = call.kind.function_id
-        topic = self.topic_of(call)
         is_small = call.memory_bytes <= _LARGEST_ATTEMPT
         if is_small and (topic in _FOLLOWED_COMMANDS or topic == "robslave"):
             self.latest_calls[topic] = call
@@ -272,15 +269,49 @@ class ClientState:
             self.mode_ended_by = call
         self.mode_value = change.mode
 
-    def _on_success(self, call: Call) -> None:
-        function_id, command = call.kind
-        if command is not None:
-            teach = _BY_COMMAND.get(call.kind.folded_command) if function_id in EXECUTES else None
-        else:
-            teach = _BY_FUNCTION.get(function_id)
+    def _on_success(self, call: Call, topic: str) -> None:
+        function_id = call.kind.function_id
+        if call.kind.command is None:
             self._follow_handles(call)
-        if teach is not None:
-            teach(self, call)
+        if function_id == ID["Variable_GetValue"]:
+            self.error_was_read = self.error_was_read or topic in ("@error_code", "@error_description")
+        elif function_id == ID["Task_Start"]:
+            self.robslave_start = call if topic == "robslave" else self.robslave_start
+        elif function_id == ID["Service_Start"]:
+            self._on_service_start(call)
+        elif function_id in _ENDS_SESSION:
+            self._reset_session()
+            self.session_end = call
+        elif function_id == ID["Controller_Connect"]:
+            self.connect_call, self.session_end, self.failed_start = call, None, None
+            self._learn_generation(call)
+        elif function_id in MOTION_FUNCTIONS or topic in MOTION_COMMANDS:
+            self.last_motion = call
+        else:
+            self._on_preparation(call, topic)
+
+    def _on_service_start(self, call: Call) -> None:
+        self._reset_session()
+        self.service_start = call
+        is_udp = call.conversation.transport is Transport.UDP
+        if is_udp and self.call_count == 1 and call.request.item.serial == 0:
+            self.failed_start = call
+
+    def _on_preparation(self, call: Call, topic: str) -> None:
+        if topic == "motor":
+            self.motor_call, self.motor_on = call, requested_motor_state(call)
+        elif topic == "takearm":
+            self.take_arm_call, self.give_arm_call = call, None
+            self._learn_generation(call)
+        elif topic == "givearm":
+            self.take_arm_call, self.give_arm_call = None, call
+        elif topic == "putautomode":
+            self._learn_generation(call)
+        elif topic == "clearerror":
+            self.clear_call = call
+            self.uncleared_error, self.error_was_read = None, False
+        elif topic in _READS_ERROR:
+            self.error_was_read = True
 
     def _follow_handles(self, call: Call) -> None:
         function = FUNCTIONS.get(call.kind.function_id)
@@ -288,9 +319,8 @@ class ClientState:
             return
         handle, target = result_of(call), self.target_object
         if function.creates is not None and isinstance(handle, int):
-            _put_bounded(
-                self.opened_objects, handle, OpenedObject(function.creates, requested_name(call, function))
-            )
+            opened = OpenedObject(function.creates, requested_name(call, function))
+            _put_bounded(self.opened_objects, handle, opened)
             self.released_by.pop((function.creates, handle), None)
             self.failed_openings.pop(function.creates, None)
         elif function.releases is not None and target is not None:
@@ -308,58 +338,11 @@ class ClientState:
             self.uncleared_error, self.error_was_read = call, False
         self.recent_set_points.clear()
 
-    def _on_service_start(self, call: Call) -> None:
-        self._reset_session()
-        self.service_start = call
-        is_udp = call.conversation.transport is Transport.UDP
-        if is_udp and self.call_count == 1 and call.request.item.serial == 0:
-            self.failed_start = call
-
-    def _on_session_end(self, call: Call) -> None:
-        self._reset_session()
-        self.session_end = call
-
     def _reset_session(self) -> None:
         self.service_start = self.connect_call = self.session_end = self.failed_start = None
         self.take_arm_call = self.give_arm_call = None
         self.latest_calls.clear()
         self.failed_openings.clear()
-
-    def _on_connect(self, call: Call) -> None:
-        self.connect_call, self.session_end, self.failed_start = call, None, None
-        self._learn_generation(call)
-
-    def _on_start_task(self, call: Call) -> None:
-        if self.topic_of(call) == "robslave":
-            self.robslave_start = call
-
-    def _on_get_value(self, call: Call) -> None:
-        name = "" if self.target_object is None else self.target_object.name.casefold()
-        self.error_was_read = self.error_was_read or name in ("@error_code", "@error_description")
-
-    def _on_motion(self, call: Call) -> None:
-        self.last_motion = call
-
-    def _on_motor(self, call: Call) -> None:
-        self.motor_call, self.motor_on = call, requested_motor_state(call)
-
-    def _on_put_value(self, call: Call) -> None:
-        if self.topic_of(call) == "motor":
-            self._on_motor(call)
-
-    def _on_take_arm(self, call: Call) -> None:
-        self.take_arm_call, self.give_arm_call = call, None
-        self._learn_generation(call)
-
-    def _on_give_arm(self, call: Call) -> None:
-        self.take_arm_call, self.give_arm_call = None, call
-
-    def _on_clear_error(self, call: Call) -> None:
-        self.clear_call = call
-        self.uncleared_error, self.error_was_read = None, False
-
-    def _on_read_error(self, call: Call) -> None:
-        self.error_was_read = True
 
     def _learn_generation(self, call: Call) -> None:
         self.generation_clue = stronger_clue(self.generation_clue, clue_of_call(call))
@@ -367,30 +350,6 @@ class ClientState:
 
 def _may_have_succeeded(call: Call) -> bool:
     return call.evicted if call.reply is None else not is_failure(call.reply.item.code)
-
-
-_StateUpdate: TypeAlias = Callable[[ClientState, Call], None]
-
-_BY_FUNCTION: dict[int, _StateUpdate] = {
-    **dict.fromkeys(MOTION_FUNCTIONS, ClientState._on_motion),
-    ID["Service_Start"]: ClientState._on_service_start,
-    ID["Service_Stop"]: ClientState._on_session_end,
-    ID["Controller_Connect"]: ClientState._on_connect,
-    ID["Controller_Disconnect"]: ClientState._on_session_end,
-    ID["Task_Start"]: ClientState._on_start_task,
-    ID["Variable_GetValue"]: ClientState._on_get_value,
-    ID["Variable_PutValue"]: ClientState._on_put_value,
-}
-
-_BY_COMMAND: dict[str, _StateUpdate] = {
-    **dict.fromkeys(_READS_ERROR, ClientState._on_read_error),
-    **dict.fromkeys(MOTION_COMMANDS, ClientState._on_motion),
-    "motor": ClientState._on_motor,
-    "takearm": ClientState._on_take_arm,
-    "givearm": ClientState._on_give_arm,
-    "clearerror": ClientState._on_clear_error,
-    "putautomode": ClientState._learn_generation,
-}
 
 
 _Key = TypeVar("_Key")

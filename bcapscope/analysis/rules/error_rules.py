@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from bcapscope.analysis.call_arguments import requested_motor_state
 from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, failure_case, reason_from_call
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
     ClientEnd,
@@ -164,18 +164,12 @@ def _explain_not_cleared(call: Call, client: ClientState) -> RefusalReason | Non
             other.uncleared_error for other in client.other_clients() if other.uncleared_error is not None
         ]
         return RefusalReason(explaining_calls=tuple(each.number for each in first))
-    places: dict[str, PlaceValue] = {"call": call_place(failure), "at": Moment(failure.request.time)}
     clear = client.latest_calls.get("clearerror")
     if clear is None or clear.number < failure.number:
-        reason = Message("reason.not-cleared", **places)
-        return RefusalReason(reason, explaining_calls=(failure.number,), evidence_call=failure)
-    places["clear"] = call_place(clear)
-    case = "unanswered" if clear.hresult is None else "refused"
-    return RefusalReason(
-        Message(f"reason.not-cleared.{case}", **places),
-        explaining_calls=(clear.number, failure.number),
-        evidence_call=clear,
-    )
+        return reason_from_call("reason.not-cleared", failure)
+    case = failure_case(clear)
+    reason = reason_from_call(f"reason.not-cleared.{case}", failure, clear=call_place(clear))
+    return reason._replace(explaining_calls=(clear.number, failure.number), evidence_call=clear)
 
 
 def _explain_other(call: Call, client: ClientState) -> RefusalReason | None:

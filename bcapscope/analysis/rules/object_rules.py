@@ -5,7 +5,7 @@ from __future__ import annotations
 from bcapscope.analysis.call_arguments import result_of
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, failure_case
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
     Occurrence,
@@ -149,9 +149,8 @@ def _explain_bad_handle(call: Call, client: ClientState) -> RefusalReason | None
         )
     failed = client.failed_openings.get(function.owner)
     if opened is None and failed is not None:
-        case = "unanswered" if failed.reply is None else "refused"
         reason = Message(
-            f"reason.handle-not-opened.{case}",
+            f"reason.handle-not-opened.{failure_case(failed)}",
             handle=handle,
             call=call_place(failed),
             at=Moment(failed.request.time),

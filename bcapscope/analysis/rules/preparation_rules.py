@@ -8,7 +8,13 @@ from bcapscope.analysis.call_arguments import argument, gets_robslave, requested
 from bcapscope.analysis.client_state import MOTION_FUNCTIONS, ClientState
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.error_rules import ACTIVE_CODES
-from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
+from bcapscope.analysis.rules.refusal import (
+    NO_REASON,
+    Refusal,
+    RefusalReason,
+    reason_from_call,
+    reason_from_failure,
+)
 from bcapscope.analysis.rules.rule_checker import MS, SECOND, CallHealth, RuleChecker
 from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
@@ -177,7 +183,7 @@ def _explain_task(client: ClientState) -> RefusalReason | None:
     started = _latest_robslave_start(client)
     attempt = client.latest_calls.get("robslave")
     if attempt is not None and (started is None or started.request.time < attempt.request.time):
-        return _unsuccessful(f"reason.robslave.{_outcome(attempt)}", attempt)
+        return _unsuccessful("robslave", attempt)
     if started is None:
         return _explain_never_started(client)
     stopped = client.uncleared_error or client.latest_error
@@ -254,13 +260,13 @@ def _explain_arm_missing(call: Call, client: ClientState) -> RefusalReason | Non
     if taken is not None:
         unsure = _unanswered(client, "givearm")
         if unsure is not None:
-            return _reason_of_call("reason.arm.given-back.unanswered", unsure)
+            return reason_from_call("reason.arm.given-back.unanswered", unsure)
         reason = Message("reason.arm.lost", at=Moment(taken.request.time))
         return RefusalReason(reason, evidence_call=taken, explaining_calls=_error_since(taken, client))
     if attempt is not None and (returned is None or returned.number < attempt.number):
-        return _unsuccessful(f"reason.arm.{_outcome(attempt)}", attempt)
+        return _unsuccessful("arm", attempt)
     if returned is not None:
-        return _reason_of_call("reason.arm.given-back", returned)
+        return reason_from_call("reason.arm.given-back", returned)
     return RefusalReason(Message(f"reason.arm.not-{'taken' if client.session_start_seen else 'seen'}"))
 
 
@@ -272,32 +278,17 @@ def _error_since(call: Call, client: ClientState) -> tuple[int, ...]:
     return (error.number,) if error is not None and error.number > call.number else ()
 
 
-def _unsuccessful(reason: str, attempt: Call) -> RefusalReason:
-    """Return a reason for a refusal: the earlier call `attempt` was refused or not answered. `reason` is the
-    id of the message with this text.
-    """
+def _unsuccessful(topic: str, attempt: Call) -> RefusalReason:
+    """Return a reason for a refusal: the earlier call `attempt` was refused or not answered."""
     code = attempt.hresult
-    if code is None:
-        return _reason_of_call(reason, attempt)
-    place, at = call_place(attempt), Moment(attempt.request.time)
-    text = Message(reason, call=place, at=at, code=HexNumber(code))
-    return RefusalReason(text, explaining_calls=(attempt.number,), evidence_call=attempt)
-
-
-def _outcome(attempt: Call) -> str:
-    return "unanswered" if attempt.reply is None else "refused"
-
-
-def _reason_of_call(reason: str, cause: Call) -> RefusalReason:
-    text = Message(reason, call=call_place(cause), at=Moment(cause.request.time))
-    return RefusalReason(text, explaining_calls=(cause.number,), evidence_call=cause)
+    return reason_from_failure(topic, attempt, **({} if code is None else {"code": HexNumber(code)}))
 
 
 def _explain_motor(call: Call, client: ClientState) -> RefusalReason | None:
     motor, failure = client.motor_call, client.uncleared_error or client.latest_error
     attempt = client.latest_calls.get("motor")
     if attempt is not None and attempt is not motor and requested_motor_state(attempt) is not False:
-        return _unsuccessful(f"reason.motor.{_outcome(attempt)}", attempt)
+        return _unsuccessful("motor", attempt)
     if motor is not None and client.motor_on is False:
         return _motor_reason("switched-off", motor)
     by_other = _switched_off_by_other(call, client)

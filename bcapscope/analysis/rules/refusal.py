@@ -6,8 +6,11 @@ from collections.abc import Callable, Collection
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.rules.rule_checker import DiagnosisRule
+from bcapscope.analysis.finding_places import call_place
+from bcapscope.analysis.rules.rule_table import DiagnosisRule
 from bcapscope.messages import Message
+from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.places import Moment
 from bcapscope.traffic.call import Call
 
 
@@ -36,6 +39,21 @@ NO_REASON = RefusalReason()
 """The reason for the refusal is unknown: the capture shows only the result code."""
 
 ExplainRefusal: TypeAlias = Callable[[Call, ClientState], "RefusalReason | None"]
+
+
+def reason_from_call(id: str, earlier: Call, **places: PlaceValue) -> RefusalReason:
+    """Return the reason for a refusal that an earlier call explains. `id` names the message of the reason."""
+    text = Message(id, call=call_place(earlier), at=Moment(earlier.request.time), **places)
+    return RefusalReason(text, explaining_calls=(earlier.number,), evidence_call=earlier)
+
+
+def reason_from_failure(topic: str, failed: Call, **places: PlaceValue) -> RefusalReason:
+    """Return the reason for a refusal: an earlier call was refused or not answered."""
+    return reason_from_call(f"reason.{topic}.{failure_case(failed)}", failed, **places)
+
+
+def failure_case(failed: Call) -> str:
+    return "unanswered" if failed.reply is None else "refused"
 
 
 class Refusal(NamedTuple):

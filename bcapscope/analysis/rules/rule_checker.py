@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import Any, ClassVar, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.rules.rule_table import DiagnosisRule
@@ -112,14 +112,8 @@ class RuleChecker:
     must not change the checker, because bcapscope also calls them while live traffic continues.
 
     Attributes:
-        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove). There may be
-            millions of set points. If False, `on_call` gets only the first set point of each run of alike set
-            points (see `AlikeSetPoints`). If True, `on_call` gets every set point of a run, each with the
-            client's state before the run.
         by_client: Data that the checker keeps for each client, until the client is dropped from memory.
     """
-
-    needs_every_set_point: ClassVar[bool] = False
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         self.report_occurrence = report_occurrence
@@ -165,13 +159,13 @@ class RuleChecker:
         )
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        """Return whether `on_call` needs calls of this kind and health. `Diagnosis` caches the result.
-        `needs_every_set_point` decides whether `on_call` gets alike set points.
-        """
+        """Return whether `on_call` needs calls of this kind and health. `Diagnosis` caches the result."""
         return health is not CallHealth.SMOOTH
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Check a completed call. `client` is the state of the call's client before the call."""
+        """Check a completed call. `client` is the state of the call's client before the call. Of each run of
+        alike set points (see `AlikeSetPoints`), `on_call` gets only the first set point.
+        """
 
     def on_suspect_frame(self, observation: Observation | FrameObservation) -> None:
         """Check a large frame, a frame with problems, or bytes that are not a frame."""

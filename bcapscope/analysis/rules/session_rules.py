@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from bcapscope.analysis.call_arguments import text_argument
 from bcapscope.analysis.client_state import MOTION_FUNCTIONS, ClientState
 from bcapscope.analysis.finding_places import call_place, call_places, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, reason_from_call
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     CallHealth,
@@ -250,8 +250,7 @@ def _explain_not_started(call: Call, client: ClientState) -> RefusalReason | Non
     start = client.failed_start
     if start is not None:
         case = "refused" if start.hresult else "serial-zero"
-        reason = Message(f"reason.start.{case}", call=call_place(start), at=Moment(start.request.time))
-        return RefusalReason(reason, explaining_calls=(start.number,), evidence_call=start)
+        return reason_from_call(f"reason.start.{case}", start)
     is_first = not client.call_count and call.request.item.serial <= 2 and code in _NOT_STARTED_CODES
     return RefusalReason(Message("reason.first-call")) if is_first else None
 

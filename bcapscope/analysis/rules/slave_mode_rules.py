@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from bcapscope.analysis.call_arguments import argument
 from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, reason_from_failure
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     Occurrence,
@@ -114,7 +114,7 @@ def _explain_outside(call: Call, client: ClientState) -> RefusalReason | None:
     latest = client.latest_calls.get("slvchangemode")
     known = max((each.number for each in (ended, entered) if each is not None), default=0)
     if latest is not None and latest.number > known:
-        return _explain_mode_change(latest)
+        return reason_from_failure("slave-mode", latest)
     if entered is None and ended is None:
         unseen = client.mode_value is None and not client.session_start_seen
         return RefusalReason(Message(f"reason.slave-mode.{'never-on' if unseen else 'not-entered'}"))
@@ -127,18 +127,6 @@ def _explain_outside(call: Call, client: ClientState) -> RefusalReason | None:
         )
     return RefusalReason(
         Message("reason.slave-mode.error", call=call_place(ended)), explaining_calls=(ended.number,)
-    )
-
-
-def _explain_mode_change(latest: Call) -> RefusalReason:
-    """Return the reason for a refusal: the client's latest slvChangeMode was refused, or the capture lacks
-    the reply to it.
-    """
-    case = "unanswered" if latest.reply is None else "refused"
-    return RefusalReason(
-        Message(f"reason.slave-mode.{case}", call=call_place(latest), at=Moment(latest.request.time)),
-        explaining_calls=(latest.number,),
-        evidence_call=latest,
     )
 
 
