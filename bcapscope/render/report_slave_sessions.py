@@ -9,7 +9,7 @@ from typing import Any
 import plotly.graph_objects as go
 
 from bcapscope.analysis.slave.motion_model import AxisMotion, MotionFacts
-from bcapscope.analysis.slave.set_point_table import SetPointFact
+from bcapscope.analysis.slave.notable_set_points import SetPointFact
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.messages import MessageFormatter
 from bcapscope.messages.places import Quantity

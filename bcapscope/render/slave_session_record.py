@@ -16,8 +16,8 @@ import orjson
 from bcapscope.analysis.slave.buffer_model import BufferFacts, PredictedUnderflow
 from bcapscope.analysis.slave.controller_clock import ClockFacts
 from bcapscope.analysis.slave.motion_model import AxisMotion, Jump, MotionFacts, Peak
+from bcapscope.analysis.slave.notable_set_points import SetPointFact
 from bcapscope.analysis.slave.session_slices import SessionSlice
-from bcapscope.analysis.slave.set_point_table import SetPointFact
 from bcapscope.analysis.slave.slave_session import (
     AcceptedFormat,
     CallFact,

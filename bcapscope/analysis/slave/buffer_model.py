@@ -30,7 +30,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bcapscope.analysis.slave.set_point_table import MAX_LISTED, SetPointTable
+from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
+from bcapscope.analysis.slave.set_point_table import SetPointTable
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Quantity
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode

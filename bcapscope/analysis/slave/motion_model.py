@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from bcapscope.analysis.slave.axis_lag import AxisLag
 from bcapscope.analysis.slave.column_templates import PoseColumns
-from bcapscope.analysis.slave.set_point_table import MAX_LISTED, SetPointTable
+from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
+from bcapscope.analysis.slave.set_point_table import SetPointTable
 from bcapscope.analysis.statistics.distribution import Bools, Floats, Histogram
 from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.messages import Message

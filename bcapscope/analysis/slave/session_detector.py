@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from bcapscope.analysis.slave.controller_state import ControllerState, call_fact
 from bcapscope.analysis.slave.generation_clues import clue_of_call, clue_of_set_point, stronger_clue
+from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
 from bcapscope.analysis.slave.session_builder import (
     BATCH_SIZE,
     SessionKey,
@@ -16,7 +17,6 @@ from bcapscope.analysis.slave.session_builder import (
 )
 from bcapscope.analysis.slave.session_models import SlaveSetup
 from bcapscope.analysis.slave.set_point_batch import LARGE_FRAME
-from bcapscope.analysis.slave.set_point_table import MAX_LISTED
 from bcapscope.analysis.slave.slave_session import CallFact, ExitReason, SessionExit, SlaveSession
 from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect

@@ -17,10 +17,11 @@ from bcapscope.analysis.slave.controller_clock import ControllerClock
 from bcapscope.analysis.slave.generation_clues import GenerationClue
 from bcapscope.analysis.slave.motion_model import KnownPosition, MotionModel
 from bcapscope.analysis.slave.motion_pace import MotionPaceModel
+from bcapscope.analysis.slave.notable_set_points import MAX_LISTED, SetPointFact
 from bcapscope.analysis.slave.plot_samples import PlotSampler
 from bcapscope.analysis.slave.session_slices import SessionSlice, SessionSlicer
 from bcapscope.analysis.slave.set_point_batch import SetPointBatch
-from bcapscope.analysis.slave.set_point_table import MAX_LISTED, SetPointFact, SetPointTable
+from bcapscope.analysis.slave.set_point_table import SetPointTable
 from bcapscope.analysis.slave.slave_session import AcceptedFormat, KnownMode, SetPointCounts
 from bcapscope.analysis.slave.timing_model import TimingModel
 from bcapscope.analysis.statistics.distribution import Floats

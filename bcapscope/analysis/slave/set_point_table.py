@@ -5,38 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bcapscope.analysis.slave.notable_set_points import SetPointFact
 from bcapscope.analysis.slave.set_point_batch import LATEST_TIME, SetPointBatch
 from bcapscope.analysis.statistics.distribution import Bools, Floats
 from bcapscope.traffic.call import Call
-
-MAX_LISTED = 64
-"""Maximum number of entries in each list of set points, jumps or calls. A list keeps the first entries,
-unless its description says something else.
-"""
-
-
-class SetPointFact(NamedTuple):
-    """A set point that a finding or a table names.
-
-    Attributes:
-        time: Time of the set point's first request, ns since 1970.
-        latency_ms: Time from the first request to the accepted reply, ms; None if no reply was captured.
-        cycle_ms: Time from the first request of the previous set point to the first request of this set
-            point, in ms; None for the first set point.
-    """
-
-    call: int
-    request_frame: int
-    time: int
-    reply_frame: int | None
-    hresult: int | None
-    latency_ms: float | None
-    cycle_ms: float | None
 
 
 @dataclass(frozen=True, slots=True)

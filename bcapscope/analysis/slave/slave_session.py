@@ -16,9 +16,9 @@ from bcapscope.analysis.slave.buffer_model import BufferFacts
 from bcapscope.analysis.slave.controller_clock import ClockFacts
 from bcapscope.analysis.slave.motion_model import MotionFacts
 from bcapscope.analysis.slave.motion_pace import MotionPace
+from bcapscope.analysis.slave.notable_set_points import SetPointFact
 from bcapscope.analysis.slave.plot_samples import PlotSample
 from bcapscope.analysis.slave.session_slices import SessionSlice
-from bcapscope.analysis.slave.set_point_table import SetPointFact
 from bcapscope.analysis.slave.timing_model import TimingFacts
 from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.modes import Generation, PoseType, SlaveMode

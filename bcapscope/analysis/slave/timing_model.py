@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bcapscope.analysis.slave.buffer_model import slack_ms
-from bcapscope.analysis.slave.set_point_table import MAX_LISTED, SetPointFact, SetPointTable
+from bcapscope.analysis.slave.notable_set_points import MAX_LISTED, SetPointFact
+from bcapscope.analysis.slave.set_point_table import SetPointTable
 from bcapscope.analysis.statistics.distribution import Floats, Histogram
 from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.messages import Message

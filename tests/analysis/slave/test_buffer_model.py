@@ -16,7 +16,8 @@ from bcapscope.analysis.slave.buffer_model import (
     BufferFacts,
     BufferModel,
 )
-from bcapscope.analysis.slave.set_point_table import MAX_LISTED, SetPointTable
+from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
+from bcapscope.analysis.slave.set_point_table import SetPointTable
 from bcapscope.protocol.slave_mode.modes import Generation, slave_mode_by_number
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL
 from tests.analysis.slave.set_points import set_points

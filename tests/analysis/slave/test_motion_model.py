@@ -20,7 +20,7 @@ from bcapscope.analysis.slave.motion_model import (
     MotionFacts,
     MotionModel,
 )
-from bcapscope.analysis.slave.set_point_table import MAX_LISTED
+from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, Axis
 from tests.analysis.slave.set_points import set_points

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bcapscope.analysis.slave.set_point_table import MAX_LISTED
+from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.slave.timing_model import MAX_SLOWEST, choose_grid
 from bcapscope.traffic.observation import Transport
