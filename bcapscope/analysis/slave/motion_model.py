@@ -181,25 +181,31 @@ class _StartDistance(NamedTuple):
     frames: tuple[int, ...] = ()
 
 
-class _LargestByAxis:
-    """The largest value of a figure for each axis, and the number of the frame in which it occurs."""
+class _FigureByAxis:
+    """The distribution of a figure for each axis, its largest value, and the frame with the largest value."""
 
     def __init__(self, axes: int) -> None:
-        self.values = np.full(axes, -1.0)
-        self.frames = np.zeros(axes, np.int64)
+        self._histograms = [Histogram() for _ in range(axes)]
+        self._largest = np.full(axes, -1.0)
+        self._frames = np.zeros(axes, np.int64)
 
     def add(self, values: Floats, frames: NDArray[np.int64]) -> None:
         if not len(values):
             return
         rows = values.argmax(axis=0)
         found = values[rows, np.arange(values.shape[1])]
-        better = found > self.values
-        self.values[better] = found[better]
-        self.frames[better] = frames[rows][better]
+        better = found > self._largest
+        self._largest[better] = found[better]
+        self._frames[better] = frames[rows][better]
+        for histogram, column in zip(self._histograms, values.T, strict=True):
+            histogram.add(column)
+
+    def distribution(self, axis: int) -> DistributionSummary | None:
+        return self._histograms[axis].distribution()
 
     def peak(self, axis: int, factor: float = 1.0) -> Peak | None:
-        value = float(self.values[axis])
-        return Peak(value * factor, int(self.frames[axis])) if value >= 0 else None
+        value = float(self._largest[axis])
+        return Peak(value * factor, int(self._frames[axis])) if value >= 0 else None
 
 
 class MotionModel:
@@ -230,11 +236,7 @@ class MotionModel:
         self._measured = [index for index, axis in enumerate(axes) if axis.unit]
         self._jumps: dict[JumpKind, list[Jump]] = {kind: [] for kind in JumpKind}
         self._least, self._most = np.full(count, np.inf), np.full(count, -np.inf)
-        self._steps = [Histogram() for _ in axes]
-        self._changes = [Histogram() for _ in axes]
-        self._differences = [Histogram() for _ in axes]
-        self._largest_step, self._largest_change = _LargestByAxis(count), _LargestByAxis(count)
-        self._largest_difference = _LargestByAxis(count)
+        self._steps, self._changes, self._differences = (_FigureByAxis(count) for _ in range(3))
         self._lag = AxisLag(count)
         # The last four set points that were added; the search for jumps needs the steps around a jump.
         self._tail = np.empty((0, count))
@@ -290,9 +292,7 @@ class MotionModel:
         self._returned += int(answered.sum())
         self._lag.add(commanded, returned, answered)
         off = np.abs(self._shortest(commanded[answered] - returned[answered]))
-        self._largest_difference.add(off, frames[answered])
-        for histogram, column in zip(self._differences, off.T, strict=True):
-            histogram.add(column)
+        self._differences.add(off, frames[answered])
 
     def _add_steps(self, commanded: Floats, frames: NDArray[np.int64], times: NDArray[np.int64]) -> None:
         old = len(self._tail)
@@ -303,11 +303,8 @@ class MotionModel:
         sizes = np.abs(steps)
         changes = np.abs(np.diff(steps, axis=0))
         new_steps, new_changes = max(old - 1, 0), max(old - 2, 0)
-        self._largest_step.add(sizes[new_steps:], frames[1:][new_steps:])
-        self._largest_change.add(changes[new_changes:], frames[2:][new_changes:])
-        for axis in range(len(self._axes)):
-            self._steps[axis].add(sizes[new_steps:, axis])
-            self._changes[axis].add(changes[new_changes:, axis])
+        self._steps.add(sizes[new_steps:], frames[1:][new_steps:])
+        self._changes.add(changes[new_changes:], frames[2:][new_changes:])
         moves: Bools = np.logical_or.reduce(sizes > 0, axis=1)
         self._repeated += int((~moves[new_steps:]).sum())
         if self._figure is not None:
@@ -390,7 +387,7 @@ class MotionModel:
         )
 
     def _axis(self, index: int, per_second: float) -> AxisMotion:
-        step, change = self._steps[index].distribution(), self._changes[index].distribution()
+        step, change = self._steps.distribution(index), self._changes.distribution(index)
         return AxisMotion(
             name=self._axes[index].name,
             unit=self._axes[index].unit,
@@ -399,11 +396,11 @@ class MotionModel:
             step=step,
             velocity=step and step.scaled(per_second),
             acceleration=change and change.scaled(per_second * per_second),
-            largest_step=self._largest_step.peak(index),
-            largest_velocity=self._largest_step.peak(index, per_second),
-            largest_acceleration=self._largest_change.peak(index, per_second * per_second),
-            difference=self._differences[index].distribution(),
-            largest_difference=self._largest_difference.peak(index),
+            largest_step=self._steps.peak(index),
+            largest_velocity=self._steps.peak(index, per_second),
+            largest_acceleration=self._changes.peak(index, per_second * per_second),
+            difference=self._differences.distribution(index),
+            largest_difference=self._differences.peak(index),
             lag_cycles=self._lag.of_axis(index),
         )
 

@@ -5,7 +5,7 @@ counts of set points.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -86,23 +86,6 @@ def known_mode(slave_setup: SlaveSetup, pose_type: PoseType | None) -> KnownMode
     )
 
 
-class _PosePicker:
-    """Finds the pose in a set point, and the pose and the time stamp in its reply."""
-
-    def __init__(self, slave_setup: SlaveSetup, pose_type: PoseType | None) -> None:
-        self._send, self._receive = _formats(slave_setup)
-        self._pose_type = pose_type
-
-    def command(self, parameter: Variant) -> PickedNumbers:
-        pose = parse_set_point(parameter, self._pose_type, self._send, self._receive).pose
-        return (pose.values if pose and pose.type is self._pose_type else ()), None
-
-    def result(self, result: Variant) -> PickedNumbers:
-        feedback = parse_feedback(result, self._pose_type, self._receive)
-        fitting = (pose.values for pose in feedback.poses if pose.type is self._pose_type)
-        return next(fitting, ()), feedback.timestamp
-
-
 class SessionModels:
     """Passes the set points of one slave-mode session to all its models."""
 
@@ -111,10 +94,13 @@ class SessionModels:
     ) -> None:
         self.slave_setup = slave_setup
         self.origin = batch[0].time if batch else 0
-        pose = next(_poses_in(batch, slave_setup), None)
-        self._pose_type = pose.type if pose else _pose_type(slave_setup)
+        send, receive = _formats(slave_setup)
+        mode = slave_setup.mode_value
+        pose_type = None if mode is None else pose_type_of_mode(mode)
+        pose = _first_pose(batch, pose_type, send, receive)
+        pose_type = pose.type if pose else pose_type
         self.axes: tuple[Axis, ...] = pose.axes if pose else ()
-        self.mode = known_mode(slave_setup, self._pose_type)
+        self.mode = known_mode(slave_setup, pose_type)
         rules = BufferBehaviour.of_mode(self.mode.meaning, self.mode.guessed)
         self.forbids_retries = rules.overwrites and transport is Transport.UDP
         self.timing = TimingModel(self.mode.meaning, transport, rules.slots)
@@ -124,14 +110,13 @@ class SessionModels:
             None if slave_setup.receive_format is None else slave_setup.receive_format.microseconds
         )
         guessed = pose.guessed if pose else False
-        self.motion = MotionModel(self.axes, self._pose_type, guessed, slave_setup.position)
+        self.motion = MotionModel(self.axes, pose_type, guessed, slave_setup.position)
         self.sampler = PlotSampler(len(self.axes), self.origin)
         self.refused_list: list[SetPointFact] = []
         self.forbidden_retries: list[int] = []
         self._slicer = SessionSlicer(window, self.origin) if window else None
-        picker = _PosePicker(slave_setup, self._pose_type)
-        self._command_columns = ColumnReader(_PARAMETER, picker.command)
-        self._result_columns = ColumnReader(_RESULT, picker.result)
+        self._command_columns = ColumnReader(_PARAMETER, partial(_pick_command, pose_type, send, receive))
+        self._result_columns = ColumnReader(_RESULT, partial(_pick_result, pose_type, receive))
         self._last_poses = np.full((2, len(self.axes)), np.nan)  # the last two commanded poses
         self._largest_steps = np.zeros(len(self.axes))
         # serial of the last set point's first attempt, and number of retries of this set point
@@ -259,19 +244,27 @@ def _formats(slave_setup: SlaveSetup) -> tuple[SendFormat | None, ReceiveFormat 
     )
 
 
-def _pose_type(slave_setup: SlaveSetup) -> PoseType | None:
-    return None if slave_setup.mode_value is None else pose_type_of_mode(slave_setup.mode_value)
+def _pick_command(
+    pose_type: PoseType | None, send: SendFormat | None, receive: ReceiveFormat | None, parameter: Variant
+) -> PickedNumbers:
+    pose = parse_set_point(parameter, pose_type, send, receive).pose
+    return (pose.values if pose and pose.type is pose_type else ()), None
 
 
-def _poses_in(batch: SetPointBatch, slave_setup: SlaveSetup) -> Iterator[Pose]:
-    """Yield the poses of the first 16 set points; leave out poses that are unreadable or have an unknown
-    type.
-    """
-    send, receive = _formats(slave_setup)
-    pose_type = _pose_type(slave_setup)
+def _pick_result(pose_type: PoseType | None, receive: ReceiveFormat | None, result: Variant) -> PickedNumbers:
+    feedback = parse_feedback(result, pose_type, receive)
+    fitting = (pose.values for pose in feedback.poses if pose.type is pose_type)
+    return next(fitting, ()), feedback.timestamp
+
+
+def _first_pose(
+    batch: SetPointBatch, pose_type: PoseType | None, send: SendFormat | None, receive: ReceiveFormat | None
+) -> Pose | None:
+    """Return the first readable pose of a known type in the first 16 set points."""
     for place in range(min(len(batch), 16)):
         parameter = execute_parameter(Frame(batch.requests[place]))
         if parameter is not None:
             pose = parse_set_point(parameter, pose_type, send, receive).pose
             if pose is not None and pose.type is not None:
-                yield pose
+                return pose
+    return None

@@ -95,45 +95,27 @@ class TimingFacts:
 
 
 class _RecommendedTimeout(NamedTuple):
-    """A recommended time-out.
-
-    Attributes:
-        timeout_ms: Time-out of one attempt, ms.
-        tries: Maximum number of attempts, including the first.
-    """
-
     name: Message
     timeout_ms: float
     tries: int
-    kinds: frozenset[ModeKind]
+    kinds: tuple[ModeKind, ...]
     udp_only: bool
     source: str
 
 
-def _ros_timeout(case: str, timeout_ms: float, kinds: frozenset[ModeKind]) -> _RecommendedTimeout:
+def _ros_timeout(case: str, timeout_ms: float, *kinds: ModeKind) -> _RecommendedTimeout:
     name = Message(f"timeout.{case}", timeout=Quantity(timeout_ms, "ms"), attempts=Count(3, "attempt"))
     return _RecommendedTimeout(name, timeout_ms, 3, kinds, False, _DRIVER)
 
 
+_SYNC = Message("timeout.sync", timeout=Quantity(2, "ms"), retries=Count(7, "retry"))
+_ASYNC = Message("timeout.async", timeout=Quantity(2, "ms"))
+
 RECOMMENDED_TIMEOUTS = (
-    _RecommendedTimeout(
-        Message("timeout.sync", timeout=Quantity(2, "ms"), retries=Count(7, "retry")),
-        2.0,
-        8,
-        frozenset({ModeKind.SYNC}),
-        True,
-        _GUIDE,
-    ),
-    _RecommendedTimeout(
-        Message("timeout.async", timeout=Quantity(2, "ms")),
-        2.0,
-        1,
-        frozenset({ModeKind.ASYNC, ModeKind.MODE_1}),
-        True,
-        _GUIDE,
-    ),
-    _ros_timeout("ros-mode-2", 16.0, frozenset({ModeKind.MODE_2})),
-    _ros_timeout("ros-modes-0-1", 8.0, frozenset({ModeKind.MODE_0, ModeKind.MODE_1})),
+    _RecommendedTimeout(_SYNC, 2.0, 8, (ModeKind.SYNC,), True, _GUIDE),
+    _RecommendedTimeout(_ASYNC, 2.0, 1, (ModeKind.ASYNC, ModeKind.MODE_1), True, _GUIDE),
+    _ros_timeout("ros-mode-2", 16.0, ModeKind.MODE_2),
+    _ros_timeout("ros-modes-0-1", 8.0, ModeKind.MODE_0, ModeKind.MODE_1),
 )
 """Recommended time-outs for slvMove."""
 
