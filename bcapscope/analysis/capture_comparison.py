@@ -47,12 +47,7 @@ Value: TypeAlias = "float | str | None"
 
 @dataclass(frozen=True, slots=True)
 class ComparedCapture:
-    """Data of one capture, for the comparison of two captures.
-
-    Attributes:
-        slave_sessions: The first slave-mode sessions of the capture, at most `MAX_SESSIONS`, in the order of
-            their start times.
-    """
+    """Data of one capture, with at most `MAX_SESSIONS` slave-mode sessions in the order of their starts."""
 
     name: str
     statistics: Statistics | None
@@ -84,21 +79,14 @@ class Difference:
 
     @property
     def ratio(self) -> float | None:
-        """The value in the second capture divided by the value in the first; None unless both are positive
-        numbers.
-        """
+        """`bad` divided by `good`; None unless both are positive numbers."""
         good, bad = self.good, self.bad
         return bad / good if isinstance(good, float) and isinstance(bad, float) and good > 0 < bad else None
 
 
 @dataclass(frozen=True, slots=True)
 class RuleDifference:
-    """A rule with a different number of findings in the two captures.
-
-    Attributes:
-        good: Number of findings of the rule in the first capture.
-        bad: Number of findings of the rule in the second capture.
-    """
+    """A rule with a different number of findings in the two captures."""
 
     rule: str
     severity: Severity
@@ -182,9 +170,7 @@ _JudgeFigure: TypeAlias = Callable[[Value, Value, "tuple[int, int]"], bool]
 
 
 def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
-    """Return a function that decides whether two times or two rates differ notably. Two values differ notably
-    if their ratio exceeds `ratio` and their difference exceeds `least`.
-    """
+    """Return a function that tests whether two values differ by more than a factor and more than `least`."""
 
     def judge(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
         if not (isinstance(good, float) and isinstance(bad, float)) or min(counts) < FEWEST_SAMPLES:
@@ -196,17 +182,12 @@ def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
 
 
 def _judge_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether the share of calls with an event differs notably between two captures. The event is not
-    random: a refusal, for example.
-    """
+    """Judge shares of calls with an event that is not random, such as a refusal."""
     return isinstance(good, float) and isinstance(bad, float) and abs(good - bad) > NOTABLE_SHARE
 
 
 def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether two shares of calls differ notably. The shares count random events.
-
-    The counts of random events, such as losses, have a Poisson distribution.
-    """
+    """Judge shares of random events, such as losses. Their counts have a Poisson distribution."""
     if not (isinstance(good, float) and isinstance(bad, float)) or not _judge_share(good, bad, counts):
         return False
     one, two = counts
@@ -215,7 +196,6 @@ def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> boo
 
 
 def _judge_word(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether two words differ notably. They do if both captures show the value."""
     unseen = (None, ExitReason.CAPTURE_ENDED.value)
     return good not in unseen and bad not in unseen
 

@@ -87,19 +87,12 @@ class ClientState:
         failed_openings: For each class of objects, the latest call of this session that should have opened an
             object, but got no successful reply; once a later call has opened such an object, the class has no
             entry.
-        motor_on: Whether the client last switched the motor on; None if unknown.
-        take_arm_call: The TakeArm call with which the client took the arm; None after GiveArm.
         give_arm_call: The GiveArm call that gave back the arm; None if the client holds the arm.
-        robslave_start: The client's latest successful start of the task RobSlave.
         robslave_not_found: The client's first Controller_GetTask call for the task RobSlave that the
             controller refused.
-        last_motion: Latest motion command outside slave mode that the controller accepted.
         mode_value: Number of the slave mode, as in slvChangeMode; 0 while slave mode is off, None if unknown.
-        mode_entered_by: The latest slvChangeMode call that entered slave mode.
-        mode_ended_by: The latest call that ended slave mode.
         uncleared_error: The first call that reported a controller error after the client last cleared errors.
         latest_error: The latest call that reported a controller error, even if the error was cleared.
-        clear_call: The client's latest successful ClearError call.
         error_was_read: Whether the client has read the details of an error after the call `uncleared_error`.
         slow_call: Latest call that got no reply, or whose latency exceeds `SLOW_CALL_NS`; evicted calls do
             not count.
@@ -147,7 +140,6 @@ class ClientState:
 
     @property
     def has_open_session(self) -> bool:
-        """Whether the client has started a session that it has not ended."""
         return (self.service_start is not None or self.connect_call is not None) and self.session_end is None
 
     @property
@@ -164,15 +156,12 @@ class ClientState:
 
     @property
     def generation(self) -> Generation | None:
-        """Generation of the controller (such as RC8), deduced from the traffic; None if unknown."""
         uses_robslave = self.robslave_start is not None or self.robslave_not_found is not None
         return Generation.RC7 if uses_robslave else self.generation_clue.generation
 
     @property
     def slave_mode(self) -> SlaveMode | None:
-        """Slave mode that the client has entered; None while slave mode is off. If the controller's
-        generation is unknown, the mode number is understood as on an RC8.
-        """
+        """Slave mode of the client, as on an RC8 if the generation is unknown; None while it is off."""
         generation = self.generation or Generation.RC8
         return slave_mode_by_number(self.mode_value, generation) if self.mode_value else None
 
@@ -187,7 +176,6 @@ class ClientState:
         return any(error.request.time <= time <= before for time in times)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Update the state with a run of alike set points (see `AlikeSetPoints`)."""
         for call in calls:
             if call.last_activity - call.request.time > SLOW_CALL_NS:
                 self.slow_call = call
@@ -256,7 +244,7 @@ class ClientState:
         return name.casefold() if function_id == ID["Variable_GetValue"] else ""
 
     def on_slave_mode(self, change: SlaveModeChange) -> None:
-        """Update the slave mode. `on_call` has already received the call that changed the mode."""
+        """Update the slave mode, after `on_call` has received the call that changed it."""
         call = change.call
         if change.effect is SlaveModeEffect.MODE_CHANGED:
             self.recent_set_points.clear()
@@ -366,8 +354,7 @@ class ClientRegistry:
     """Holds the `ClientState` of each remembered client, with the conversation as the key."""
 
     def __init__(self, on_drop: Callable[[ClientState], None]) -> None:
-        """Create an empty registry. When the memory limit is reached, the registry drops a client and calls
-        `on_drop` with the state of that client."""
+        """Create an empty registry. `on_drop` receives each client that is dropped when memory is full."""
         self._on_drop = on_drop
         self._by_conversation: dict[Conversation, ClientState] = {}
         self._closed: deque[Conversation] = deque()
@@ -377,7 +364,7 @@ class ClientRegistry:
         return iter(self._by_conversation.values())
 
     def client_of(self, call: Call) -> ClientState:
-        """Return the state of the client that made a call. The first call of a client creates the state."""
+        """Return the state of the client that made a call, or create it."""
         client = self._by_conversation.get(call.conversation)
         if client is None:
             self.clients_seen += 1
@@ -389,9 +376,7 @@ class ClientRegistry:
         return client
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Record that a client's conversation was closed. The registry still remembers the client, because it
-        can explain failures of other clients.
-        """
+        """Keep the client for some time, because it can explain failures of other clients."""
         client = self._by_conversation.get(conversation)
         if client is None:
             return

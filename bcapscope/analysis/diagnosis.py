@@ -149,9 +149,7 @@ class Diagnosis(PipelineSubscriber):
         self._clients.client_of(change.call).on_slave_mode(change)
 
     def _check_frame(self, observation: FrameObservation) -> None:
-        """Pass a frame with problems to the checkers, unless the frame is large. `on_frame` has already
-        passed large frames to the checkers.
-        """
+        """Pass a frame with problems to the checkers. `on_frame` has already passed large frames."""
         if observation.item.problems and len(observation.item.raw) < CHECKED_FROM_BYTES:
             for check in self._suspect_frame_handlers:
                 check(observation)
@@ -170,9 +168,6 @@ class Diagnosis(PipelineSubscriber):
         return chain.from_iterable(check(session) for check in self._session_handlers)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Release the data of a closed conversation. The caller has already added all calls of the
-        conversation.
-        """
         self._flows = {flow for flow in self._flows if flow.conversation is not conversation}
         self._on_slave_sessions(self._session_detector.close_conversation(conversation))
         self._clients.on_conversation_closed(conversation)
@@ -217,7 +212,6 @@ class Diagnosis(PipelineSubscriber):
         return max(ended_at, self._last.time if self._last is not None else 0)
 
     def _end_occurrences(self, ended_at: int, clients_present: bool) -> Iterator[Occurrence]:
-        """Yield the problems that the checkers would report if the traffic ended now."""
         silent_sessions = {}
         for session in self._session_detector.remaining_sessions(ended_at):
             yield from self._session_occurrences(session)
@@ -231,9 +225,6 @@ class Diagnosis(PipelineSubscriber):
         return chain.from_iterable(check(end) for check in self._end_handlers)
 
     def _on_new_flow(self, observation: Observation) -> None:
-        """Remember a flow (a conversation with a direction), and pass its first observation to the
-        checkers.
-        """
         if self._first is None:
             self._first = observation
         if len(self._flows) >= MAX_FLOWS:

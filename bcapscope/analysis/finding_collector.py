@@ -28,10 +28,7 @@ _MAX_NAMED_STEPS = 3
 
 
 class FindingCollector:
-    """Collects the problems that rules report, and makes findings from them.
-
-    Rules do not always report problems in chronological order.
-    """
+    """Collects the problems that rules report, in any order, and makes findings from them."""
 
     def __init__(self) -> None:
         self._groups: dict[tuple[str, bool, str], FindingGroup] = {}
@@ -43,9 +40,7 @@ class FindingCollector:
         self._new_groups: list[FindingGroup] = []
 
     def add_occurrence(self, occurrence: Occurrence) -> None:
-        """Add a reported problem and link it to its cause. If `occurrence` is an update, it replaces the
-        problem that was reported earlier for the same call.
-        """
+        """Add a reported problem and link it to its cause. An update replaces the problem of its call."""
         if occurrence.is_update:
             self._update(occurrence)
             return
@@ -85,13 +80,10 @@ class FindingCollector:
         return group
 
     def _link_cause(self, occurrence: Occurrence) -> None:
-        """Link a reported problem to its cause.
-
-        The collector looks for a cause in this order: the latest problem that certainly explains the call; a
+        """Link a reported problem to its cause: the latest problem that certainly explains the call; a
         problem in one of the calls `explaining_calls`; the latest possible cause.
 
-        `findings` searches for the cause of every problem again, because a better cause may have been
-        reported later.
+        `findings` searches for all causes again, because a better cause may have been reported later.
         """
         known = self._causes.pop(occurrence, None)
         injected = [each for each in self._by_call.get(occurrence.call, ()) if each.rule.id == INJECTED]
@@ -117,19 +109,15 @@ class FindingCollector:
         self._group_of(cause).keep_cause(cause)
 
     def _certain_cause(self, effect: Occurrence) -> Occurrence | None:
-        """Return the problem that certainly caused the problems in the call of `effect`. If there are
-        several, return the latest report.
-        """
         for each in reversed(self._explained.get(effect.call, ())):
             if effect.call and each is not effect and not self._leads_to(each, effect):
                 return each
         return None
 
     def _best_cause(self, candidates: Sequence[Occurrence], effect: Occurrence) -> Occurrence | None:
-        """Return the latest candidate that can be the cause of `effect`. If several candidates began at the
-        same time, return the likeliest of them.
-
-        A candidate that began after the effect, or that is a consequence of the effect, cannot be its cause.
+        """Return the latest candidate that can be the cause of `effect`; the likeliest of those that began at
+        the same time. A candidate that began after the effect, or that is a consequence of the effect, cannot
+        be its cause.
         """
         best, best_key = None, (0, 0)
         # Candidates are roughly in chronological order, so only the latest few candidates need all checks.
@@ -166,11 +154,7 @@ class FindingCollector:
                         yield each
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Return one finding for each selected `FindingGroup` that was added since `new_findings` was last
-        used.
-
-        In these findings `consequence_of` is always None; only `findings` links consequences to causes.
-        """
+        """Return one finding for each new `FindingGroup` about selected calls, without links to causes."""
         new, self._new_groups = self._new_groups, []
         return tuple(
             _finding(group, group.first, group.first.frames[:MAX_FRAMES_NAMED])
@@ -216,10 +200,8 @@ class FindingCollector:
         return tuple(_ordered_finding(group, order) for group in order.groups)
 
     def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
-        """Choose the occurrence that each finding describes.
-
-        A finding describes the first occurrence that has a consequence. If no occurrence has a consequence,
-        the finding describes the first occurrence with the gravest impact on the robot.
+        """Choose the occurrence that each finding describes: the first with a consequence or, if none has
+        one, the first with the gravest impact on the robot.
         """
         followed = set(self._causes.values())
         for group in groups:
@@ -268,9 +250,7 @@ def _repetition(group: FindingGroup) -> Repetition | None:
 
 
 def _with_consequences(finding: Finding, root: FindingGroup, order: FindingOrder) -> Finding:
-    """Return the finding with its consequences added: the first few one by one, the others as a range of
-    finding numbers.
-    """
+    """Add the consequences to a finding: the first few one by one, the others as a range of numbers."""
     named: list[Consequence] = []
     time = root.shown.completed
     for group in order.first_consequences(root):
@@ -288,9 +268,7 @@ def _with_consequences(finding: Finding, root: FindingGroup, order: FindingOrder
 
 
 def _frames(group: FindingGroup) -> tuple[int, ...]:
-    """Return the frame numbers of the occurrence that the finding describes. If the problem occurred several
-    times, add one frame of its first occurrence and one of its last occurrence.
-    """
+    """Return the frames of the described occurrence, and one frame of the first and the last occurrence."""
     frames = list(group.shown.frames)
     if len(frames) > MAX_FRAMES_NAMED:
         frames = [*frames[: MAX_FRAMES_NAMED // 2], *frames[-MAX_FRAMES_NAMED // 2 :]]

@@ -18,10 +18,9 @@ class FindingGroup:
     """The occurrences of a problem that are reported together as one finding.
 
     Attributes:
-        selected: True if the finding is about selected calls; False if the finding is reported only as the
-            cause of another finding.
-        shown: Occurrence that the text of the finding describes. `FindingCollector.findings` makes copies of
-            the groups. Only these copies have the attribute `shown`.
+        selected: False if the finding is reported only as the cause of a finding about selected calls.
+        shown: Occurrence that the text of the finding describes. Only the copies of groups that
+            `FindingCollector.findings` makes have this attribute.
     """
 
     def __init__(self, rule: DiagnosisRule, selected: bool) -> None:
@@ -43,9 +42,7 @@ class FindingGroup:
             self._causes.append(occurrence)
 
     def replace(self, update: Occurrence) -> Occurrence | None:
-        """Replace the kept occurrence that has the same call as `update`, and return the replaced occurrence.
-        Return None if no occurrence with this call was kept.
-        """
+        """Replace the kept occurrence of the same call, and return it; None if no such one was kept."""
         replaced = next((each for each in self if each.call == update.call), None)
         if replaced is not None:
             for kept in (self._earliest, self._latest, self._causes):
@@ -66,12 +63,10 @@ class FindingGroup:
 
     @property
     def first(self) -> Occurrence:
-        """The kept occurrence that began first."""
         return min(self, key=lambda each: each.began)
 
     @property
     def last(self) -> Occurrence:
-        """The kept occurrence that was completed last."""
         return max(self, key=lambda each: each.completed)
 
 
@@ -101,7 +96,7 @@ class FindingOrder:
         return self._numbers[group]
 
     def parent(self, group: FindingGroup) -> int | None:
-        """Return the number of the finding that caused this group; None if the group is a root cause."""
+        """Return the number of the finding that caused this group; None for a root cause."""
         parent = self._parents.get(group)
         return None if parent is None else self.number(parent)
 
@@ -112,9 +107,7 @@ class FindingOrder:
             yield from self.with_consequences(child)
 
     def first_consequences(self, group: FindingGroup) -> Iterator[FindingGroup]:
-        """Yield the first consequence of a group, then the first consequence of this consequence, and so
-        on.
-        """
+        """Yield the first consequence of a group, then the first consequence of that one, and so on."""
         while self._children.get(group):
             group = self._children[group][0]
             yield group
@@ -147,9 +140,7 @@ class FindingOrder:
 def _parent_groups(
     groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
 ) -> dict[FindingGroup, FindingGroup]:
-    """For each group, return the group that caused its shown occurrence. Links that would form a cycle are
-    left out.
-    """
+    """For each group, return the group that caused its shown occurrence, without links that form a cycle."""
     group_of = {occurrence: group for group in groups for occurrence in group}
     parents: dict[FindingGroup, FindingGroup] = {}
     for group in sorted(groups, key=lambda each: each.shown.began):

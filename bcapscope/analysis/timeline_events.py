@@ -55,8 +55,7 @@ class TimelineEvent(NamedTuple):
 
 
 class TimelineEventList:
-    """Collects events in roughly chronological order, and joins neighbouring events when there are too
-    many."""
+    """Collects events in roughly chronological order, and joins neighbours when there are too many."""
 
     def __init__(self, most: int, pause: int = 0) -> None:
         """Create an empty list.

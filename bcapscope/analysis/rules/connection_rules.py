@@ -84,9 +84,7 @@ def _hung_up(last: Call, closing: ConnectionEnd) -> Occurrence:
 
 
 def _hung_up_by_proxy(last: Call, closing: ConnectionEnd) -> Occurrence:
-    """Return the problem: a proxy closed its connection to the client, although its connection to the
-    controller was open.
-    """
+    """Return the problem: a proxy closed a client's connection, but the controller's connection was open."""
     near = last.conversation
     server = str((near.controller_leg or near).server)
     fact = Message(

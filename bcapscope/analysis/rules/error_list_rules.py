@@ -72,16 +72,12 @@ class _ErrorRead(NamedTuple):
 
 
 class _RefusedCalls:
-    """The refused calls of one client since errors were last cleared, and the errors that explain the first
-    refusal.
+    """The refused calls of one client since errors were last cleared.
 
     Attributes:
-        began: Earliest possible time of the error that caused the first refusal, ns since 1970. If the
-            refused call is a set point, it is the time of the previous set point. Otherwise, it is the time
-            of the refused call.
-        codes: Result codes with which the calls were refused.
-        reported: For each error that was reported as a cause, the call that read this error; the key is the
-            error code.
+        began: Earliest possible time of the error that caused the first refusal, ns since 1970. For a refused
+            set point, it is the time of the previous set point.
+        reported: Errors that were reported as a cause: the call that read each error code.
     """
 
     def __init__(self, first: Call, code: int, client: ClientState) -> None:
@@ -95,17 +91,13 @@ class _RefusedCalls:
         self.reported: dict[int, Call] = {}
 
     def may_follow_from(self, rule: DiagnosisRule, code: int) -> bool:
-        """Return whether the error with this code may have caused the first refusal. `rule` is the rule that
-        reports this code.
-        """
+        """Return whether an error, which `rule` reports, may have caused the first refusal."""
         is_notice = not describe_hresult(code).level and rule is CONTROLLER_ERROR
         only_listed = self.first.hresult in ACTIVE_CODES and rule not in _LASTING
         return not is_notice and not only_listed and (self.names_no_cause or self.own_code_read)
 
 
 class _ControllerErrors:
-    """All captured refusals, reads of the error list, and ClearError calls of one controller."""
-
     def __init__(self) -> None:
         self.refused: dict[Conversation, _RefusedCalls] = {}
         self.reads: deque[_ErrorRead] = deque(maxlen=_MAX_READS)
@@ -116,12 +108,10 @@ class _ControllerErrors:
 
 
 class ErrorListChecker(RuleChecker):
-    """Reports the errors that a client read with GetCurErrorInfo or @ERROR_CODE, if these errors explain an
-    earlier refusal.
+    """Reports errors that a client read with GetCurErrorInfo or @ERROR_CODE and that explain a refusal.
 
-    The calls of different clients are not passed to the checker in chronological order. The checker therefore
-    remembers the latest errors that a client read. It compares these errors with refusals that it receives
-    later.
+    The checker remembers the latest errors that were read, because it gets the calls of different clients in
+    any order.
     """
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
@@ -173,10 +163,8 @@ class ErrorListChecker(RuleChecker):
             self._compare(errors, refused, read)
 
     def _compare(self, errors: _ControllerErrors, refused: _RefusedCalls, read: _ErrorRead) -> None:
-        """Report an error that a client read, if this error explains the first refusal.
-
-        The error list begins with the newest error. In this list, each error after the error of the refusal
-        is therefore older than the refusal.
+        """Report an error that a client read, if this error explains the first refusal. The error list begins
+        with the newest error, so each error after the error of the refusal is older than the refusal.
         """
         first, code = refused.first, read.code
         read_at = read.call.request.time
@@ -220,7 +208,7 @@ class ErrorListChecker(RuleChecker):
 
 
 def _read_error(call: Call, client: ClientState) -> _ErrorRead | None:
-    """Return the error that a call read; None if the call reads something else, or if there is no error."""
+    """Return the error that a call read; None if there is no error, or if the call reads something else."""
     if call.kind.folded_command != "getcurerrorinfo":
         name = "" if client.target_object is None else client.target_object.name
         if name.casefold() != "@error_code":

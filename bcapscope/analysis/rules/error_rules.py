@@ -47,12 +47,10 @@ _TIMEOUT_CODES = (E_TIMEOUT, 0x8150012D, 0x81500151, 0x82201F92, 0x82201694, 0x8
 
 
 class _CallsAfterError:
-    """The calls that a client made after a controller error and before it cleared the error.
+    """The calls of a client after a controller error and before it cleared the error.
 
     Attributes:
-        error_call: The call that reported the error.
         count: Number of these calls that can change or move something.
-        first: The first call that is included in `count`.
         clear_attempt: The first ClearError call that got no successful reply.
     """
 
@@ -146,8 +144,7 @@ def _went_on(calls: _CallsAfterError, first: Call) -> Occurrence:
 
 
 def _shuts_down(call: Call, client: ClientState) -> bool:
-    """Return whether a call only stops something, switches the motor off, gives back the arm or releases an
-    object. After an error, a client may still make these calls."""
+    """Return whether a call only stops, switches off or releases something, as after an error."""
     if call.kind.folded_command == "givearm":
         return True
     target = "" if client.target_object is None else client.target_object.name
@@ -185,7 +182,6 @@ def _explain_other(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def advice_on_code(code: int) -> Message | None:
-    """Return what to do about a result code; None if the rule's usual advice applies."""
     advice = describe_hresult(code).advice
     return None if advice is None else Message("advice.result", advice=advice)
 

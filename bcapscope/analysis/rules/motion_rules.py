@@ -36,9 +36,7 @@ _SPEED_VARIABLES = frozenset(("@extaccel", "@extdecel", "@extspeed"))
 
 
 class _TimedCall(NamedTuple):
-    """A call that moves the robot or changes its speed. All set points of a slave-mode session together count
-    as one motion.
-    """
+    """A call that moves the robot or changes its speed, or all set points of a slave-mode session."""
 
     conversation: Conversation
     began: int
@@ -89,7 +87,6 @@ class MotionChecker(RuleChecker):
 
 
 def _occurrences(motion: _TimedCall, change: _TimedCall) -> Iterator[Occurrence]:
-    """Yield a problem if `change` changed the speed of the controller that was executing `motion`."""
     is_same_controller = motion.conversation.server.host == change.conversation.server.host
     if is_same_controller and motion.began < change.ended < motion.ended:
         yield Occurrence(

@@ -31,10 +31,6 @@ _MAX_NAMES = 4096
 
 
 class _HandleTally:
-    """How many handles of one object are open, the highest number so far, and the call that exceeded the
-    limit.
-    """
-
     def __init__(self) -> None:
         self.open = self.most = 0
         self.leak_call: Call | None = None
@@ -86,9 +82,7 @@ class ObjectChecker(RuleChecker):
             self.report_occurrence(_leak(tally.leak_call, kind, name, tally.most, is_update))
 
     def _least_relevant(self) -> tuple[Conversation, ObjectClass, str]:
-        """Return the key of the oldest object with at most one open handle. If every object has more than one
-        open handle, return the key of the oldest object.
-        """
+        """Return the key of the oldest object with at most one open handle, or else of the oldest object."""
         single = (key for key, tally in self._tallies.items() if tally.open <= 1)
         return next(single, next(iter(self._tallies)))
 
@@ -119,7 +113,7 @@ def _leak(call: Call, kind: ObjectClass, name: str, handles: int, is_update: boo
 
 
 def _may_be_released(call: Call) -> bool:
-    """Return whether the controller answered this call; True also if the capture may lack the reply."""
+    """Return whether the controller answered this call, or may have answered it."""
     return call.reply is not None or call.evicted or call.reply_not_captured
 
 

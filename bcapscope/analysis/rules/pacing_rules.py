@@ -53,9 +53,7 @@ class PacingChecker(RuleChecker):
         return health is CallHealth.REFUSED
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Find the pause that explains why the controller reported an empty buffer. `session_occurrences`
-        cannot find this pause, because a session has no details of the set points around the pause.
-        """
+        """Find the pause that explains an empty buffer. Sessions lack details of the set points around it."""
         pair = _longest_pause(call, client) if call.hresult in _EMPTY_CODES else None
         if pair is None:
             return
@@ -133,9 +131,7 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
 
 
 def _may_overwrite(session: SlaveSession) -> bool:
-    """Return whether a new set point replaces the set point that waits in the buffer; True if the mode is
-    unknown.
-    """
+    """Return whether a new set point replaces the waiting set point; True if the mode is unknown."""
     return session.mode.meaning is None or session.buffer.overwrites
 
 
@@ -166,17 +162,13 @@ def _off_pace(
 
 
 def _buffer_slack_ns(client: ClientState) -> int:
-    """Return the time in ns for which a full buffer lasts without a new set point. If the mode is unknown,
-    the buffer is assumed to have `DEFAULT_SLOTS` slots.
-    """
+    """Return the time in ns for which a full buffer lasts without a new set point."""
     mode = client.slave_mode if client.mode_entered_by else None
     return round(slack_ms(DEFAULT_SLOTS if mode is None else mode.buffer_slots) * MS)
 
 
 def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
-    """Return the set points before and after the longest recent pause; None if a full buffer lasts longer
-    than the pause.
-    """
+    """Return the set points around the longest recent pause; None if a full buffer lasts longer."""
     points = (
         [*client.recent_set_points, call]
         if call.kind.folded_command == "slvmove"

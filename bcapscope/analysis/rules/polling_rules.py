@@ -40,7 +40,6 @@ class _VariableReads:
 
     @property
     def took_ns(self) -> int:
-        """Time in ns from the first read of a variable to the reply to the last read."""
         return last_frame_time(self.last) - self.first.request.time
 
     def add(self, call: Call, name: str) -> None:

@@ -127,7 +127,6 @@ def _type_was_read(client: ClientState) -> bool:
 
 
 def _moves_robot(call: Call) -> bool:
-    """Return whether a call moves the robot's arm."""
     function_id, command = call.kind
     if function_id in MOTION_FUNCTIONS:
         return True
@@ -143,9 +142,7 @@ def _requests_mode(call: Call) -> bool:
 
 
 def _pass_of(motion: Call) -> str:
-    """Return the pass option in the request of a motion, such as `@P` or `@0`; "" if the request has no pass
-    option.
-    """
+    """Return the pass option in the request of a motion, such as `@P` or `@0`; "" if there is none."""
     for index in (2, 3):
         found = _pass_in(argument(motion, index))
         if found:
@@ -179,7 +176,6 @@ def _explain_robslave(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _explain_task(client: ClientState) -> RefusalReason | None:
-    """Return the reason why RobSlave does not run; None if the capture shows no reason."""
     started = _latest_robslave_start(client)
     attempt = client.latest_calls.get("robslave")
     if attempt is not None and (started is None or started.request.time < attempt.request.time):
@@ -197,7 +193,7 @@ def _explain_task(client: ClientState) -> RefusalReason | None:
 
 
 def _latest_robslave_start(client: ClientState) -> Call | None:
-    """Return the latest Task_Start of RobSlave that the controller accepted; any client may have sent it."""
+    """Return the latest accepted Task_Start of RobSlave of any client."""
     starts = [each.robslave_start for each in (client, *client.other_clients())]
     return max(
         (each for each in starts if each is not None), key=lambda each: each.request.time, default=None
@@ -245,7 +241,7 @@ def _explain_arm_taken(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _may_be_given_back(client: ClientState) -> bool:
-    """Return whether a client may have given back the arm: the capture lacks the reply to its GiveArm."""
+    """Return whether the capture lacks the reply to the GiveArm of a client."""
     return _unanswered(client, "givearm") is not None
 
 
@@ -271,15 +267,11 @@ def _explain_arm_missing(call: Call, client: ClientState) -> RefusalReason | Non
 
 
 def _error_since(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the number of the call that reported the client's latest error; () if no error came after
-    `call`.
-    """
     error = client.latest_error
     return (error.number,) if error is not None and error.number > call.number else ()
 
 
 def _unsuccessful(topic: str, attempt: Call) -> RefusalReason:
-    """Return a reason for a refusal: the earlier call `attempt` was refused or not answered."""
     code = attempt.hresult
     return reason_from_failure(topic, attempt, **({} if code is None else {"code": HexNumber(code)}))
 

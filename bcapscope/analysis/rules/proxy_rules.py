@@ -62,9 +62,7 @@ class ProxyChecker(RuleChecker):
 
 
 def with_place(call: Call, fact: Message) -> Message:
-    """If two captures or the proxy's recording show where frames of the call were lost or held, add this to
-    `fact`.
-    """
+    """Add to `fact` where frames of the call were lost or held, if two captures or a proxy show this."""
     lost = call.lost_between
     if lost:
         case = "in-proxy" if lost[0].is_relayed else "between"
@@ -76,17 +74,13 @@ def with_place(call: Call, fact: Message) -> Message:
 
 
 def group_by_place(call: Call) -> str:
-    """Return a group key for the problem of a call, so that calls with different advice become different
-    findings.
-    """
+    """Return a group key, so that calls with different advice become different findings."""
     advice = advice_by_place(call)
     return "" if advice is None else advice.id
 
 
 def advice_by_place(call: Call) -> Message | None:
-    """Return the advice for a call that was captured at two places; None if the rule's usual advice
-    applies.
-    """
+    """Return the advice for a call that was captured at two places; None for the rule's usual advice."""
     lost = call.lost_between
     if lost:
         return Message("rule.advice.in-proxy" if lost[0].is_relayed else "rule.advice.between")

@@ -18,12 +18,9 @@ class RefusalReason(NamedTuple):
     """What the traffic shows about the reason for a refusal.
 
     Attributes:
-        text: Message that explains the refusal; it becomes `reason` in the message `finding.refused.because`;
-            None if no reason is known.
-        fact: Message that is used instead of `finding.refused` or `finding.refused.because`; None to use one
-            of these two.
-        clause: Message that is used instead of `clause.refused` if the refusal is a consequence; None to use
-            `clause.refused`.
+        text: Value of `reason` in the message `finding.refused.because`; None if no reason is known.
+        fact: Message instead of `finding.refused` or `finding.refused.because`; None for one of these two.
+        clause: Message instead of `clause.refused`; None for `clause.refused`.
     """
 
     text: Message | None = None
@@ -48,7 +45,6 @@ def reason_from_call(id: str, earlier: Call, **places: PlaceValue) -> RefusalRea
 
 
 def reason_from_failure(topic: str, failed: Call, **places: PlaceValue) -> RefusalReason:
-    """Return the reason for a refusal: an earlier call was refused or not answered."""
     return reason_from_call(f"reason.{topic}.{failure_case(failed)}", failed, **places)
 
 

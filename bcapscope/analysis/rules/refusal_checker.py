@@ -78,7 +78,6 @@ class RefusalChecker(RuleChecker):
 
 
 def _impact(rule: DiagnosisRule, call: Call, client: ClientState) -> RobotImpact:
-    """Return how a refusal affects the motion of the robot."""
     code, command = call.hresult or 0, call.kind.folded_command
     moves = call.kind.function_id in MOTION_FUNCTIONS or command in MOTION_COMMANDS
     if rule is slave_mode_rules.REFUSED_IN_SLAVE_MODE:
@@ -94,9 +93,7 @@ def _impact(rule: DiagnosisRule, call: Call, client: ClientState) -> RobotImpact
 
 
 def _error_to_clear(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the call number of the error that a refused ClearError call should have cleared. The cause of
-    this error is often also the reason why the controller refuses ClearError.
-    """
+    """Return the error that a refused ClearError should have cleared; both often have the same cause."""
     error = client.uncleared_error
     return (error.number,) if error is not None and call.kind.folded_command == "clearerror" else ()
 

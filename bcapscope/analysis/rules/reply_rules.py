@@ -49,14 +49,11 @@ _MAX_STRAYS = 64
 
 @dataclass(slots=True)
 class _Pending:
-    """Calls and replies of one client. The checker can judge them only when it knows the client's later
-    traffic.
+    """Calls and replies of one client that the checker can judge only by the client's later traffic.
 
     Attributes:
-        given_up: The latest call that got no reply; the client has given this call up, or the client program
-            has stopped.
-        strays: Replies without a captured request; either the capture lacks the requests, or the client never
-            sent them.
+        given_up: The latest call that got no reply; the client gave it up, or the client program has stopped.
+        strays: Replies without a captured request, which the client may have sent before the capture.
     """
 
     given_up: Call | None = None
@@ -231,9 +228,7 @@ class _Grouping(TypedDict, total=False):
 
 
 def _grouped_by_place(call: Call) -> _Grouping:
-    """Return arguments for `report_call`. With these arguments, calls that were captured at two places get a
-    finding and advice of their own.
-    """
+    """Return arguments for `report_call`, so that calls captured at two places get a finding of their own."""
     advice = advice_by_place(call)
     return {} if advice is None else {"group_key": group_by_place(call), "advice": advice}
 
@@ -332,9 +327,7 @@ def _waited_for_room(call: Call, client: ClientState) -> bool:
 
 
 class _AttemptIndex:
-    """Finds an attempt of a call by its serial and a time. Searches stay fast even for thousands of attempts
-    and replies.
-    """
+    """Finds an attempt of a call by serial and time; fast even for thousands of attempts and replies."""
 
     def __init__(self, call: Call) -> None:
         self._call = call
@@ -344,16 +337,12 @@ class _AttemptIndex:
             self._by_serial.setdefault(each.item.serial, []).append(each)
 
     def answered_by(self, reply: FrameObservation) -> FrameObservation:
-        """Return the attempt that a reply answers: the latest attempt with the same serial that was sent
-        before the reply.
-        """
+        """Return the attempt that a reply answers: the latest earlier attempt with the same serial."""
         sent = [each for each in self._by_serial.get(reply.item.serial, ()) if each.time <= reply.time]
         return sent[-1] if sent else self._call.request
 
     def given_up_at(self, reply: FrameObservation) -> int:
-        """Return the time when the client gave up the attempt that `reply` answers, ns since 1970; 0 if the
-        client had not given it up.
-        """
+        """Return when the client gave up the answered attempt, ns since 1970; 0 if it had not."""
         sent_at, abandoned_at = self.answered_by(reply).time, self._call.abandoned_at
         after = bisect_right(self._times, sent_at)
         if after < len(self._times) and self._times[after] <= reply.time:

@@ -141,9 +141,7 @@ def _explain_argument(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _argument_mismatch(call: Call) -> Message | None:
-    """Return a message about a wrong number of arguments, or about the first argument with a wrong type; None
-    if all arguments fit.
-    """
+    """Return what is wrong with the number or the types of the arguments; None if they fit."""
     function, arguments = FUNCTIONS.get(call.kind.function_id), call.request.item.arguments
     if function is None:
         return Message("reason.no-function", function=call.kind.function_id)

@@ -20,9 +20,7 @@ MS = 1_000_000
 
 
 class RobotImpact(IntEnum):
-    """How a problem affects the motion of the robot. The members are sorted; the gravest effect comes
-    first.
-    """
+    """How a problem affects the motion of the robot, the gravest effect first."""
 
     STOPPED = 0
     """The problem ended slave mode or a motion."""
@@ -37,25 +35,18 @@ class Occurrence:
 
     Attributes:
         began: Time when the problem began, ns since 1970.
-        completed: Time when the problem ended, ns since 1970; the delay of a consequence is measured from
-            this time.
-        frames: Numbers of the frames that prove the problem.
+        completed: Time when the problem ended, ns since 1970; the delay of a consequence is measured from it.
         fact: Sentence that says what happened: the message `finding.<rule>` or `finding.<rule>.<case>`.
         clause: Message `clause.<rule>`, which names the problem as a consequence in another finding's
             sentence; None if no sentence names the problem.
         call: Number of the call that has the problem; 0 if it is not a problem of a call.
-        explaining_calls: Numbers of other calls; a problem in one of them is the likeliest cause of this
-            problem.
+        explaining_calls: Calls in which a problem is the likeliest cause of this problem.
         group_key: Occurrences of one rule with different group keys become different findings.
         advice: What the reader can do in this case; None for the usual advice of the rule.
         count: How often the problem occurred; more than 1 if this object represents several occurrences.
-        is_update: True if this occurrence replaces the occurrence that was reported earlier for the same rule
-            and call.
-        selected: True if the problem concerns selected calls; False if it is reported only as the cause of
-            another problem.
-        explains: Numbers of calls; the problems of these calls certainly follow from this problem. A rule
-            uses this attribute if it finds a cause after the consequences were reported.
-        impact: Effect of the problem on the motion of the robot.
+        is_update: Whether this occurrence replaces the earlier occurrence of the same rule and call.
+        selected: False if the problem is reported only as the cause of a problem in selected calls.
+        explains: Calls whose problems certainly follow from this problem, which a rule found after them.
     """
 
     rule: DiagnosisRule
@@ -82,7 +73,6 @@ class ClientEnd(NamedTuple):
     Attributes:
         ended_at: Time when the traffic ended, ns since 1970, or time when the client was dropped from memory.
         known_present: True if it is known that the client is still connected, although it sends nothing.
-        silent_session: Latest slave-mode session that ended because the client stopped sending set points.
     """
 
     client: ClientState
@@ -109,10 +99,8 @@ class RuleChecker:
     """Checks one rule, or a few rules that need the same data, in one pass and in bounded memory.
 
     A subclass overrides the methods for the events that it needs. Methods that return problems (`Occurrence`)
-    must not change the checker, because bcapscope also calls them while live traffic continues.
-
-    Attributes:
-        by_client: Data that the checker keeps for each client, until the client is dropped from memory.
+    must not change the checker, because bcapscope also calls them while live traffic continues. `by_client`
+    holds data about each client until the client is dropped from memory.
     """
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
@@ -135,11 +123,8 @@ class RuleChecker:
         advice: Message | None = None,
         impact: RobotImpact = RobotImpact.NONE,
     ) -> None:
-        """Report a problem of a call. Unless you give `began` and `completed`, the problem lasts from the
-        call's request to its last frame.
-
-        The frames of `call` and of `evidence_call` prove the problem. The class `Occurrence` describes the
-        other arguments.
+        """Report a problem of a call, which lasts by default from the call's request to its last frame. The
+        frames of `call` and of `evidence_call` prove the problem.
         """
         self.report_occurrence(
             Occurrence(
@@ -171,9 +156,7 @@ class RuleChecker:
         """Check a large frame, a frame with problems, or bytes that are not a frame."""
 
     def on_new_flow(self, observation: Observation) -> None:
-        """Check the first observation of a flow (one direction of a conversation). The observation is a
-        frame, or bytes that are not a frame.
-        """
+        """Check the first observation of a flow (one direction of a conversation)."""
 
     def on_stray_reply(self, stray: StrayReply) -> None:
         """Check a reply that belongs to no known call."""
@@ -199,12 +182,10 @@ def frame_numbers(*calls: Call | None) -> tuple[int, ...]:
 
 
 def call_observations(call: Call) -> tuple[FrameObservation, ...]:
-    """Return the observations of all frames of a call, in capture order."""
     if call.other_frames:
         return tuple(event.observation for event in call.frames)
     return (call.request,) if call.reply is None else (call.request, call.reply)
 
 
 def last_frame_time(call: Call) -> int:
-    """Return the time of the last frame of a call, ns since 1970."""
     return call.last_activity if call.reply is None else max(call.last_activity, call.reply.time)

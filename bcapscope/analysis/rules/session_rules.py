@@ -312,23 +312,18 @@ def _busy_with(running: Call, call: Call, id: str) -> RefusalReason:
 
 
 def _share_call_slot(one: Call, other: Call) -> bool:
-    """Return whether two calls of different clients can delay each other. Calls over different TCP
-    connections cannot delay each other.
-    """
+    """Return whether calls of two clients can delay each other, as over UDP. Over TCP, they cannot."""
     ends = one.conversation, other.conversation
     return all(each.transport is Transport.UDP for each in ends) and ends[0].server == ends[1].server
 
 
 def _running_call(client: ClientState, call: Call) -> Call | None:
-    """Return the client's latest slow call. Return None if the controller cannot have been executing this
-    slow call when `call` was sent.
-    """
+    """Return the client's latest slow call, if the controller may still have executed it at `call`."""
     slow = client.slow_call
     return slow if slow is not None and _may_have_run(slow, call) else None
 
 
 def _may_have_run(earlier: Call, call: Call) -> bool:
-    """Return whether the controller may have been executing `earlier` when `call` was sent."""
     begun = earlier.request.time <= call.request.time
     return begun and (earlier.reply is None or earlier.reply.time > call.request.time)
 

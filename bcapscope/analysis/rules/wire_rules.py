@@ -108,10 +108,8 @@ class WireChecker(RuleChecker):
             self.report_call(DUPLICATE_FRAMES, call, fact)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Report that a capture contains the replies of a conversation, but not its requests.
-
-        If the capture holds only a single reply or a few notices, report nothing: the capture may have begun
-        in the middle of a call.
+        """Report that a capture holds the replies of a conversation, but not its requests. A few replies are
+        not enough, because the capture may have begun in the middle of a call.
         """
         reply, conversation = stray.observation, stray.observation.flow.conversation
         if reply.item.code == S_EXECUTING or self._directions.get(conversation) != {Direction.RESPONSE}:
@@ -143,7 +141,7 @@ class WireChecker(RuleChecker):
     def _is_incomplete(
         self, observation: Observation | FrameObservation, problems: tuple[Problem, ...]
     ) -> bool:
-        """Return whether bytes of a TCP stream look damaged only because the neighbouring bytes were not
+        """Return whether bytes of a TCP stream look damaged only because neighbouring bytes were not
         captured.
         """
         since = observation.time - self._resync_since.pop(observation.flow, -_RESYNC_WITHIN_NS)
@@ -226,7 +224,6 @@ def _is_cut_by_closing(observation: Observation | FrameObservation, problems: Se
 
 
 def _problem_message(problems: Sequence[Problem]) -> Message | str:
-    """Return one message that names the first of these problems."""
     *firsts, text = [problem.reason for problem in problems[:_MAX_PROBLEMS_NAMED]]
     more = len(problems) - _MAX_PROBLEMS_NAMED
     message: Message | str = text

@@ -23,11 +23,10 @@ the axis moves too little for an estimate.
 
 
 class AxisLag:
-    """Finds the lag at which the returned poses match the commanded poses best.
+    """Estimates the lag at which the returned poses match the commanded poses best.
 
-    The lag is an estimate. The lag includes the time in the controller's buffer, the servo lag, and the age
-    of the reported pose. To find fractions of a cycle, `AxisLag` fits a parabola to the errors of the best
-    lag and its two neighbours.
+    The lag includes the time in the controller's buffer, the servo lag, and the age of the reported pose. To
+    find fractions of a cycle, a parabola is fitted to the errors of the best lag and its two neighbours.
     """
 
     def __init__(self, axes: int) -> None:
@@ -35,9 +34,7 @@ class AxisLag:
         self._commanded = np.empty((0, axes))
 
     def add(self, commanded: Floats, returned: Floats, answered: Bools) -> None:
-        """Add successive set points with their returned poses; `answered` shows which set points have a
-        returned pose.
-        """
+        """Add successive set points; `answered` shows which of them have a returned pose."""
         history = np.vstack((self._commanded, commanded))
         first = len(self._commanded)
         # Skip the first set points of the session: they have too few set points before them.

@@ -118,9 +118,8 @@ class BufferFacts:
 
 
 def slack_ms(slots: int) -> float:
-    """Return the time in ms for which a full buffer lasts without a new set point. A buffer lasts one period
-    per slot, but at least two periods. Even a buffer with a single slot lasts two periods, because the slot
-    is refilled while the controller executes the previous set point.
+    """Return the time in ms for which a full buffer lasts without a new set point: one period per slot, but
+    at least two, because a single slot is refilled while the controller executes the previous set point.
     """
     return float(max(slots, 2) * PERIOD_MS)
 
@@ -151,7 +150,6 @@ class BufferModel:
     """Predicts how many set points the buffer held when each set point arrived. Add set points in order."""
 
     def __init__(self, behaviour: BufferBehaviour, origin: int) -> None:
-        """Create a model. The times of all set points are relative to `origin`, which is in ns since 1970."""
         self._behaviour = behaviour
         self._origin = origin
         self._capacity_ns = behaviour.slots * _PERIOD
@@ -178,13 +176,12 @@ class BufferModel:
         """Add one or more set points.
 
         Args:
-            moving: For each set point, 1 if the robot was moving before it, 0 if the robot stood still, -1 if
-                this is unknown.
+            moving: For each set point, 1 if the robot was moving before it, 0 if it stood still, -1 if this is
+                unknown.
 
         Returns:
-            For each set point, the time in ns from its arrival until the buffer would have been empty. A
-                negative time means that the buffer was already empty; for the very first set point, the value
-                is 0.
+            For each set point, the time in ns from its arrival until the buffer would have been empty; negative
+                if it was already empty, and 0 for the very first set point.
         """
         if not self._last_frame:
             self._empty_at = int(rows.arrivals[0])
@@ -199,11 +196,11 @@ class BufferModel:
         return slacks
 
     def _add_at_once(self, rows: SetPointTable, in_buffer_by: NDArray[np.int64]) -> NDArray[np.int64] | None:
-        """Add several set points in one step, which is faster than one by one. If a set point is late,
-        refused or beyond the capacity of the buffer, change nothing and return None.
+        """Add several set points in one step, which is faster than one by one. If one is late, refused or
+        beyond the capacity of the buffer, change nothing and return None.
 
-        Each set point makes the buffer last one period longer, up to the capacity of the buffer. A running
-        minimum over all set points gives the time until which the buffer lasts.
+        Each set point makes the buffer last one period longer, up to its capacity. A running minimum over all
+        set points gives the time until which the buffer lasts.
         """
         periods = np.arange(len(in_buffer_by) + 1) * _PERIOD
         latest = in_buffer_by + self._capacity_ns
@@ -260,9 +257,7 @@ class BufferModel:
         return empty_at + missing * _PERIOD
 
     def _apply_result_code(self, rows: SetPointTable, index: int, empty_at: int) -> int:
-        """Use the result code of a reply to correct the model; return the time when the buffer will be
-        empty.
-        """
+        """Correct the model by the result code of a reply; return the time when the buffer will be empty."""
         code, reply = int(rows.codes[index]), int(rows.reply_frames[index])
         if code == S_BUF_FULL:
             _append_bounded(self._full_frames, reply)
@@ -281,9 +276,7 @@ class BufferModel:
         _append_bounded(self._overflows, frame)
 
     def _update_levels(self, slacks: NDArray[np.int64], frames: NDArray[np.int64]) -> None:
-        """Update the buffer levels and the smallest slack. The very first set point of the session does not
-        count.
-        """
+        """Update the levels and the smallest slack, in which the very first set point does not count."""
         first = 0 if self._last_frame else 1
         found = slacks[first:]
         self._last_frame = int(frames[-1])

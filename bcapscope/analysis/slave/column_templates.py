@@ -50,9 +50,7 @@ class PoseColumns:
 
 
 class _ColumnTemplate:
-    """Bytes of a typical frame, with the positions of the bytes that may differ in similar frames, of the
-    pose and of the time stamp.
-    """
+    """Bytes of a typical frame, and the positions of its variable bytes, its pose and its time stamp."""
 
     def __init__(self, raw: bytes, form: FrameTemplate, pose: Sequence[int], stamp: int | None) -> None:
         places = list(_number_positions(form.spans))
@@ -70,16 +68,12 @@ class _ColumnTemplate:
         self._stamp = None if stamp is None else str(stamp)
 
     def matching_rows(self, data: NDArray[np.uint8]) -> Bools | None:
-        """Return, for each frame in the rows of `data`, whether it matches this template; None if all frames
-        match.
-        """
+        """Return which frames in the rows of `data` match this template; None if all of them match."""
         off = (data ^ self._template) & self._mask
         return ~np.logical_or.reduce(off != 0, axis=1) if off.any() else None
 
     def read(self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: PoseColumns) -> None:
-        """Copy the pose and time stamp of each frame in `data` to the rows `rows` of `columns`. Each frame in
-        `data` must match this template.
-        """
+        """Copy the pose and time stamp of each frame in `data`, which must match this template, to `rows`."""
         records = np.ascontiguousarray(data).view(self._fields)[:, 0]
         if len(self._pose) >= columns.poses.shape[1]:
             columns.has_pose[rows] = True
@@ -93,14 +87,11 @@ class ColumnReader:
     """Reads poses and time stamps from the frames of one direction of a slave-mode session."""
 
     def __init__(self, argument: int, pick: Callable[[Variant], PickedNumbers]) -> None:
-        """Create a reader.
+        """Create a reader of one argument.
 
-        Args:
-            argument: Index of the argument that holds the numbers.
-            pick: Function that returns the pose and the time stamp in an argument; it returns () for a
-                missing pose, and None for a missing time stamp. To learn a template, the reader replaces each
-                number of an argument by its index, and calls `pick` with this argument. The function must
-                therefore not depend on the values of the numbers.
+        `pick` returns the pose and the time stamp in the argument; () for a missing pose, and None for a
+        missing time stamp. To learn a template, the reader calls `pick` with an argument in which each number
+        is replaced by its index. Therefore `pick` must not depend on the values of the numbers.
         """
         self._argument = argument
         self._pick = pick
@@ -108,9 +99,7 @@ class ColumnReader:
         self._template_count = 0
 
     def read(self, bodies: FrameBytes, count: int, axes: int) -> PoseColumns:
-        """For each of the first `count` frames, return the time stamp and the first `axes` numbers of the
-        pose. Every frame must have a complete header.
-        """
+        """Read the pose (`axes` numbers) and the time stamp of `count` frames, which have complete headers."""
         columns = PoseColumns(count, axes)
         rows = np.arange(count)
         if bodies.size:
@@ -148,8 +137,7 @@ class ColumnReader:
             index += 1
 
     def _add_template(self, raw: bytes, templates: list[_ColumnTemplate]) -> bool:
-        """Learn a template from a frame; return False if the frame has problems or there are too many
-        templates."""
+        """Learn a template; return False if the frame has problems or there are too many templates."""
         if self._template_count >= MAX_TEMPLATES:
             return False
         content = FrameContent(raw)
@@ -167,9 +155,7 @@ class ColumnReader:
         return True
 
     def _locate_numbers(self, raw: bytes, form: FrameTemplate) -> PickedNumbers:
-        """Return the indexes of the pose's numbers and of the time stamp. In the argument for the picker,
-        each number is replaced by its index, so the picker returns indexes.
-        """
+        """Return the indexes of the pose's numbers and of the time stamp among all numbers of the frame."""
         arguments, places = form.prototype, tuple(_number_positions(form.spans))
         if sum(number_counts(arguments)) != len(places) or self._argument >= len(arguments):
             return (), None
@@ -206,9 +192,7 @@ _NUMPY_CODES = {
 
 
 def _number_positions(spans: Sequence[NumberSpan]) -> Iterator[tuple[int, str]]:
-    """Yield the offset in the frame and the format of each number. The data of a VT_UI1 array counts as one
-    number.
-    """
+    """Yield the offset and the format of each number. The data of a VT_UI1 array counts as one number."""
     for start, code, repeat in spans:
         if code == "s":
             yield start, f"{repeat}s"

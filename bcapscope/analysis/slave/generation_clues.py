@@ -67,9 +67,7 @@ def stronger_clue(known: GenerationClue, found: GenerationClue) -> GenerationClu
 
 
 def clue_of_set_point(parameter: Variant) -> GenerationClue:
-    """Return what the number type of a set point shows about the controller's generation. RC8 and later
-    generations take double precision, RC7 takes single precision.
-    """
+    """Return the clue in the number type of a set point: RC8 and later take double precision, RC7 single."""
     value = parameter.value
     if parameter.vt == ARRAY | VT.VARIANT and isinstance(value, tuple) and value:
         first = value[0]
@@ -84,9 +82,7 @@ def clue_of_set_point(parameter: Variant) -> GenerationClue:
 
 
 def clue_of_call(call: Call) -> GenerationClue:
-    """Return what a successful call shows about the controller's generation; `NO_CLUE` for most calls. The
-    call must not be a set point.
-    """
+    """Return the clue in a successful call other than a set point; `NO_CLUE` for most calls."""
     if call.reply is None or is_failure(call.reply.item.code):
         return NO_CLUE
     function_id, command = call.kind

@@ -37,16 +37,10 @@ class SlaveSessionBuilder:
     """Builds the facts of a slave-mode session, even while the session continues.
 
     Attributes:
-        key: Conversation and robot handle of the client that sends the set points. Until the first set point
-            arrives, they are those of the client that entered slave mode.
-        mode: Number of the slave mode, and how this number is known.
-        entry_call: The slvChangeMode call that began the session; None if the call was not captured.
-        position: Position of the robot before the first set point; None if unknown.
+        key: Conversation and robot handle of the client that sends the set points; until the first set point
+            arrives, of the client that entered slave mode.
         entered_at: Time of the reply to `entry_call`, ns since 1970.
-        models: Models that have processed the session's set points; None before the first set point is
-            processed.
-        error_exit: End of the session, if an error ended it; None if no error occurred, or if a later set
-            point was accepted.
+        error_exit: End of the session, if an error ended it and no later set point was accepted.
         after_end: Number of set points that were refused or unanswered because the session had ended.
         last_accepted: Time when the latest accepted set point was first sent, ns since 1970; None if no
             processed set point was accepted.
@@ -95,9 +89,9 @@ class SlaveSessionBuilder:
 
     @property
     def last_activity(self) -> int:
-        """Time of the reply to the latest set point, in ns since 1970; if there is no reply, the time of the
-        set point's request; 0 if unknown. The result is at least `entered_at`: a client that does not wait
-        for the reply to slvChangeMode can send set points before `entered_at`.
+        """Time of the latest reply or, without a reply, of the latest set point, ns since 1970; 0 if unknown.
+        It is at least `entered_at`, because a client that does not wait for the reply to slvChangeMode can
+        send set points earlier.
         """
         last = max(self.batch[-1].time, self.batch[-1].reply_time) if self.batch else self._last_activity
         return max(last, self.entered_at or 0)
@@ -111,15 +105,13 @@ class SlaveSessionBuilder:
         return self.batch[0].time if self.batch else ended_at
 
     def process_batch(self, slave_setup: SlaveSetup) -> None:
-        """Process the set points that wait in the batch. `slave_setup` is used only for the first batch of
-        the session.
-        """
+        """Process the waiting set points. Only the first batch of the session uses `slave_setup`."""
         if self.batch:
             self._process(self.batch, slave_setup)
             self.batch.clear()
 
     def processed(self, slave_setup: SlaveSetup) -> SlaveSessionBuilder:
-        """Return a copy of this builder. The copy has processed the set points in the batch."""
+        """Return a copy of this builder that has processed the set points in the batch."""
         if not self.batch:
             return self
         processed = copy.copy(self)
@@ -151,9 +143,7 @@ class SlaveSessionBuilder:
     def session(
         self, exit_: SessionExit, slave_setup: SlaveSetup, other_calls: tuple[CallFact, ...]
     ) -> SlaveSession:
-        """Return the slave-mode session with the end `exit_`. The session does not include set points that
-        wait to be processed.
-        """
+        """Return the session with the end `exit_`, without the set points that wait to be processed."""
         models = self.models or SessionModels(
             self.conversation.transport, slave_setup, SetPointBatch(), self._window
         )
@@ -190,10 +180,8 @@ class SetPointChunk(NamedTuple):
     """Successive set points of one slave-mode session, including refused set points.
 
     Attributes:
-        models: Models of the slave-mode session, which have already processed these set points.
-        commanded: Poses in the requests, one row per set point.
-        returned: Poses and time stamps in the replies, one row per set point; the poses have the same type as
-            in the requests.
+        models: Models of the session, which have already processed these set points.
+        returned: Poses and time stamps in the replies; the poses have the same type as in the requests.
     """
 
     builder: SlaveSessionBuilder

@@ -72,7 +72,6 @@ class SlaveSetup(NamedTuple):
 
 
 def known_mode(slave_setup: SlaveSetup, pose_type: PoseType | None) -> KnownMode:
-    """Return the slave mode and, if known, its meaning on this controller."""
     value, generation = slave_setup.mode_value, slave_setup.generation_clue.generation
     meaning = None if value is None else slave_mode_by_number(value, generation or Generation.RC8)
     return KnownMode(
@@ -174,9 +173,7 @@ class SessionModels:
         return self._slicer.slices()
 
     def _uncaptured(self, rows: SetPointTable, batch: SetPointBatch) -> NDArray[np.int64]:
-        """For each set point, count the attempts just before it that were not captured. Skipped serials show
-        these attempts.
-        """
+        """Count the attempts before each set point that were not captured, as skipped serials show."""
         serials = batch.requests.serials(len(batch))
         last_serial, last_retries = self._last_sent
         before = np.concatenate(((last_serial,), serials[:-1]))
@@ -188,11 +185,11 @@ class SessionModels:
         return np.where((before >= 0) & (skipped > 0) & (skipped <= _MOST_UNCAPTURED), skipped, 0)
 
     def _steps(self, commanded: PoseColumns) -> NDArray[np.int64]:
-        """For each set point, return 1 if the robot moves to it, 0 if the robot stands still, and -1 if this
-        is unknown.
+        """For each set point, return 1 if the robot moves to it, 0 if the robot stands still, and -1 if
+        unknown.
 
         The first value belongs to the last set point before `commanded`. A step that is tiny compared with
-        the largest step so far does not count as motion, because a smooth motion ends with tiny steps.
+        the largest step so far does not count, because a smooth motion ends with tiny steps.
         """
         points = np.vstack((self._last_poses, commanded.poses))
         known = ~np.isnan(points).any(axis=1)

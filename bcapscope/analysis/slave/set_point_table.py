@@ -49,17 +49,13 @@ class SetPointTable:
 
     @property
     def latencies(self) -> Floats:
-        """For each set point, the time from the first request to the reply, in ms; infinity if no reply was
-        captured.
-        """
+        """Time from the first request to the reply of each set point, ms; infinity without a reply."""
         taken: Floats = (self.replies - self.times) / 1e6
         taken[~self.answered] = np.inf
         return taken
 
     def fact(self, row: int, cycles: Floats) -> SetPointFact:
-        """Return the facts about one set point. `cycles` has the cycle times in ms; the cycle time of the
-        very first set point is NaN.
-        """
+        """Return the facts about one set point. `cycles` has the cycle times in ms; NaN for the first one."""
         answered, cycle = bool(self.answered[row]), float(cycles[row])
         return SetPointFact(
             call=self.calls[row],
@@ -73,9 +69,7 @@ class SetPointTable:
 
 
 def table_of(batch: SetPointBatch, origin: int) -> SetPointTable:
-    """Return the columns of a batch, with times relative to `origin`. The batch must contain at least one set
-    point.
-    """
+    """Return the columns of a batch, which must not be empty, with times relative to `origin`."""
     calls, frames, times, reply_frames, replied = batch.columns()
     count = len(calls)
     rows = SetPointTable(

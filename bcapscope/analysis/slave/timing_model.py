@@ -161,9 +161,7 @@ class TimingModel:
         self._gaps: list[SetPointFact] = []
 
     def add(self, rows: SetPointTable) -> Floats:
-        """Add set points. For each of them, return the time in ms since the previous set point; NaN for the
-        very first set point.
-        """
+        """Add set points. Return the cycle time in ms before each of them; NaN for the very first."""
         cycles = np.diff(rows.times, prepend=self._last) / 1e6
         if self._first is None:
             self._first = int(rows.times[0])

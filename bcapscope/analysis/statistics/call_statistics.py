@@ -124,8 +124,8 @@ class Statistics:
 
 
 class _CallTally:
-    """Counts calls of one kind. For speed, plain successes (nearly all calls) are first collected and then
-    counted together.
+    """Counts calls of one kind. For speed, plain successes (nearly all calls) are collected and counted
+    together.
     """
 
     def __init__(self) -> None:
@@ -168,7 +168,6 @@ class _CallTally:
             self.codes[code] += 1
 
     def flush(self) -> None:
-        """Count the plain successes collected so far, and move all latencies to the histogram."""
         self.calls += len(self.smooth_latencies)
         self.outcomes[Outcome.ANSWERED] += len(self.smooth_latencies)
         latencies = self.smooth_latencies + self.other_latencies
@@ -177,7 +176,7 @@ class _CallTally:
         self.smooth_latencies, self.other_latencies = [], []
 
     def merge(self, other: _CallTally) -> None:
-        """Flush `other`, then add its counts to this tally."""
+        """Add the counts of `other`, which must be flushed."""
         for name in ("calls", "retries", "retried", "late", "executing", "request_bytes", "waited"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.outcomes.update(other.outcomes)
@@ -209,14 +208,9 @@ class _CallTally:
 
 
 class StatisticsBuilder(PipelineSubscriber):
-    """Counts completed calls. The memory for the counts grows with the number of call kinds, not with the
-    number of calls.
-    """
+    """Counts completed calls. The memory grows with the number of call kinds, not of calls."""
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
-        """Create a builder that counts the calls for which `is_selected` returns True. By default, it counts
-        all calls.
-        """
         self._is_selected = is_selected
         self._tallies: dict[tuple[Conversation, CallKind], _CallTally] = {}
         self._conversation: Conversation | None = None
@@ -247,16 +241,11 @@ class StatisticsBuilder(PipelineSubscriber):
         places.add_call(call)
 
     def add_call(self, call: Call) -> None:
-        """Count a call if it is selected."""
         self.on_call(call, None)
 
     def statistics(self, start: int | None = None, end: int | None = None) -> Statistics | None:
-        """Return the figures so far; None if no call was counted.
-
-        Args:
-            start: Start of the period for rates and shares, ns since 1970; by default the time of the first
-                request.
-            end: End of the period, ns since 1970; by default the time of the last frame of a call.
+        """Return the figures so far, for the period from `start` to `end` (by default the time of the
+        captured calls), both in ns since 1970; None if no call was counted.
         """
         if self._start is None:
             return None

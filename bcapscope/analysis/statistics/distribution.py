@@ -71,9 +71,7 @@ class Histogram:
         return _summary(len(values), float(values.sum()), ends, points, drawn)
 
     def _binned_distribution(self, bins: bool) -> DistributionSummary:
-        """Count the pending values in bins, and return the resulting distribution. The histogram does not
-        change.
-        """
+        """Return the distribution with the pending values in bins. The histogram does not change."""
         whole = Histogram()
         whole.merge(self)
         whole._count_into_bins(whole._pending_values())
@@ -145,8 +143,7 @@ def _rank(share: int, count: int) -> int:
 
 
 def _bin_counts(values: Floats) -> tuple[int, NDArray[np.int64]]:
-    """Count values in bins; return the number of the first bin that is not empty, and the counts from that
-    bin on.
+    """Count values in bins; return the number of the first bin that is not empty, and the counts from it on.
 
     The upper bits of an IEEE 754 double (the exponent and the first bits of the mantissa) give the bin
     number.
