@@ -14,22 +14,16 @@ from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.traffic.call_kind import CallKind
 
 MAX_SESSIONS = 64
-"""Maximum number of slave-mode sessions that are compared. The comparison takes the first sessions of each
-capture.
-"""
+"""Maximum number of slave-mode sessions that are compared: the first ones of each capture."""
 
 FEWEST_SAMPLES = 8
 """A difference in speed is notable only if each capture has at least this many calls or cycles."""
 
 NOTABLE_RATIO = 1.5
-"""Smallest notable ratio of two times or two rates. Smaller ratios occur even between two captures of the
-same program.
-"""
+"""Smallest notable ratio of times or rates. Two captures of one program can differ by less."""
 
 NOTABLE_CYCLE = 1.1
-"""Smallest notable ratio of two median cycle times of set points. This limit is low because clients should
-keep the cycle time constant.
-"""
+"""Smallest notable ratio of median cycle times; low because clients should keep the cycle time constant."""
 
 NOTABLE_MS = 0.2
 """Smallest notable difference between two latencies, in ms. For comparison, the shortest timeout of a client
@@ -247,14 +241,10 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], .
 )
 
 _SPEEDS = ("latency_ms.p50", "latency_ms.p99", "latency_ms.max")
-"""Figures that are compared for each kind of call, but not for all calls together. For all calls together,
-these figures depend on which kinds of call the client made.
-"""
+"""Figures of each kind of call, but not of all calls: these depend on which kinds the client made."""
 
 _PACES = ("calls_per_s", "line_time_share")
-"""Figures that are not compared if there are only a few calls, because then they depend on the length of the
-capture.
-"""
+"""Figures that are not compared if there are few calls: they would depend on the length of the capture."""
 
 
 # Slave-mode sessions.

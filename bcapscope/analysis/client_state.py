@@ -27,9 +27,7 @@ from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeEffect
 
 MAX_HANDLES = 1024
-"""Maximum number of handles that are remembered for each client. DENSO's C server gives a client at most 1000
-handles (orin_bcap C/src/bCAPServer/bcap_server.c).
-"""
+"""Handles that are remembered for each client. DENSO's C server (bcap_server.c) gives it at most 1000."""
 
 MAX_CLOSED_CLIENTS = 32
 """Maximum number of clients that are remembered after their conversation ended; slave mode may be on."""
@@ -58,9 +56,7 @@ _FOLLOWED_COMMANDS = frozenset(("takearm", "givearm", "motor", "clearerror", "sl
 
 MOTION_FUNCTIONS = frozenset(ID[f"Robot_{name}"] for name in ("Drive", "GoHome", "Move", "Rotate"))
 MOTION_COMMANDS = frozenset(("approach", "depart", "driveaex", "driveex"))
-"""Names, in lower case, of commands that move the robot outside slave mode. `MOTION_FUNCTIONS` contains the
-functions that move the robot.
-"""
+"""Names, in lower case, of commands that move the robot outside slave mode."""
 
 
 class OpenedObject(NamedTuple):

@@ -32,14 +32,10 @@ from bcapscope.traffic.pipeline import PipelineSubscriber, overriding_methods
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange
 
 MAX_CALL_KINDS = 4096
-"""Maximum size of a cache. For each kind of call, this cache contains the checkers that need such calls. When
-the cache is full, it is emptied.
-"""
+"""Maximum number of kinds of call whose checkers are cached. When the cache is full, it is emptied."""
 
 MAX_FLOWS = 65536
-"""Maximum number of flows that are remembered to recognise a new flow. A flow is a conversation with a
-direction. When the set is full, it is emptied.
-"""
+"""Maximum number of flows that are remembered. When the set is full, it is emptied."""
 
 _CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 

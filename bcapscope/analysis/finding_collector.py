@@ -10,9 +10,7 @@ from bcapscope.analysis.finding_order import MAX_KEPT, FindingGroup, FindingOrde
 from bcapscope.analysis.rules.rule_checker import Occurrence
 
 MAX_FINDINGS = 16
-"""Maximum number of findings of one rule. When a rule has this many findings, further problems with a new
-group key are added to the rule's first finding.
-"""
+"""Maximum number of findings of one rule. Problems with a further group key join the rule's first finding."""
 
 MAX_CALLS = 256
 """The collector can look up the problems of at most this many calls by call number; it drops older calls."""

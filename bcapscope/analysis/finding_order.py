@@ -10,8 +10,7 @@ from bcapscope.analysis.rules.rule_checker import Occurrence, RobotImpact
 from bcapscope.analysis.rules.rule_table import DiagnosisRule
 
 MAX_KEPT = 32
-"""For one finding, at most this many first occurrences are kept, and at most this many last occurrences.
-"""
+"""Maximum number of first occurrences, and of last occurrences, that are kept for one finding."""
 
 
 class FindingGroup:

@@ -37,23 +37,17 @@ MAX_COUNTED = 65536
 """Maximum number of clients that are counted in addition to the clients with a timeline."""
 
 MAX_RETRY_CHAINS = 12
-"""The report shows every frame of at most this many calls. The report chooses the calls with the most
-retries. If calls have equally many retries, it chooses the slowest.
-"""
+"""Maximum number of calls that are shown frame by frame: those with the most retries, then the slowest."""
 
 LARGEST_RETRY_CHAIN = 2 << 20
-"""The report shows the retries of a call one by one if the call's frames have at most this many bytes. A
-larger call is only counted.
-"""
+"""Maximum size in bytes of the frames of a call whose retries are shown one by one."""
 
 MAX_DAMAGED = 20
-"""Maximum number of damaged frames that the report lists; it lists the first frames."""
 
 MAX_DAMAGED_BYTES = 24
-"""Maximum number of bytes that are kept from the start of a damaged frame."""
+"""Number of bytes that are kept from the start of a damaged frame."""
 
 MAX_SESSIONS = 256
-"""Maximum number of slave-mode sessions that are kept. Any further sessions are only counted."""
 
 
 class DamagedFrame(NamedTuple):

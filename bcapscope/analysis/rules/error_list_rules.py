@@ -59,9 +59,7 @@ _MAX_READS = 64
 _MAX_CLEARS = 16
 _MAX_CODES = 64
 _LARGEST_CALL = 8192
-"""Maximum total size in bytes of the frames of a call that is remembered; a real call has a few hundred
-bytes.
-"""
+"""Maximum size in bytes of the frames of a remembered call; a real call has a few hundred bytes."""
 
 
 class _ErrorRead(NamedTuple):
@@ -75,8 +73,8 @@ class _RefusedCalls:
     """The refused calls of one client since errors were last cleared.
 
     Attributes:
-        began: Earliest possible time of the error that caused the first refusal, ns since 1970. For a refused
-            set point, it is the time of the previous set point.
+        began: Earliest possible time of the error that caused the first refusal, ns since 1970. For a
+            refused set point, it is the time of the previous set point.
         reported: Errors that were reported as a cause: the call that read each error code.
     """
 

@@ -56,9 +56,7 @@ _TOKEN_CODES = with_rc7_forms(
 _LICENCE_CODES = (0x80000901, 0x8000020C, 0x83500009, 0x83500126)
 _RESET_CODES = (0x83500372, 0x81501069, 0x81501070)
 _SWITCHES_OFF = 4
-"""At this error level and above, the controller stops all axes and switches the motor off (public list of
-controller errors).
-"""
+"""From this error level on, the controller switches the motor off (public list of controller errors)."""
 _MOTOR_CODES = with_rc7_forms((0x81501003, 0x2006))
 _ARM_CODES = with_rc7_forms((E_ARM_NOT_TAKEN, 0x21F7))
 

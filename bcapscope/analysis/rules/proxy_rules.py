@@ -17,9 +17,7 @@ from bcapscope.traffic.joining.joined_observation import JoinedObservation
 INJECTED_FAULT = RULES["injected-fault"]
 
 _HELD_NS = 1_000_000
-"""If the proxy delayed a frame for at least this time in ns, a finding mentions the delay. Usually, the proxy
-forwards a frame in a fraction of this time.
-"""
+"""Shortest delay by the proxy that a finding mentions. Usually, forwarding takes a fraction of this time."""
 
 
 class ProxyChecker(RuleChecker):

@@ -33,9 +33,7 @@ REFUSALS: tuple[Refusal, ...] = (
     *request_rules.REFUSALS,
     *error_rules.REFUSALS,
 )
-"""All kinds of refusal. Specific kinds come before general kinds, and the last kind applies to every refused
-call.
-"""
+"""All kinds of refusal, specific kinds first. The last kind applies to every refused call."""
 
 
 _NEEDED_OBJECTS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.ROBOT)
@@ -45,9 +43,7 @@ _PREPARATIONS = frozenset(
         *("clearerror", "manualreset", "manualresetpreparation", "motionpreparation"),
     )
 )
-"""Calls that must succeed before the robot can move as the client wants. `ClientState.topic_of` returns these
-names.
-"""
+"""Calls that must succeed before the robot can move, as `ClientState.topic_of` names them."""
 
 
 class RefusalChecker(RuleChecker):

@@ -44,4 +44,3 @@ def _rule(row: dict[str, str]) -> DiagnosisRule:
 
 
 RULES = {row["id"]: _rule(row) for row in table_rows("rules", os.path.dirname(__file__))}
-"""All rules, by their ids."""

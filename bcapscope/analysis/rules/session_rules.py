@@ -49,8 +49,7 @@ and the controller was fast.
 _SILENT_NS = 10 * SECOND
 _REPLACED_AFTER_NS = 2 * SECOND
 _USUAL_PAUSES = 2
-"""A client counts as gone only after a silence of this many times its longest earlier pause.
-"""
+"""A client counts as gone only after a silence of this many times its longest earlier pause."""
 
 _SMALLEST_WDT_MS = 80
 
@@ -62,9 +61,7 @@ LONG_CALL_WITHOUT_WDT = RULES["long-call-without-wdt"]
 _OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
 
 _NOT_STARTED_CODES = (E_NOT_CONNECTED, E_HANDLE, E_FAIL, E_UNEXPECTED, E_ACCESSDENIED, 0x80000903)
-"""Result codes with which a controller may refuse a call because the client has not started a session. Every
-other code shows that the reason is not a missing session.
-"""
+"""Result codes that a controller may send if no session was started. Other codes have another reason."""
 
 
 class SessionChecker(RuleChecker):

@@ -43,7 +43,7 @@ SERVER_GUESSED = RULES["server-guessed"]
 DUPLICATE_FRAMES = RULES["duplicate-frames"]
 
 CHECKED_FROM_BYTES = 480
-"""The rule checks only frames of at least this size in bytes."""
+"""Smallest size in bytes of the frames that are checked for their size."""
 
 
 _MAX_FLOWS = 4096

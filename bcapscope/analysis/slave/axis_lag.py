@@ -12,14 +12,10 @@ MAX_CYCLES = 32
 """Largest lag in cycles that can be found. At a cycle time of 8 ms, it is a quarter of a second."""
 
 _ROWS_AT_ONCE = 256
-"""Maximum number of set points that each call of `add` compares. This number is enough for an estimate, and
-keeps `add` fast.
-"""
+"""Maximum number of set points that `add` compares: enough for an estimate, and fast."""
 
 _CLEAR = 4.0
-"""Minimum ratio of the squared error of the worst lag to the squared error of the best lag. Below this ratio,
-the axis moves too little for an estimate.
-"""
+"""Minimum ratio of the squared errors of the worst and the best lag. Below it, the axis moves too little."""
 
 
 class AxisLag:

@@ -38,8 +38,7 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, is_failure
 
 DEFAULT_SLOTS = 3
-"""Number of buffer slots if the mode is unknown. Most modes of current controllers have this number of slots.
-"""
+"""Number of buffer slots if the mode is unknown, as in most modes of current controllers."""
 
 _NS_PER_MS = 1_000_000
 _PERIOD = PERIOD_MS * _NS_PER_MS
@@ -176,12 +175,11 @@ class BufferModel:
         """Add one or more set points.
 
         Args:
-            moving: For each set point, 1 if the robot was moving before it, 0 if it stood still, -1 if this is
-                unknown.
+            moving: 1 if the robot was moving before the set point, 0 if it stood still, -1 if unknown.
 
         Returns:
-            For each set point, the time in ns from its arrival until the buffer would have been empty; negative
-                if it was already empty, and 0 for the very first set point.
+            For each set point, the time in ns from its arrival until the buffer would have been empty. The
+                time is negative if the buffer was already empty, and 0 for the very first set point.
         """
         if not self._last_frame:
             self._empty_at = int(rows.arrivals[0])

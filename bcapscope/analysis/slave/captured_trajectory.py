@@ -30,8 +30,6 @@ from bcapscope.traffic.pipeline import PipelineSubscriber
 from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 MAX_NOT_SELECTED = 64 * 2048
-"""Maximum number of remembered set points that the filter did not select.
-"""
 
 
 class LeftOutReason(StrEnum):

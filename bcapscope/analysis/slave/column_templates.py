@@ -23,14 +23,10 @@ from bcapscope.protocol.codec.frame_template import FrameTemplate, number_counts
 from bcapscope.protocol.codec.variant import Variant
 
 MAX_TEMPLATES = 16
-"""Maximum number of templates for each direction of a slave-mode session. Frames that match no template are
-read one by one.
-"""
+"""Maximum number of templates for each direction of a session. Other frames are read one by one."""
 
 MAX_NUMBERS = 256
-"""If a frame has more numbers than this, no template is used to read it; the frame of a set point has about
-twelve.
-"""
+"""Maximum count of numbers in a frame that becomes a template; a set point has about twelve."""
 
 PickedNumbers: TypeAlias = "tuple[Sequence[float], float | None]"
 """The numbers of a pose and a time stamp, or the indexes of these numbers among all numbers of the frame."""
@@ -99,7 +95,7 @@ class ColumnReader:
         self._template_count = 0
 
     def read(self, bodies: FrameBytes, count: int, axes: int) -> PoseColumns:
-        """Read the pose (`axes` numbers) and the time stamp of `count` frames, which have complete headers."""
+        """Read the pose (`axes` numbers) and the time stamp of `count` frames with complete headers."""
         columns = PoseColumns(count, axes)
         rows = np.arange(count)
         if bodies.size:

@@ -40,9 +40,7 @@ _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
 ENOUGH_TO_OBJECT = _FAIR
-"""If a clue is at least this strong, a set point whose number type belongs to another generation counts as
-unusual.
-"""
+"""Minimum strength of a clue to call the number type of a set point unusual."""
 
 # Source: the samples in orin_bcap. NetwoRC is ORiN's provider for RC7.
 # The provider is only a weak clue, because an RC7 accepts any provider name.

@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 from bcapscope.analysis.statistics.distribution import Floats
 
 MAX_SAMPLES = 2048
-"""Maximum number of samples of a slave-mode session. Even on a large screen, a plot is narrower than this
-number of pixels.
-"""
+"""Maximum number of samples of a slave-mode session: more than a plot has pixels in a row."""
 
 # Columns before the poses of a sample: time and frame of its first set point, number of set points, extremes.
 _TIME, _FRAME, _POINTS, _CYCLE_LEAST, _CYCLE_MOST, _LATENCY_MOST, _SLACK_LEAST = range(7)

@@ -17,9 +17,7 @@ from bcapscope.analysis.slave.slave_session import CallFact, FrameTime, SessionE
 from bcapscope.traffic.observation import Conversation
 
 BATCH_SIZE = 4096
-"""Maximum number of set points that are processed together. Larger batches need more than 2 MB of memory and
-are not faster.
-"""
+"""Set points that are processed together. Larger batches need more than 2 MB and are not faster."""
 
 _FAILURES = 0x80000000
 _I4_ARGUMENT, _I4_SIZE = b"\x0a\x00\x00\x00\x03\x00", 14
@@ -28,9 +26,7 @@ SessionKey: TypeAlias = "tuple[Conversation, bytes]"
 """The conversation of a client, and the robot's handle as the bytes that the client sends."""
 
 SetPointHandler: TypeAlias = "Callable[[SetPointChunk], None]"
-"""Function that receives the set points of all slave-mode sessions, up to `BATCH_SIZE` set points at a
-time.
-"""
+"""Function that receives the set points of all sessions, up to `BATCH_SIZE` at a time."""
 
 
 class SlaveSessionBuilder:

@@ -39,9 +39,7 @@ detector may still get the call of another client that ended the session.
 """
 
 SILENCE_NS = 1_000_000_000
-"""If a client sends no set point during this time (in ns) before the end of the capture, bcapscope assumes
-that the client has stopped.
-"""
+"""A client that sends no set point during this time before the end of the capture counts as stopped."""
 
 SUSPECT_WITHIN_NS = 2_000_000_000
 """Maximum time in ns from a failed call of any client until a reply shows that slave mode is off. An earlier
@@ -55,19 +53,13 @@ its path.
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
-"""A slave-mode session lists calls that are not set points, from `BEFORE_NS` ns before its start to
-`AFTER_NS` ns after its end.
-"""
+"""A session lists other calls from `BEFORE_NS` before its start to `AFTER_NS` after its end."""
 
 MAX_SESSIONS = 64
-"""Maximum number of open slave-mode sessions. Beyond this number, the detector ends the session that has been
-silent longest.
-"""
+"""Maximum number of open sessions. Beyond it, the detector ends the session that was silent longest."""
 
 MAX_HELD_BACK = 256
-"""Maximum number of ended slave-mode sessions that are held back. If there are more, the detector returns the
-oldest of these sessions without waiting longer.
-"""
+"""Maximum number of ended sessions that are held back. Beyond it, the oldest are returned at once."""
 
 MAX_CONTROLLERS = 64
 

@@ -38,9 +38,7 @@ from bcapscope.traffic.observation import Transport
 from bcapscope.traffic.slave_mode_tracker import execute_parameter
 
 MAX_CODES = 256
-"""Maximum number of different HRESULTs of refused set points that are counted separately. All further
-HRESULTs are counted together, as HRESULT 0.
-"""
+"""Maximum number of HRESULTs that are counted separately. All others count as HRESULT 0."""
 
 _PARAMETER = 2
 _RESULT = 0
@@ -48,12 +46,9 @@ _UNKNOWN = -1
 _STEP = 1
 _SERIALS = 1 << 16
 _MOST_UNCAPTURED = 1000
-"""If a client skips at most this many serials, they count as attempts that were not captured. If a client
-skips more serials, it evidently does not number its requests one by one.
-"""
+"""A client that skips more serials than this does not number its requests one by one."""
 _TINY_STEP = 0.02
-"""A step of an axis counts as motion only if it is larger than this share of the axis's largest step so far.
-"""
+"""A step counts as motion only if it is larger than this share of the axis's largest step so far."""
 
 
 class SlaveSetup(NamedTuple):

@@ -13,9 +13,7 @@ from bcapscope.analysis.statistics.distribution_summary import DistributionSumma
 from bcapscope.protocol.tables.hresult import is_failure
 
 MAX_SLICES = 10_000
-"""Maximum number of slices of one slave-mode session: nearly three hours in slices of one second. Further
-slices are counted, but not kept.
-"""
+"""Maximum number of kept slices: nearly three hours in slices of one second. Further ones are counted."""
 
 
 class SessionSlice(NamedTuple):

@@ -14,9 +14,7 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call import Call
 
 LARGE_FRAME = 2048
-"""A frame with more bytes than this is stored separately; the frame of a set point has about a tenth of this
-size.
-"""
+"""A frame with more bytes is stored separately; the frame of a set point has about a tenth of them."""
 
 LATEST_TIME = (1 << 62) - 1
 """Latest time that can be stored, in ns since 1970; it is in the year 2116. The difference of two times up to

@@ -18,9 +18,7 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, ModeKind, SlaveMode
 from bcapscope.traffic.observation import Transport
 
 FAST_GRID_MS = 1
-"""Recommended period in ms in modes where a new set point replaces the set point in the buffer (DENSO Wave
-2009, How to use the Slave mode).
-"""
+"""Recommended period in ms where a new set point replaces the waiting one (DENSO Wave 2009)."""
 
 FAST_BELOW_MS = 3.0
 """Limit in ms, about the geometric mean of 1 ms and 8 ms. A session whose median cycle time is shorter has a

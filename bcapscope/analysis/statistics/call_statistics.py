@@ -34,14 +34,10 @@ tracker keeps the call open for 180 s (`pairing_windows.EXECUTION_NS`).
 """
 
 OTHER_KINDS = CallKind(0, None)
-"""Stands for all kinds of call that are not counted separately, because `MAX_KINDS` was reached. No function
-has the id 0.
-"""
+"""All kinds of call beyond `MAX_KINDS`. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
-"""Represents all clients that appear after the statistics hold twice `MAX_KINDS` pairs of client and call
-kind.
-"""
+"""All clients beyond twice `MAX_KINDS` pairs of client and call kind."""
 
 _FLUSH_AT = 512
 _MILLISECOND = 1_000_000

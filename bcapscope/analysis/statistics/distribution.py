@@ -14,18 +14,13 @@ Floats: TypeAlias = "NDArray[np.float64]"
 Bools: TypeAlias = "NDArray[np.bool_]"
 
 EXACT_UP_TO = 8192
-"""Maximum number of values that a histogram keeps exactly. If there are more values, all are counted in
-bins.
-"""
+"""Maximum number of values that a histogram keeps exactly. More values are all counted in bins."""
 
 _PER_OCTAVE = 128
-"""Number of bins per power of two. Every value in a bin differs from the middle of the bin by less than
-0.4%."""
+"""Number of bins per power of two: each value differs from the middle of its bin by less than 0.4 %."""
 
 _LOWEST, _HIGHEST = -24, 40
-"""Exponents (base 2) of the smallest and the largest bin. Values in mm can be as small as 0.1 µm, and values
-in ms as large as tens of years.
-"""
+"""Exponents (base 2) of the smallest and largest bin: 0.1 µm in mm, and tens of years in ms."""
 
 _BINS = (_HIGHEST - _LOWEST) * _PER_OCTAVE
 
