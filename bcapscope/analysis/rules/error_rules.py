@@ -9,14 +9,17 @@ from collections.abc import Iterator
 from bcapscope.analysis.call_arguments import requested_motor_state
 from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, failure_case, reason_from_call
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
     ClientEnd,
     Occurrence,
+    Refusal,
+    RefusalReason,
     RuleChecker,
+    failure_case,
     frame_numbers,
     last_frame_time,
+    reason_from_call,
 )
 from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message

@@ -11,8 +11,7 @@ from itertools import pairwise
 from bcapscope.analysis.call_arguments import argument
 from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
-from bcapscope.analysis.rules.rule_checker import Occurrence, RuleChecker
+from bcapscope.analysis.rules.rule_checker import NO_REASON, Occurrence, Refusal, RefusalReason, RuleChecker
 from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.motion_model import Jump, MotionFacts
 from bcapscope.analysis.slave.slave_session import SlaveSession

@@ -5,12 +5,14 @@ from __future__ import annotations
 from bcapscope.analysis.call_arguments import result_of
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, failure_case
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
     Occurrence,
     OccurrenceSink,
+    Refusal,
+    RefusalReason,
     RuleChecker,
+    failure_case,
     frame_numbers,
     last_frame_time,
 )

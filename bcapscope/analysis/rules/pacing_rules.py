@@ -8,13 +8,14 @@ from itertools import pairwise
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     CallHealth,
     DiagnosisRule,
     Occurrence,
     OccurrenceSink,
+    Refusal,
+    RefusalReason,
     RuleChecker,
 )
 from bcapscope.analysis.rules.rule_table import RULES

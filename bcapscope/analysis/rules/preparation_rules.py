@@ -8,14 +8,17 @@ from bcapscope.analysis.call_arguments import argument, gets_robslave, requested
 from bcapscope.analysis.client_state import MOTION_FUNCTIONS, ClientState
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.error_rules import ACTIVE_CODES
-from bcapscope.analysis.rules.refusal import (
+from bcapscope.analysis.rules.rule_checker import (
+    MS,
     NO_REASON,
+    SECOND,
+    CallHealth,
     Refusal,
     RefusalReason,
+    RuleChecker,
     reason_from_call,
     reason_from_failure,
 )
-from bcapscope.analysis.rules.rule_checker import MS, SECOND, CallHealth, RuleChecker
 from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import ClientPlace, Duration, HexNumber, Moment, WireText

@@ -14,8 +14,7 @@ from bcapscope.analysis.rules import (
     session_rules,
     slave_mode_rules,
 )
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
-from bcapscope.analysis.rules.rule_checker import CallHealth, RobotImpact, RuleChecker
+from bcapscope.analysis.rules.rule_checker import CallHealth, Refusal, RefusalReason, RobotImpact, RuleChecker
 from bcapscope.analysis.rules.rule_table import DiagnosisRule
 from bcapscope.messages import Message
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass

@@ -5,8 +5,7 @@ from __future__ import annotations
 from bcapscope.analysis.call_arguments import argument
 from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_places
-from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
-from bcapscope.analysis.rules.rule_checker import CallHealth, RuleChecker
+from bcapscope.analysis.rules.rule_checker import NO_REASON, CallHealth, Refusal, RefusalReason, RuleChecker
 from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.generation_clues import ENOUGH_TO_OBJECT
 from bcapscope.messages import Message
@@ -95,32 +94,19 @@ def _explain_format(call: Call, client: ClientState) -> RefusalReason | None:
     found = parse_format_parameter(parameter)
     if found is None:
         return RefusalReason(Message("reason.format-type", type=vt_name(parameter.vt)))
-    parts = _send_parts(found.value) if name == "slvsendformat" else _receive_parts(found.value)
+    form = (SendFormat if name == "slvsendformat" else ReceiveFormat).parse(found.value)
+    parts = _format_parts(form)
     return RefusalReason(Message("reason.format", format=f"0x{found.value:03X}", parts=parts))
 
 
-def _send_parts(value: int) -> Listing:
-    form = SendFormat.parse(value)
-    named = (("hand-io", form.hand_io), ("mini-io", form.mini_io), ("user-io", form.user_io))
-    return _listing([Message(f"format.{part}") for part, there in named if there], form.other)
-
-
-def _receive_parts(value: int) -> Listing:
-    form = ReceiveFormat.parse(value)
-    named = (
-        ("timestamp", form.timestamp),
-        ("hand-io", form.hand_io),
-        ("current", form.current),
-        ("mini-io", form.mini_io),
-        ("user-io", form.user_io),
-    )
-    parts = [Message("format.pose", poses="+".join(form.poses))] if form.poses else []
-    return _listing(parts + [Message(f"format.{part}") for part, there in named if there], form.other)
-
-
-def _listing(parts: list[Message], other: int) -> Listing:
-    if other:
-        parts.append(Message("format.unknown", bits=f"0x{other & 0xFFFFFFFF:X}"))
+def _format_parts(form: SendFormat | ReceiveFormat) -> Listing:
+    poses = "+".join(form.poses) if isinstance(form, ReceiveFormat) else ""
+    parts = [Message("format.pose", poses=poses)] if poses else []
+    for part in ("timestamp", "hand-io", "current", "mini-io", "user-io"):
+        if getattr(form, part.replace("-", "_"), False):
+            parts.append(Message(f"format.{part}"))
+    if form.other:
+        parts.append(Message("format.unknown", bits=f"0x{form.other & 0xFFFFFFFF:X}"))
     return Listing(tuple(parts) or (Message("format.nothing"),))
 
 

@@ -8,15 +8,17 @@ from collections.abc import Iterator
 from bcapscope.analysis.call_arguments import text_argument
 from bcapscope.analysis.client_state import MOTION_FUNCTIONS, ClientState
 from bcapscope.analysis.finding_places import call_place, call_places, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, reason_from_call
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     CallHealth,
     ClientEnd,
     Occurrence,
+    Refusal,
+    RefusalReason,
     RobotImpact,
     RuleChecker,
     last_frame_time,
+    reason_from_call,
 )
 from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession

@@ -9,12 +9,14 @@ from collections.abc import Iterator
 from bcapscope.analysis.call_arguments import argument
 from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, reason_from_failure
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     Occurrence,
+    Refusal,
+    RefusalReason,
     RobotImpact,
     RuleChecker,
+    reason_from_failure,
 )
 from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.slave_session import CallFact, ExitReason, FrameTime, SlaveSession

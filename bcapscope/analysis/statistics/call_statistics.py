@@ -248,27 +248,21 @@ class StatisticsBuilder(PipelineSubscriber):
         start, end = self._start if start is None else start, self._end if end is None else end
         span = end - start
         commands = [StatisticsRow(*key, tally.figures(span)) for key, tally in self._tallies.items()]
-        clients: dict[Conversation, _CallTally] = {}
-        kinds: dict[CallKind, _CallTally] = {}
-        total = _CallTally()
+        wholes: dict[tuple[Conversation | None, CallKind | None], _CallTally] = {}
         for (conversation, kind), tally in self._tallies.items():
-            for whole in (
-                clients.setdefault(conversation, _CallTally()),
-                kinds.setdefault(kind, _CallTally()),
-                total,
-            ):
-                whole.merge(tally)
-        by_client = [
-            StatisticsRow(conversation, None, tally.figures(span)) for conversation, tally in clients.items()
-        ]
-        by_kind = [StatisticsRow(None, kind, tally.figures(span)) for kind, tally in kinds.items()]
+            for group in ((conversation, None), (None, kind), (None, None)):
+                wholes.setdefault(group, _CallTally()).merge(tally)
+        total = StatisticsRow(None, None, wholes.pop((None, None)).figures(span))
+        rows = [StatisticsRow(*group, tally.figures(span)) for group, tally in wholes.items()]
+        clients = [row for row in rows if row.call_kind is None]
+        kinds = [row for row in rows if row.call_kind is not None]
         return Statistics(
             start,
             end,
-            StatisticsRow(None, None, total.figures(span)),
-            tuple(sorted(by_client, key=lambda row: -row.figures.calls)),
+            total,
+            tuple(sorted(clients, key=lambda row: -row.figures.calls)),
             tuple(sorted(commands, key=_time_taken)),
-            tuple(sorted(by_kind, key=_time_taken)),
+            tuple(sorted(kinds, key=_time_taken)),
             tuple(places.figures() for places in self._places.values()),
         )
 
