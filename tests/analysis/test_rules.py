@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import io
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -64,6 +66,27 @@ def test_each_rule_has_a_scene() -> None:
 def test_there_are_many_rules_each_with_a_name_of_its_own() -> None:
     assert len(RULES) >= 30
     assert [row["id"] for row in table_rows("rules", os.path.dirname(rules.__file__))] == list(RULES)
+
+
+def _named_rules(module: Path) -> Iterator[str]:
+    """Yield each rule that a module names where it reports a problem or describes a refusal."""
+    for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+        named: ast.expr | None = None
+        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id == "RULES":
+            named = node.slice
+        elif isinstance(node, ast.Call) and node.args:
+            name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            named = node.args[0] if name in ("report_call", "_report_frame", "_off_pace", "Refusal") else None
+        for each in ast.walk(named) if named is not None else ():
+            if isinstance(each, ast.Constant) and isinstance(each.value, str):
+                yield each.value
+
+
+def test_the_code_names_rules_that_there_are() -> None:
+    modules = Path(str(rules.__file__)).parent.glob("*_rules.py")
+    named = {rule for module in modules for rule in _named_rules(module)}
+    assert named <= set(RULES)
+    assert len(named) > 0.9 * len(RULES)
 
 
 def test_rules_follow_rules_that_there_are() -> None:

@@ -21,8 +21,6 @@ from bcapscope.protocol.tables.function_table import ID
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction
 
-CONTROLLER_HUNG_UP = RULES["controller-hung-up"]
-
 
 class ConnectionChecker(RuleChecker):
     """Checks whether the client or the controller closed a TCP connection."""
@@ -71,7 +69,7 @@ def _hung_up(last: Call, closing: ConnectionEnd) -> Occurrence:
         proxy = str(last.conversation.server)
         fact = Message(f"finding.controller-hung-up.proxy-{_how(passed_on)}", fact=fact, proxy=proxy)
     return Occurrence(
-        CONTROLLER_HUNG_UP,
+        RULES["controller-hung-up"],
         closing.time,
         closing.time,
         last.conversation,
@@ -97,7 +95,7 @@ def _hung_up_by_proxy(last: Call, closing: ConnectionEnd) -> Occurrence:
         call=call_place(last),
     )
     return Occurrence(
-        CONTROLLER_HUNG_UP,
+        RULES["controller-hung-up"],
         closing.time,
         closing.time,
         near,

@@ -8,14 +8,12 @@ for that code explains the error.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
 from typing import NamedTuple
 
 from bcapscope.analysis.call_arguments import first_number
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding_places import call_place, client_place, code_place
-from bcapscope.analysis.rules.error_rules import ACTIVE_CODES, CONTROLLER_ERROR, advice_on_code
-from bcapscope.analysis.rules.preparation_rules import ARM_TAKEN_BY_OTHER
+from bcapscope.analysis.rules.error_rules import ACTIVE_CODES, advice_on_code
 from bcapscope.analysis.rules.refusal_checker import REFUSALS
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
@@ -25,7 +23,7 @@ from bcapscope.analysis.rules.rule_checker import (
     frame_numbers,
     last_frame_time,
 )
-from bcapscope.analysis.rules.rule_table import RULES, DiagnosisRule
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import Moment
 from bcapscope.protocol.tables.function_table import ID
@@ -41,13 +39,10 @@ _ABANDONED = 0x84201486
 _NAMES_NO_CAUSE = SLAVE_MODE_OFF_CODES | ACTIVE_CODES | {_ABANDONED}
 """Codes that say that another error occurred, without naming that error."""
 
-_LASTING = [
-    RULES[id]
-    for id in (
-        *("emergency-stop", "not-in-automatic-mode", "no-executable-token", "no-licence"),
-        "manual-reset-missing",
-    )
-]
+_LASTING = (
+    *("emergency-stop", "not-in-automatic-mode", "no-executable-token", "no-licence"),
+    "manual-reset-missing",
+)
 """Rules about states that ClearError does not end. If the controller refuses a call because an error is
 active, only errors of these rules explain the refusal. For any other error in the error list, the reason for
 the refusal is that the client did not call ClearError.
@@ -88,9 +83,9 @@ class _RefusedCalls:
         self.own_code_read = False
         self.reported: dict[int, Call] = {}
 
-    def may_follow_from(self, rule: DiagnosisRule, code: int) -> bool:
+    def may_follow_from(self, rule: str, code: int) -> bool:
         """Return whether an error, which `rule` reports, may have caused the first refusal."""
-        is_notice = not describe_hresult(code).level and rule is CONTROLLER_ERROR
+        is_notice = not describe_hresult(code).level and rule == "controller-error"
         only_listed = self.first.hresult in ACTIVE_CODES and rule not in _LASTING
         return not is_notice and not only_listed and (self.names_no_cause or self.own_code_read)
 
@@ -176,7 +171,7 @@ class ErrorListChecker(RuleChecker):
         if is_new and refused.may_follow_from(rule, code):
             self._report(refused, read, rule)
 
-    def _report(self, refused: _RefusedCalls, read: _ErrorRead, rule: DiagnosisRule) -> None:
+    def _report(self, refused: _RefusedCalls, read: _ErrorRead, rule: str) -> None:
         first, code = refused.first, read.code
         case = "" if refused.names_no_cause else ".older"
         fact = Message(
@@ -190,7 +185,7 @@ class ErrorListChecker(RuleChecker):
         )
         self.report_occurrence(
             Occurrence(
-                rule=rule,
+                rule=RULES[rule],
                 began=refused.began,
                 completed=refused.began + 1,
                 conversation=first.conversation,
@@ -198,8 +193,8 @@ class ErrorListChecker(RuleChecker):
                 fact=fact,
                 call=read.call.number,
                 explains=(first.number, *(each.number for each in refused.reported.values())),
-                group_key=f"{code:08X}" if rule is CONTROLLER_ERROR else "",
-                advice=advice_on_code(code) if rule is CONTROLLER_ERROR else None,
+                group_key=f"{code:08X}" if rule == "controller-error" else "",
+                advice=advice_on_code(code) if rule == "controller-error" else None,
             )
         )
         refused.reported[code] = read.call
@@ -218,7 +213,7 @@ def _read_error(call: Call, client: ClientState) -> _ErrorRead | None:
     return _ErrorRead(code, call) if level is not None or is_rc7_code(code) else None
 
 
-def _rule_of(code: int) -> DiagnosisRule:
+def _rule_of(code: int) -> str:
     """Return the rule that reports a result code for every kind of call."""
-    rules: Iterator[DiagnosisRule] = (each.rule for each in REFUSALS if code in each.codes)
-    return next((rule for rule in rules if rule is not ARM_TAKEN_BY_OTHER), CONTROLLER_ERROR)
+    rules = (each.rule for each in REFUSALS if code in each.codes)
+    return next((rule for rule in rules if rule != "arm-taken-by-other"), "controller-error")

@@ -40,10 +40,6 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
-WENT_ON_AFTER_ERROR = RULES["went-on-after-error"]
-CLEARED_UNREAD = RULES["cleared-unread"]
-CONTROLLER_ERROR = RULES["controller-error"]
-
 ACTIVE_CODES = with_rc7_forms((0x81501025, 0x81201701, 0x81201749, 0x82501009))
 """Result codes with which a controller refuses a call because an error is active."""
 _TIMEOUT_CODES = (E_TIMEOUT, 0x8150012D, 0x81500151, 0x82201F92, 0x82201694, 0x800706BE)
@@ -117,7 +113,7 @@ class ErrorChecker(RuleChecker):
             failed=call_place(failure),
         )
         self.report_call(
-            CLEARED_UNREAD, call, fact, evidence_call=failure, explaining_calls=(failure.number,)
+            "cleared-unread", call, fact, evidence_call=failure, explaining_calls=(failure.number,)
         )
 
 
@@ -134,15 +130,11 @@ def _went_on(calls: _CallsAfterError, first: Call) -> Occurrence:
         case, places["clear"] = ".unanswered", call_place(clear)
     if clear is not None and clear.hresult is not None:
         case, places["code"] = ".refused", HexNumber(clear.hresult)
+    rule, began, ended = RULES["went-on-after-error"], first.request.time, last_frame_time(first)
+    fact, frames = Message(f"finding.went-on-after-error{case}", **places), frame_numbers(failure, first)
+    causes = (failure.number,)
     return Occurrence(
-        WENT_ON_AFTER_ERROR,
-        first.request.time,
-        last_frame_time(first),
-        first.conversation,
-        frame_numbers(failure, first),
-        Message(f"finding.went-on-after-error{case}", **places),
-        call=first.number,
-        explaining_calls=(failure.number,),
+        rule, began, ended, first.conversation, frames, fact, call=first.number, explaining_calls=causes
     )
 
 
@@ -190,8 +182,8 @@ def advice_on_code(code: int) -> Message | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(RULES["error-not-cleared"], ACTIVE_CODES, _explain_not_cleared),
-    Refusal(RULES["controller-timeout"], _TIMEOUT_CODES),
-    Refusal(RULES["robot-busy"], (E_ROBOTISBUSY,)),
-    Refusal(CONTROLLER_ERROR, (), _explain_other),
+    Refusal("error-not-cleared", ACTIVE_CODES, _explain_not_cleared),
+    Refusal("controller-timeout", _TIMEOUT_CODES),
+    Refusal("robot-busy", (E_ROBOTISBUSY,)),
+    Refusal("controller-error", (), _explain_other),
 )

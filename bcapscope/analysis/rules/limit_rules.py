@@ -23,10 +23,6 @@ from bcapscope.protocol.slave_mode.slvmove_values import parse_set_point
 from bcapscope.protocol.tables.hresult import describe_hresult, with_rc7_forms
 from bcapscope.traffic.call import Call
 
-NOT_FINITE = RULES["not-finite"]
-FAR_FIRST_POINT = RULES["far-first-point"]
-SET_POINT_JUMP = RULES["set-point-jump"]
-
 _SPEED_FAMILIES = tuple(
     range(base, base + 0x10)
     for base in (
@@ -71,7 +67,7 @@ def _not_finite(session: SlaveSession, motion: MotionFacts) -> Occurrence:
         points=Count(motion.not_finite, "set-point"),
         frame=FramePlace(frames[:1]),
     )
-    return Occurrence(NOT_FINITE, time, time, session.conversation, frames[:8], fact)
+    return Occurrence(RULES["not-finite"], time, time, session.conversation, frames[:8], fact)
 
 
 def _far_first_point(session: SlaveSession, motion: MotionFacts, axis: str, distance: Quantity) -> Occurrence:
@@ -85,7 +81,7 @@ def _far_first_point(session: SlaveSession, motion: MotionFacts, axis: str, dist
     )
     clause = Message("clause.far-first-point", distance=distance, axis=axis)
     frames = motion.first_distance_frames
-    return Occurrence(FAR_FIRST_POINT, time, time, session.conversation, frames, fact, clause)
+    return Occurrence(RULES["far-first-point"], time, time, session.conversation, frames, fact, clause)
 
 
 def _set_point_jump(session: SlaveSession, jump: Jump, unit: str) -> Occurrence:
@@ -99,7 +95,9 @@ def _set_point_jump(session: SlaveSession, jump: Jump, unit: str) -> Occurrence:
         speed=Quantity(speed, f"{unit}/s"),
     )
     clause = Message("clause.set-point-jump", step=step, axis=jump.axis)
-    return Occurrence(SET_POINT_JUMP, jump.time, jump.time, session.conversation, (jump.frame,), fact, clause)
+    return Occurrence(
+        RULES["set-point-jump"], jump.time, jump.time, session.conversation, (jump.frame,), fact, clause
+    )
 
 
 def _first_time(session: SlaveSession) -> int:
@@ -176,7 +174,7 @@ def _explain_invalid(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(RULES["over-limit"], _SPEED_CODES, _explain_over_limit),
-    Refusal(RULES["beyond-range"], _RANGE_CODES, _explain_beyond_range),
-    Refusal(RULES["invalid-set-point"], _INVALID_CODES, _explain_invalid),
+    Refusal("over-limit", _SPEED_CODES, _explain_over_limit),
+    Refusal("beyond-range", _RANGE_CODES, _explain_beyond_range),
+    Refusal("invalid-set-point", _INVALID_CODES, _explain_invalid),
 )

@@ -24,8 +24,6 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
-SPEED_CHANGED_IN_MOTION = RULES["speed-changed-in-motion"]
-
 _REMEMBERED = 32
 """Maximum number of motions, and of speed changes, that the checker remembers for all controllers together.
 The checker may receive a speed change before or after the affected motion, because the calls of different
@@ -90,7 +88,7 @@ def _occurrences(motion: _TimedCall, change: _TimedCall) -> Iterator[Occurrence]
     is_same_controller = motion.conversation.server.host == change.conversation.server.host
     if is_same_controller and motion.began < change.ended < motion.ended:
         yield Occurrence(
-            SPEED_CHANGED_IN_MOTION,
+            RULES["speed-changed-in-motion"],
             change.ended,
             change.ended,
             change.conversation,

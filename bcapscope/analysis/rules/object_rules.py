@@ -7,16 +7,12 @@ from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
-    Occurrence,
     OccurrenceSink,
     Refusal,
     RefusalReason,
     RuleChecker,
     failure_case,
-    frame_numbers,
-    last_frame_time,
 )
-from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Moment, WireText
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
@@ -25,8 +21,6 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.handle_tracker import handle_of, requested_name
 from bcapscope.traffic.observation import Conversation
-
-HANDLE_LEAK = RULES["handle-leak"]
 
 _LEAK_AT = 20
 _MAX_NAMES = 4096
@@ -81,7 +75,17 @@ class ObjectChecker(RuleChecker):
         if tally.most >= _LEAK_AT:
             is_update = tally.leak_call is not None
             tally.leak_call = tally.leak_call or call
-            self.report_occurrence(_leak(tally.leak_call, kind, name, tally.most, is_update))
+            self._report_leak(tally.leak_call, kind, name, tally.most, is_update)
+
+    def _report_leak(self, call: Call, kind: ObjectClass, name: str, handles: int, is_update: bool) -> None:
+        fact = Message(
+            "finding.handle-leak",
+            client=client_place(call.conversation),
+            handles=Count(handles, "handle"),
+            kind=kind.value,
+            name=WireText(name),
+        )
+        self.report_call("handle-leak", call, fact, group_key=f"{kind} {name}", is_update=is_update)
 
     def _least_relevant(self) -> tuple[Conversation, ObjectClass, str]:
         """Return the key of the oldest object with at most one open handle, or else of the oldest object."""
@@ -91,27 +95,6 @@ class ObjectChecker(RuleChecker):
     def _drop_conversation(self, conversation: Conversation) -> None:
         for key in [key for key in self._tallies if key[0] is conversation]:
             del self._tallies[key]
-
-
-def _leak(call: Call, kind: ObjectClass, name: str, handles: int, is_update: bool) -> Occurrence:
-    fact = Message(
-        "finding.handle-leak",
-        client=client_place(call.conversation),
-        handles=Count(handles, "handle"),
-        kind=kind.value,
-        name=WireText(name),
-    )
-    return Occurrence(
-        HANDLE_LEAK,
-        call.request.time,
-        last_frame_time(call),
-        call.conversation,
-        frame_numbers(call),
-        fact,
-        call=call.number,
-        group_key=f"{kind} {name}",
-        is_update=is_update,
-    )
 
 
 def _may_be_released(call: Call) -> bool:
@@ -161,6 +144,6 @@ def _explain_bad_handle(call: Call, client: ClientState) -> RefusalReason | None
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(RULES["bad-handle"], (E_HANDLE,), _explain_bad_handle),
-    Refusal(RULES["too-many-objects"], (E_MAX_OBJECT,)),
+    Refusal("bad-handle", (E_HANDLE,), _explain_bad_handle),
+    Refusal("too-many-objects", (E_MAX_OBJECT,)),
 )

@@ -11,7 +11,6 @@ from bcapscope.analysis.finding_places import call_name_place, call_place, clien
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     CallHealth,
-    DiagnosisRule,
     Occurrence,
     OccurrenceSink,
     Refusal,
@@ -29,11 +28,6 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, with_rc7_forms
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
-
-SET_POINT_GAP = RULES["set-point-gap"]
-OFF_GRID = RULES["off-grid"]
-SLOW_SET_POINTS = RULES["slow-set-points"]
-REPLIES_DO_NOT_PACE = RULES["replies-do-not-pace"]
 
 _EMPTY_CODES = with_rc7_forms((E_SLAVE_UNDERFLOW, 0x84400503, 0x83201684))
 _FEWEST_CYCLES = 50
@@ -62,7 +56,7 @@ class PacingChecker(RuleChecker):
         slack, pause = _buffer_slack_ns(client), after.request.time - before.request.time
         self._reported_gaps.append(after.request.number)
         self.report_call(
-            SET_POINT_GAP,
+            "set-point-gap",
             after,
             _pause_message(before, after, slack),
             Message("clause.set-point-gap", pause=Duration(pause)),
@@ -96,16 +90,10 @@ def _predicted_gap(session: SlaveSession, underflow: PredictedUnderflow, count: 
         late=Duration(round(underflow.late_ms * MS)),
         slots=Count(session.buffer.slots, "set-point"),
     )
-    return Occurrence(
-        SET_POINT_GAP,
-        underflow.time - round(session.timing.slack_ms * MS),
-        underflow.time,
-        session.conversation,
-        (underflow.last_frame, underflow.late_frame),
-        fact,
-        Message("clause.set-point-gap.predicted", pause=Duration(pause)),
-        count=count,
-    )
+    clause = Message("clause.set-point-gap.predicted", pause=Duration(pause))
+    rule, ended = RULES["set-point-gap"], underflow.time
+    began, frames = ended - round(session.timing.slack_ms * MS), (underflow.last_frame, underflow.late_frame)
+    return Occurrence(rule, began, ended, session.conversation, frames, fact, clause, count=count)
 
 
 def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
@@ -119,16 +107,16 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
     skips = grid_ms == PERIOD_MS and keeps_grid and pace.skipped > pace.cycles * _MAX_SKIPPED_SHARE
     is_slow = pace.cycle_ms / PERIOD_MS - 1 > _TOLERANCE or skips
     if pace.long_cycle_ms / grid_ms - 1 < -_TOLERANCE:
-        yield _off_pace(REPLIES_DO_NOT_PACE if session.buffer.replies_pace else OFF_GRID, session, pace)
+        yield _off_pace("replies-do-not-pace" if session.buffer.replies_pace else "off-grid", session, pace)
     elif is_slow and _may_overwrite(session):
         case = ".skipped" if skips else ".unknown-mode" if session.mode.meaning is None else ""
-        yield _off_pace(SLOW_SET_POINTS, session, pace, case)
+        yield _off_pace("slow-set-points", session, pace, case)
     elif is_slow and pace.waits_for_reply:
-        yield _off_pace(OFF_GRID, session, pace, ".paced", Message("rule.off-grid.advice.paced"))
+        yield _off_pace("off-grid", session, pace, ".paced", Message("rule.off-grid.advice.paced"))
     elif is_slow:
         in_waiting_mode = Message("rule.off-grid.advice.waiting-mode")
         advice = in_waiting_mode if session.buffer.replies_pace else None
-        yield _off_pace(OFF_GRID, session, pace, ".skipped" if skips else "", advice)
+        yield _off_pace("off-grid", session, pace, ".skipped" if skips else "", advice)
 
 
 def _may_overwrite(session: SlaveSession) -> bool:
@@ -137,7 +125,7 @@ def _may_overwrite(session: SlaveSession) -> bool:
 
 
 def _off_pace(
-    rule: DiagnosisRule,
+    rule: str,
     session: SlaveSession,
     pace: MotionPace,
     case: str = "",
@@ -149,17 +137,19 @@ def _off_pace(
     interval = Quantity(pace.cycle_ms, "ms")
     skipped = {"skipped": pace.skipped, "cycles": pace.cycles} if case == ".skipped" else {}
     fact = Message(
-        f"finding.{rule.id}{case}",
+        f"finding.{rule}{case}",
         client=client_place(session.conversation),
         points=Count(pace.cycles, "set-point"),
         mean=interval,
         rate=Quantity(1000 / pace.cycle_ms if pace.cycle_ms else 0),
-        period=Quantity(PERIOD_MS if rule is SLOW_SET_POINTS else session.timing.grid_ms, "ms"),
+        period=Quantity(PERIOD_MS if rule == "slow-set-points" else session.timing.grid_ms, "ms"),
         **skipped,
     )
-    clause = Message(f"clause.{rule.id}", mean=interval)
+    clause = Message(f"clause.{rule}", mean=interval)
     frames = (first.frame, last.frame)
-    return Occurrence(rule, first.time, last.time, session.conversation, frames, fact, clause, advice=advice)
+    return Occurrence(
+        RULES[rule], first.time, last.time, session.conversation, frames, fact, clause, advice=advice
+    )
 
 
 def _buffer_slack_ns(client: ClientState) -> int:
@@ -243,7 +233,7 @@ def _explain_overflow(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(RULES["underflow"], _EMPTY_CODES, _explain_underflow),
-    Refusal(RULES["overflow"], (E_SLAVE_OVERFLOW, 0x84400502), _explain_overflow),
-    Refusal(RULES["overflow"], (E_SLAVE_OVERFLOW, 0x84400502)),
+    Refusal("underflow", _EMPTY_CODES, _explain_underflow),
+    Refusal("overflow", (E_SLAVE_OVERFLOW, 0x84400502), _explain_overflow),
+    Refusal("overflow", (E_SLAVE_OVERFLOW, 0x84400502)),
 )

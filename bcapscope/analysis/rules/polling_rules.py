@@ -23,8 +23,6 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
-POLLING = RULES["polling"]
-
 _FEWEST_READS = 200
 _LEAST_SHARE = 0.5
 _LEAST_TIME_SHARE = 0.1
@@ -86,4 +84,6 @@ def _polling(reads: _VariableReads, calls: int) -> Occurrence:
         share=Quantity(round(100 * reads.spent_ns / max(reads.took_ns, 1)), "%"),
     )
     frames = (first.request.number, last.request.number)
-    return Occurrence(POLLING, first.request.time, last.request.time, first.conversation, frames, fact)
+    return Occurrence(
+        RULES["polling"], first.request.time, last.request.time, first.conversation, frames, fact
+    )

@@ -19,7 +19,6 @@ from bcapscope.analysis.rules.rule_checker import (
     reason_from_call,
     reason_from_failure,
 )
-from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import ClientPlace, Duration, HexNumber, Moment, WireText
 from bcapscope.protocol.codec.variant import Variant, integer_value
@@ -37,10 +36,6 @@ from bcapscope.protocol.tables.hresult import (
 )
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
-
-NO_AT_E = RULES["no-at-e"]
-ARM_TAKEN_BY_OTHER = RULES["arm-taken-by-other"]
-TYPE_NOT_CHECKED = RULES["type-not-checked"]
 
 _MOVING_CODES = with_rc7_forms((0x600B, 0x8150100D, 0x81201744))
 _STOP_CODES = with_rc7_forms(
@@ -93,7 +88,7 @@ class PreparationChecker(RuleChecker):
 
         ending = _pass_of(motion)
         self.report_call(
-            NO_AT_E,
+            "no-at-e",
             call,
             Message(
                 f"finding.no-at-e.{'passes' if ending else 'without'}",
@@ -112,7 +107,7 @@ class PreparationChecker(RuleChecker):
             return
         client.type_was_read = True  # the finding is reported only once for each client
         self.report_call(
-            TYPE_NOT_CHECKED,
+            "type-not-checked",
             call,
             Message(
                 "finding.type-not-checked", client=client_place(call.conversation), call=call_name_place(call)
@@ -324,15 +319,15 @@ def _explain_reset(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(RULES["robot-still-moving"], _MOVING_CODES, _explain_moving),
-    Refusal(ARM_TAKEN_BY_OTHER, _ARM_CODES, _explain_arm_taken),
-    Refusal(RULES["arm-not-taken"], _ARM_CODES, _explain_arm_missing),
-    Refusal(RULES["motor-off"], _MOTOR_CODES, _explain_motor),
-    Refusal(RULES["motor-switching-off"], (0x8350106E,)),
-    Refusal(RULES["emergency-stop"], _STOP_CODES),
-    Refusal(RULES["not-in-automatic-mode"], _MODE_CODES),
-    Refusal(RULES["no-executable-token"], _TOKEN_CODES),
-    Refusal(RULES["no-licence"], _LICENCE_CODES),
-    Refusal(RULES["manual-reset-missing"], _RESET_CODES, _explain_reset),
-    Refusal(RULES["robslave-not-running"], (), _explain_robslave),
+    Refusal("robot-still-moving", _MOVING_CODES, _explain_moving),
+    Refusal("arm-taken-by-other", _ARM_CODES, _explain_arm_taken),
+    Refusal("arm-not-taken", _ARM_CODES, _explain_arm_missing),
+    Refusal("motor-off", _MOTOR_CODES, _explain_motor),
+    Refusal("motor-switching-off", (0x8350106E,)),
+    Refusal("emergency-stop", _STOP_CODES),
+    Refusal("not-in-automatic-mode", _MODE_CODES),
+    Refusal("no-executable-token", _TOKEN_CODES),
+    Refusal("no-licence", _LICENCE_CODES),
+    Refusal("manual-reset-missing", _RESET_CODES, _explain_reset),
+    Refusal("robslave-not-running", (), _explain_robslave),
 )

@@ -14,8 +14,6 @@ from bcapscope.messages.places import Count, Duration, Moment, WireText
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
 
-INJECTED_FAULT = RULES["injected-fault"]
-
 _HELD_NS = 1_000_000
 """Shortest delay by the proxy that a finding mentions. Usually, forwarding takes a fraction of this time."""
 
@@ -45,7 +43,7 @@ class ProxyChecker(RuleChecker):
             fact, clause = Message("finding.injected-fault.note", **places, what=WireText(note)), None
         self.report_occurrence(
             Occurrence(
-                INJECTED_FAULT,
+                RULES["injected-fault"],
                 call.request.time,
                 frames[-1].time,
                 call.conversation,

@@ -15,7 +15,6 @@ from bcapscope.analysis.rules import (
     slave_mode_rules,
 )
 from bcapscope.analysis.rules.rule_checker import CallHealth, Refusal, RefusalReason, RobotImpact, RuleChecker
-from bcapscope.analysis.rules.rule_table import DiagnosisRule
 from bcapscope.messages import Message
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, ends_slave_mode, rc7_digits_guessed
@@ -72,10 +71,10 @@ class RefusalChecker(RuleChecker):
             return
 
 
-def _impact(rule: DiagnosisRule, call: Call, client: ClientState) -> RobotImpact:
+def _impact(rule: str, call: Call, client: ClientState) -> RobotImpact:
     code, command = call.hresult or 0, call.kind.folded_command
     moves = call.kind.function_id in MOTION_FUNCTIONS or command in MOTION_COMMANDS
-    if rule is slave_mode_rules.REFUSED_IN_SLAVE_MODE:
+    if rule == "refused-in-slave-mode":
         return RobotImpact.STOPPED
     if command == "slvmove" and client.recent_set_points and code != E_SLAVE_OVERFLOW:
         return RobotImpact.STOPPED

@@ -31,17 +31,6 @@ from bcapscope.traffic.client_timeout import gives_up_at, waits_in_vain
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
-LATE_REPLY = RULES["late-reply"]
-CLIENT_GAVE_UP = RULES["client-gave-up"]
-NO_REPLY = RULES["no-reply"]
-CLIENT_STOPPED = RULES["client-stopped"]
-CONTROLLER_SILENT = RULES["controller-silent"]
-EXECUTED_TWICE = RULES["executed-twice"]
-REPLY_LOST = RULES["reply-lost"]
-RETRIED = RULES["retried"]
-VERY_LATE_REPLY = RULES["very-late-reply"]
-REPLY_TO_NOTHING = RULES["reply-to-nothing"]
-
 _TURN_NS = PERIOD_MS * MS + 2 * MS
 _MAX_REQUESTING = 65536
 _MAX_STRAYS = 64
@@ -133,7 +122,7 @@ class ReplyChecker(RuleChecker):
     def _report_late(self, call: Call, reply: FrameObservation) -> None:
         attempts = _AttemptIndex(call)
         attempt, gave_up = attempts.answered_by(reply), attempts.given_up_at(reply)
-        rule = CLIENT_GAVE_UP if call.reply is None else LATE_REPLY
+        rule = "client-gave-up" if call.reply is None else "late-reply"
         places = {
             "call": attempt_place(call, reply.item.serial),
             "client": client_place(call.conversation),
@@ -145,7 +134,7 @@ class ReplyChecker(RuleChecker):
             with_place(
                 call,
                 Message(
-                    f"finding.{rule.id}{'.inferred' if call.gave_up_inferred else ''}",
+                    f"finding.{rule}{'.inferred' if call.gave_up_inferred else ''}",
                     **places,
                     waited=Duration(gave_up - attempt.time),
                     retries=Count(call.retries, "retry"),
@@ -178,7 +167,7 @@ class ReplyChecker(RuleChecker):
         else:
             attempts = Count(len(call.attempts), "attempt")
             fact = Message("finding.executed-twice", **call_places(call), attempts=attempts)
-        self.report_call(EXECUTED_TWICE, call, fact)
+        self.report_call("executed-twice", call, fact)
 
     def _report_reply_lost(self, call: Call) -> None:
         reply = call.lost_replies[0]
@@ -189,7 +178,7 @@ class ReplyChecker(RuleChecker):
             took=Duration(reply.time - _AttemptIndex(call).answered_by(reply).time),
         )
         self.report_call(
-            REPLY_LOST, call, with_place(call, fact), began=reply.time, **_grouped_by_place(call)
+            "reply-lost", call, with_place(call, fact), began=reply.time, **_grouped_by_place(call)
         )
 
     def _report_crossed(self, call: Call) -> None:
@@ -205,7 +194,7 @@ class ReplyChecker(RuleChecker):
             "clause.retried", call=call_place(call), attempt=len(call.attempts) + call.unseen_retries
         )
         advice = Message("rule.retried.advice.crossed")
-        self.report_call(RETRIED, call, fact, clause, group_key="crossed", advice=advice)
+        self.report_call("retried", call, fact, clause, group_key="crossed", advice=advice)
 
     def _report_retried(self, call: Call) -> None:
         attempts = len(call.attempts) + call.unseen_retries
@@ -219,7 +208,7 @@ class ReplyChecker(RuleChecker):
             after=Duration(call.latency or 0),
         )
         clause = Message("clause.retried", call=call_place(call), attempt=attempts)
-        self.report_call(RETRIED, call, with_place(call, fact), clause, **_grouped_by_place(call))
+        self.report_call("retried", call, with_place(call, fact), clause, **_grouped_by_place(call))
 
 
 class _Grouping(TypedDict, total=False):
@@ -247,7 +236,7 @@ def _no_reply(call: Call) -> Occurrence:
     else:
         fact = Message(f"finding.no-reply{settled}", **sent)
     return Occurrence(
-        NO_REPLY,
+        RULES["no-reply"],
         call.request.time,
         call.abandoned_at or (last_frame_time(call) if closing is None else closing.time),
         call.conversation,
@@ -269,7 +258,7 @@ def _very_late(reply: FrameObservation, call_number: int) -> Occurrence:
         number=call_number,
         serial=reply.item.serial,
     )
-    return Occurrence(VERY_LATE_REPLY, reply.time, reply.time, conversation, (reply.number,), fact)
+    return Occurrence(RULES["very-late-reply"], reply.time, reply.time, conversation, (reply.number,), fact)
 
 
 def _to_nothing(reply: FrameObservation) -> Occurrence:
@@ -280,7 +269,7 @@ def _to_nothing(reply: FrameObservation) -> Occurrence:
         client=client_place(conversation),
         serial=reply.item.serial,
     )
-    return Occurrence(REPLY_TO_NOTHING, reply.time, reply.time, conversation, (reply.number,), fact)
+    return Occurrence(RULES["reply-to-nothing"], reply.time, reply.time, conversation, (reply.number,), fact)
 
 
 def _client_stopped(call: Call, quiet: int) -> Occurrence:
@@ -296,7 +285,9 @@ def _client_stopped(call: Call, quiet: int) -> Occurrence:
     )
     clause = Message("clause.client-stopped", client=client, call=stopped)
     frames = frame_numbers(call)
-    return Occurrence(CLIENT_STOPPED, first, last, call.conversation, frames, fact, clause, call=call.number)
+    return Occurrence(
+        RULES["client-stopped"], first, last, call.conversation, frames, fact, clause, call=call.number
+    )
 
 
 def _controller_silent(first: Call, last: Call, calls: int, ended_at: int) -> Occurrence:
@@ -310,7 +301,7 @@ def _controller_silent(first: Call, last: Call, calls: int, ended_at: int) -> Oc
         fact = Message("finding.controller-silent", **ends, calls=Count(calls, "call"), lasted=lasted)
     frames = (first.request.number, last.attempts[-1].number)
     clause = Message("clause.controller-silent", **ends)
-    return Occurrence(CONTROLLER_SILENT, began, began, conversation, frames, fact, clause)
+    return Occurrence(RULES["controller-silent"], began, began, conversation, frames, fact, clause)
 
 
 def _waited_for_room(call: Call, client: ClientState) -> bool:

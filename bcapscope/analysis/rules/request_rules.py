@@ -6,7 +6,6 @@ from bcapscope.analysis.call_arguments import argument
 from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_places
 from bcapscope.analysis.rules.rule_checker import NO_REASON, CallHealth, Refusal, RefusalReason, RuleChecker
-from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.generation_clues import ENOUGH_TO_OBJECT
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Listing, WireText, shortened
@@ -20,8 +19,6 @@ from bcapscope.protocol.tables.hresult import E_INVALIDARG, E_NOTIMPL
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
-
-UNUSUAL_ARGUMENT = RULES["unusual-argument"]
 
 _TYPE_CODES = (
     E_INVALIDARG,
@@ -62,7 +59,7 @@ class RequestChecker(RuleChecker):
     def _report_odd(self, call: Call, detail: Message | None) -> None:
         if detail is not None:
             fact = Message("finding.unusual-argument", **call_places(call), detail=detail)
-            self.report_call(UNUSUAL_ARGUMENT, call, fact, group_key=repr(detail))
+            self.report_call("unusual-argument", call, fact, group_key=repr(detail))
 
 
 def _odd_mode(parameter: Variant | None) -> Message | None:
@@ -154,7 +151,7 @@ def _argument_mismatch(call: Call) -> Message | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(RULES["format-refused"], (), _explain_format),
-    Refusal(RULES["unknown-command"], _NAME_CODES, _explain_unknown),
-    Refusal(RULES["argument-refused"], _TYPE_CODES, _explain_argument),
+    Refusal("format-refused", (), _explain_format),
+    Refusal("unknown-command", _NAME_CODES, _explain_unknown),
+    Refusal("argument-refused", _TYPE_CODES, _explain_argument),
 )

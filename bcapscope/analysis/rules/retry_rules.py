@@ -21,15 +21,6 @@ from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.reserved_field import ReservedConvention
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
-RETRY_IN_ASYNC = RULES["retry-in-async"]
-WRONG_RESERVED = RULES["wrong-reserved"]
-UNMARKED_RETRY = RULES["unmarked-retry"]
-SERIAL_ZERO = RULES["serial-zero"]
-SERIAL_REUSED = RULES["serial-reused"]
-STALE_ANSWER = RULES["stale-answer"]
-SLOW_RETRY = RULES["slow-retry"]
-MIXED_CONVENTIONS = RULES["mixed-conventions"]
-
 _FIRST_FUNCTIONS = (ID["Service_Start"], ID["Controller_Connect"])
 """Functions with which a session begins. If the first captured call has serial 0 but none of these functions,
 the capture began in the middle of a session.
@@ -79,7 +70,7 @@ class RetryChecker(RuleChecker):
                 now=now.value,
                 call=call_place(call),
             )
-            self.report_call(MIXED_CONVENTIONS, call, fact)
+            self.report_call("mixed-conventions", call, fact)
 
     def _check_retry_delay(self, call: Call) -> None:
         first, second = call.attempts[:2] if len(call.attempts) > 1 else (call.request, call.request)
@@ -89,11 +80,11 @@ class RetryChecker(RuleChecker):
         if waited > PERIOD_NS:
             places = {"call": call_place(call), "waited": Duration(waited)}
             fact = Message("finding.slow-retry", client=client_place(call.conversation), **places)
-            self.report_call(SLOW_RETRY, call, fact, Message("clause.slow-retry", **places))
+            self.report_call("slow-retry", call, fact, Message("clause.slow-retry", **places))
 
     def _report_serial_zero(self, call: Call) -> None:
         who, what = client_place(call.conversation), call_name_place(call)
-        self.report_call(SERIAL_ZERO, call, Message("finding.serial-zero", client=who, call=what))
+        self.report_call("serial-zero", call, Message("finding.serial-zero", client=who, call=what))
 
     def _check_serial_reuse(self, before: Call, call: Call) -> None:
         serial = call.request.item.serial
@@ -112,7 +103,7 @@ class RetryChecker(RuleChecker):
         else:
             late_at = Moment(late.time)
             fact = Message("finding.serial-reused.late-reply", **places, serial=serial, late=late_at)
-        self.report_call(SERIAL_REUSED, call, fact, evidence_call=before, explaining_calls=(before.number,))
+        self.report_call("serial-reused", call, fact, evidence_call=before, explaining_calls=(before.number,))
 
     def _check_reserved(self, before: Call, call: Call) -> None:
         frame, earlier = call.request.item, before.last_attempt.item
@@ -128,7 +119,7 @@ class RetryChecker(RuleChecker):
             reserved=frame.reserved,
             expected=before.request.item.serial,
         )
-        self.report_call(WRONG_RESERVED, call, fact, evidence_call=before)
+        self.report_call("wrong-reserved", call, fact, evidence_call=before)
 
     def _check_stale_answer(self, before: Call, call: Call) -> None:
         if before.reply is None or before.reply.item.serial != call.request.item.serial or call.reply is None:
@@ -140,7 +131,7 @@ class RetryChecker(RuleChecker):
             at=Moment(call.request.time),
             serial=call.request.item.serial,
         )
-        self.report_call(STALE_ANSWER, call, fact, evidence_call=before)
+        self.report_call("stale-answer", call, fact, evidence_call=before)
 
     def _check_unmarked_retry(self, client: ClientState, call: Call) -> None:
         before, frame = client.last_call, call.request.item
@@ -160,7 +151,9 @@ class RetryChecker(RuleChecker):
             call=call_place(call),
             before=call_place(before),
         )
-        self.report_call(UNMARKED_RETRY, call, fact, evidence_call=before, explaining_calls=(before.number,))
+        self.report_call(
+            "unmarked-retry", call, fact, evidence_call=before, explaining_calls=(before.number,)
+        )
 
 
 def _retry_in_async(session: SlaveSession) -> Occurrence:
@@ -175,7 +168,7 @@ def _retry_in_async(session: SlaveSession) -> Occurrence:
     else:
         fact = Message("finding.retry-in-async.mode", **places, mode=f"0x{mode:03X}")
     return Occurrence(
-        RETRY_IN_ASYNC, session.entered_at, session.exit.time, session.conversation, frames[:8], fact
+        RULES["retry-in-async"], session.entered_at, session.exit.time, session.conversation, frames[:8], fact
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding_places import call_place
-from bcapscope.analysis.rules.rule_table import DiagnosisRule
+from bcapscope.analysis.rules.rule_table import RULES, DiagnosisRule
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
@@ -113,7 +113,7 @@ class RuleChecker:
 
     def report_call(
         self,
-        rule: DiagnosisRule,
+        rule: str,
         call: Call,
         fact: Message,
         clause: Message | None = None,
@@ -125,13 +125,14 @@ class RuleChecker:
         group_key: str = "",
         advice: Message | None = None,
         impact: RobotImpact = RobotImpact.NONE,
+        is_update: bool = False,
     ) -> None:
         """Report a problem of a call, which lasts by default from the call's request to its last frame. The
         frames of `call` and of `evidence_call` prove the problem.
         """
         self.report_occurrence(
             Occurrence(
-                rule=rule,
+                rule=RULES[rule],
                 began=began or call.request.time,
                 completed=completed or last_frame_time(call),
                 conversation=call.conversation,
@@ -142,6 +143,7 @@ class RuleChecker:
                 explaining_calls=explaining_calls,
                 group_key=group_key,
                 advice=advice,
+                is_update=is_update,
                 impact=impact,
             )
         )
@@ -241,6 +243,6 @@ class Refusal(NamedTuple):
             this kind.
     """
 
-    rule: DiagnosisRule
+    rule: str
     codes: Collection[int]
     explain: ExplainRefusal = lambda call, client: NO_REASON

@@ -55,10 +55,6 @@ _USUAL_PAUSES = 2
 
 _SMALLEST_WDT_MS = 80
 
-UNCLEAN_QUIT = RULES["unclean-quit"]
-QUIT_IN_SLAVE_MODE = RULES["quit-in-slave-mode"]
-EXECUTING_FOREVER = RULES["executing-forever"]
-LONG_CALL_WITHOUT_WDT = RULES["long-call-without-wdt"]
 
 _OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
 
@@ -142,7 +138,7 @@ class SessionChecker(RuleChecker):
             lasted=Duration(notices[-1].time - call.request.time),
         )
         clause = Message("clause.executing-forever", call=call_place(call))
-        self.report_call(EXECUTING_FOREVER, call, fact, clause, completed=notices[-1].time)
+        self.report_call("executing-forever", call, fact, clause, completed=notices[-1].time)
 
     def _check_long_call(self, call: Call, service: Call) -> None:
         replies = call.late_replies if call.reply is None else (call.reply,) if call.retries else ()
@@ -162,7 +158,7 @@ class SessionChecker(RuleChecker):
             attempts=Count(len(call.attempts), "attempt"),
         )
         self.report_call(
-            LONG_CALL_WITHOUT_WDT,
+            "long-call-without-wdt",
             call,
             fact,
             evidence_call=service,
@@ -197,29 +193,14 @@ def _left_on(session: SlaveSession) -> Occurrence:
         fact = Message("finding.quit-in-slave-mode.call", **places, command=command)
     clause = Message("clause.quit-in-slave-mode", mode=name)
     frames = end.frames or ((session.last_set_point.frame,) if session.last_set_point is not None else ())
-    return Occurrence(
-        QUIT_IN_SLAVE_MODE,
-        end.time,
-        end.time,
-        session.conversation,
-        frames,
-        fact,
-        clause,
-        impact=RobotImpact.STOPPED,
-    )
+    rule, time, impact = RULES["quit-in-slave-mode"], end.time, RobotImpact.STOPPED
+    return Occurrence(rule, time, time, session.conversation, frames, fact, clause, impact=impact)
 
 
 def _unclean_quit(last: Call, time: int, fact: Message, frames: tuple[int, ...]) -> Occurrence:
-    return Occurrence(
-        UNCLEAN_QUIT,
-        time,
-        time,
-        last.conversation,
-        frames,
-        fact,
-        Message("clause.unclean-quit", client=client_place(last.conversation)),
-        explaining_calls=(last.number,),
-    )
+    rule, client, causes = RULES["unclean-quit"], last.conversation, (last.number,)
+    clause = Message("clause.unclean-quit", client=client_place(client))
+    return Occurrence(rule, time, time, client, frames, fact, clause, explaining_calls=causes)
 
 
 def _has_wdt(service: Call) -> bool:
@@ -327,14 +308,12 @@ def _may_have_run(earlier: Call, call: Call) -> bool:
     return begun and (earlier.reply is None or earlier.reply.time > call.request.time)
 
 
+_PROVIDER_CODES = (E_INVALIDARG, 0x80000201, 0x80000202, 0x80000208, 0x80000209)
+
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(RULES["wdt-too-small"], (E_INVALIDARG,), _explain_small_wdt),
-    Refusal(RULES["name-in-use"], (E_CAO_COLLECTION_REGISTERED,), _explain_name_in_use),
-    Refusal(
-        RULES["provider-refused"],
-        (E_INVALIDARG, 0x80000201, 0x80000202, 0x80000208, 0x80000209),
-        _explain_provider,
-    ),
-    Refusal(RULES["service-not-started"], (), _explain_not_started),
-    Refusal(RULES["busy"], (E_BUSY,), _explain_busy),
+    Refusal("wdt-too-small", (E_INVALIDARG,), _explain_small_wdt),
+    Refusal("name-in-use", (E_CAO_COLLECTION_REGISTERED,), _explain_name_in_use),
+    Refusal("provider-refused", _PROVIDER_CODES, _explain_provider),
+    Refusal("service-not-started", (), _explain_not_started),
+    Refusal("busy", (E_BUSY,), _explain_busy),
 )

@@ -31,10 +31,6 @@ from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE, with_rc7_
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.slave_mode_tracker import SLAVE_MODE_OFF_CODES
 
-REFUSED_IN_SLAVE_MODE = RULES["refused-in-slave-mode"]
-SLAVE_MODE_ENDED_BY_OTHER = RULES["slave-mode-ended-by-other"]
-SLAVE_MODE_LOST_UNSEEN = RULES["slave-mode-lost-unseen"]
-
 _NOT_ALLOWED = with_rc7_forms((E_REFUSED_IN_SLAVE_MODE, 0x8120174E, 0x81500177))
 _SUSPECT_WITHIN_NS = 200 * MS
 
@@ -59,16 +55,11 @@ def _ended_by_other(session: SlaveSession, by: CallFact) -> Occurrence:
         at=Moment(by.time),
         client=client_place(session.conversation),
     )
+    clause = Message("clause.slave-mode-ended-by-other", other=other, call=call)
+    frames = tuple(frame for frame in (by.request_frame, by.reply_frame) if frame is not None)
+    rule, ended, impact = RULES["slave-mode-ended-by-other"], session.exit.time, RobotImpact.STOPPED
     return Occurrence(
-        SLAVE_MODE_ENDED_BY_OTHER,
-        by.time,
-        session.exit.time,
-        session.conversation,
-        (by.request_frame, *(() if by.reply_frame is None else (by.reply_frame,))),
-        fact,
-        Message("clause.slave-mode-ended-by-other", other=other, call=call),
-        by.call,
-        impact=RobotImpact.STOPPED,
+        rule, by.time, ended, session.conversation, frames, fact, clause, by.call, impact=impact
     )
 
 
@@ -87,16 +78,10 @@ def _lost_unseen(session: SlaveSession, last: FrameTime) -> Occurrence:
         by = suspects[-1]
         places |= {"other": str(by.client), "call": _call_name_place(by), "at": Moment(by.time)}
         fact = Message("finding.slave-mode-lost-unseen.suspect", **places)
-    return Occurrence(
-        SLAVE_MODE_LOST_UNSEEN,
-        last.time,
-        last.time + 1,
-        session.conversation,
-        (last.frame, *(call.request_frame for call in suspects[-1:]), *exit_.frames[-1:]),
-        fact,
-        Message("clause.slave-mode-lost-unseen"),
-        impact=RobotImpact.STOPPED,
-    )
+    clause = Message("clause.slave-mode-lost-unseen")
+    frames = (last.frame, *(call.request_frame for call in suspects[-1:]), *exit_.frames[-1:])
+    rule, end, impact = RULES["slave-mode-lost-unseen"], last.time + 1, RobotImpact.STOPPED
+    return Occurrence(rule, last.time, end, session.conversation, frames, fact, clause, impact=impact)
 
 
 def _call_name_place(call: CallFact) -> CallPlace:
@@ -183,9 +168,7 @@ def _explain_mode_refused(call: Call, client: ClientState) -> RefusalReason | No
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(RULES["slvmove-outside-slave-mode"], SLAVE_MODE_OFF_CODES, _explain_outside),
-    Refusal(REFUSED_IN_SLAVE_MODE, _NOT_ALLOWED, _explain_not_allowed),
-    Refusal(
-        RULES["slave-mode-refused"], (0x80070057, 0x80020005, 0x80010003, 0x83500127), _explain_mode_refused
-    ),
+    Refusal("slvmove-outside-slave-mode", SLAVE_MODE_OFF_CODES, _explain_outside),
+    Refusal("refused-in-slave-mode", _NOT_ALLOWED, _explain_not_allowed),
+    Refusal("slave-mode-refused", (0x80070057, 0x80020005, 0x80010003, 0x83500127), _explain_mode_refused),
 )

@@ -9,7 +9,6 @@ from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     ClientEnd,
-    DiagnosisRule,
     Occurrence,
     OccurrenceSink,
     RuleChecker,
@@ -31,16 +30,6 @@ from bcapscope.traffic.observation import (
     ServerEvidenceKind,
     Transport,
 )
-
-OVERSIZE_DATAGRAM = RULES["oversize-datagram"]
-NEAR_DATAGRAM_LIMIT = RULES["near-datagram-limit"]
-MALFORMED_REQUEST = RULES["malformed-request"]
-MALFORMED_REPLY = RULES["malformed-reply"]
-CAPTURE_GAP = RULES["capture-gap"]
-CAPTURE_CUT = RULES["capture-cut"]
-ONE_DIRECTION = RULES["one-direction"]
-SERVER_GUESSED = RULES["server-guessed"]
-DUPLICATE_FRAMES = RULES["duplicate-frames"]
 
 CHECKED_FROM_BYTES = 480
 """Smallest size in bytes of the frames that are checked for their size."""
@@ -75,7 +64,7 @@ class WireChecker(RuleChecker):
         if begun_unseen and isinstance(observation.item, Malformed):
             self._expect_resync(flow, observation.time)  # the capture began in the middle of a TCP frame
         if evidence is ServerEvidenceKind.GUESS and flow.direction is Direction.REQUEST:
-            self._report_frame(SERVER_GUESSED, observation, server=flow.dst_text)
+            self._report_frame("server-guessed", observation, server=flow.dst_text)
 
     def on_suspect_frame(self, observation: Observation | FrameObservation) -> None:
         item = observation.item
@@ -86,17 +75,17 @@ class WireChecker(RuleChecker):
             return
         if isinstance(item, Malformed) and item.missing:
             self._expect_resync(observation.flow, observation.time)
-            self._report_frame(CAPTURE_GAP, observation, missing=Count(item.missing, "byte"))
+            self._report_frame("capture-gap", observation, missing=Count(item.missing, "byte"))
         elif observation.flow.conversation.transport is Transport.TCP and self._is_incomplete(
             observation, problems
         ):
             if _is_cut_by_closing(observation, problems):
                 advice = Message("rule.capture-gap.advice.closed")
-                self._report_frame(CAPTURE_GAP, observation, ".closed", advice)
+                self._report_frame("capture-gap", observation, ".closed", advice)
             else:
-                self._report_frame(CAPTURE_GAP, observation, ".part")
+                self._report_frame("capture-gap", observation, ".part")
         elif cuts := [problem for problem in problems if problem.code == "cut"]:
-            self._report_frame(CAPTURE_CUT, observation, problems=_problem_message(cuts))
+            self._report_frame("capture-cut", observation, problems=_problem_message(cuts))
         else:
             self._report_malformed(observation, problems)
 
@@ -105,7 +94,7 @@ class WireChecker(RuleChecker):
         if copies:
             number = Count(len(copies), "copy")
             fact = Message("finding.duplicate-frames", call=call_place(call), copies=number)
-            self.report_call(DUPLICATE_FRAMES, call, fact)
+            self.report_call("duplicate-frames", call, fact)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
         """Report that a capture holds the replies of a conversation, but not its requests. A few replies are
@@ -154,21 +143,21 @@ class WireChecker(RuleChecker):
             return
         bytes_, limit = Count(size, "byte"), Count(LARGEST_UDP_FRAME, "byte")
         if size > LARGEST_UDP_FRAME:
-            self._report_frame(OVERSIZE_DATAGRAM, observation, size=bytes_, limit=limit)
+            self._report_frame("oversize-datagram", observation, size=bytes_, limit=limit)
         elif observation.flow.direction is Direction.REQUEST:
-            self._report_frame(NEAR_DATAGRAM_LIMIT, observation, size=bytes_, limit=limit)
+            self._report_frame("near-datagram-limit", observation, size=bytes_, limit=limit)
 
     def _report_malformed(
         self, observation: Observation | FrameObservation, problems: tuple[Problem, ...]
     ) -> None:
         reasons = _problem_message(problems)
         if observation.flow.direction is Direction.RESPONSE:
-            self._report_frame(MALFORMED_REPLY, observation, problems=reasons)
+            self._report_frame("malformed-reply", observation, problems=reasons)
             return
         transport = observation.flow.conversation.transport
         stops_server = transport is Transport.UDP and observation.item.raw[:1] == bytes((SOH,))
         self._report_frame(
-            MALFORMED_REQUEST,
+            "malformed-request",
             observation,
             ".stops-server" if stops_server else "",
             Message("rule.malformed-request.advice.tcp") if transport is Transport.TCP else None,
@@ -177,7 +166,7 @@ class WireChecker(RuleChecker):
 
     def _report_frame(
         self,
-        rule: DiagnosisRule,
+        rule: str,
         observation: Observation | FrameObservation,
         case: str = "",
         advice: Message | None = None,
@@ -186,7 +175,7 @@ class WireChecker(RuleChecker):
         """Report a problem of a frame. The text of the finding is the message `finding.<rule><case>`."""
         conversation = observation.flow.conversation
         fact = Message(
-            f"finding.{rule.id}{case}",
+            f"finding.{rule}{case}",
             at=Moment(observation.time),
             frame=FramePlace((observation.number,)),
             sender=observation.flow.src_text,
@@ -194,13 +183,13 @@ class WireChecker(RuleChecker):
         )
         self.report_occurrence(
             Occurrence(
-                rule,
+                RULES[rule],
                 observation.first_byte_time,
                 observation.time,
                 conversation,
                 (observation.number,),
                 fact,
-                group_key=conversation.transport if rule is MALFORMED_REQUEST else "",
+                group_key=conversation.transport if rule == "malformed-request" else "",
                 advice=advice,
             )
         )
@@ -212,9 +201,8 @@ def _one_direction(
     fact = Message(
         f"finding.one-direction.{held}", client=client_place(conversation), server=str(conversation.server)
     )
-    return Occurrence(
-        ONE_DIRECTION, first.time, last.time, conversation, (first.number, last.number), fact, group_key=held
-    )
+    rule, frames = RULES["one-direction"], (first.number, last.number)
+    return Occurrence(rule, first.time, last.time, conversation, frames, fact, group_key=held)
 
 
 def _is_cut_by_closing(observation: Observation | FrameObservation, problems: Sequence[Problem]) -> bool:
