@@ -28,9 +28,7 @@ def result_of(call: Call) -> Value:
 
 
 def first_number(variant: Variant | None) -> int | None:
-    """Return an argument as an integer; None if the argument contains no integer. Clients send an integer as
-    a number, as the first number of an array, or as text.
-    """
+    """Return an argument as an integer; None if it contains none. Clients send a number, an array or text."""
     value = variant.value if variant is not None else None
     if isinstance(value, tuple):
         first = value[0] if value else None
@@ -41,9 +39,7 @@ def first_number(variant: Variant | None) -> int | None:
 
 
 def requested_motor_state(call: Call) -> bool | None:
-    """Return whether a call (Motor, or a write to @SERVO_ON) asks the controller to switch the motor on.
-    Return None if the argument cannot be read.
-    """
+    """Return whether a call switches the motor on; None if the argument is unreadable."""
     if call.kind.function_id == ID["Variable_PutValue"]:
         value = argument(call, 1)
         return None if value is None or not isinstance(value.value, int) else bool(value.value)

@@ -16,18 +16,12 @@ class CallSelection:
     """Marks each reported problem as selected or not selected, then passes the problem to
     `report_occurrence`.
 
-    Rules check all calls, because a call that is not selected can cause a problem in a selected call. A
-    problem (an `Occurrence`) is selected if one of the frames that prove it belongs to a selected call.
-    Whether a call is selected is known only when the call is complete. The selection therefore keeps a
-    problem in a frame, and reports this problem when the call of the frame is complete.
+    A problem is selected if one of the frames that prove it belongs to a selected call. Whether a call is
+    selected is known only when the call is complete. Until then, the selection keeps the problems in its
+    frames.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool], report_occurrence: OccurrenceSink) -> None:
-        """Create a selection of calls.
-
-        Args:
-            report_occurrence: Function that receives each `Occurrence`, after its field `selected` was set.
-        """
         self.selected_calls = 0
         self._is_selected = is_selected
         self._report_occurrence = report_occurrence
@@ -40,9 +34,7 @@ class CallSelection:
         self._unsettled_frame = observation.number if isinstance(observation.item, Frame) else None
 
     def on_call(self, call: Call) -> None:
-        """Test whether a completed call is selected, and report the kept problems in its frames. The caller
-        must call this method before the rules check the call.
-        """
+        """Test whether a completed call is selected. Call this method before the rules check the call."""
         self._unsettled_frame = None
         frames = [seen.number for seen in call_observations(call)]
         if self._is_selected(call):
@@ -54,9 +46,7 @@ class CallSelection:
                 self._release_frame(frame)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Report the kept problems in a stray reply. The caller must call this method before the rules check
-        the reply.
-        """
+        """Report the kept problems in a stray reply. Call this method before the rules check the reply."""
         self._unsettled_frame = None
         self._release_frame(stray.observation.number)
 
@@ -67,9 +57,8 @@ class CallSelection:
         self._report_occurrence(self._marked(occurrence))
 
     def provisional_occurrences(self, at_end: Iterable[Occurrence]) -> Iterator[Occurrence]:
-        """Yield the kept problems, then the problems in `at_end`. Mark each problem as selected or not
-        selected, as if the traffic ended now. A kept problem is not selected if its frame belongs to no
-        completed call. This method passes nothing to `report_occurrence`.
+        """Yield the kept problems, then the problems in `at_end`, marked as if the traffic ended now. A kept
+        problem is not selected if its frame belongs to no completed call.
         """
         return map(self._marked, chain(*self._held_occurrences.values(), at_end))
 

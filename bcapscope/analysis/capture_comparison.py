@@ -14,22 +14,16 @@ from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.traffic.call_kind import CallKind
 
 MAX_SESSIONS = 64
-"""Maximum number of slave-mode sessions that are compared. The comparison takes the first sessions of each
-capture.
-"""
+"""Maximum number of slave-mode sessions that are compared: the first ones of each capture."""
 
 FEWEST_SAMPLES = 8
 """A difference in speed is notable only if each capture has at least this many calls or cycles."""
 
 NOTABLE_RATIO = 1.5
-"""Smallest notable ratio of two times or two rates. Smaller ratios occur even between two captures of the
-same program.
-"""
+"""Smallest notable ratio of times or rates. Two captures of one program can differ by less."""
 
 NOTABLE_CYCLE = 1.1
-"""Smallest notable ratio of two median cycle times of set points. This limit is low because clients should
-keep the cycle time constant.
-"""
+"""Smallest notable ratio of median cycle times; low because clients should keep the cycle time constant."""
 
 NOTABLE_MS = 0.2
 """Smallest notable difference between two latencies, in ms. For comparison, the shortest timeout of a client
@@ -47,12 +41,7 @@ Value: TypeAlias = "float | str | None"
 
 @dataclass(frozen=True, slots=True)
 class ComparedCapture:
-    """Data of one capture, for the comparison of two captures.
-
-    Attributes:
-        slave_sessions: The first slave-mode sessions of the capture, at most `MAX_SESSIONS`, in the order of
-            their start times.
-    """
+    """Data of one capture, with at most `MAX_SESSIONS` slave-mode sessions in the order of their starts."""
 
     name: str
     statistics: Statistics | None
@@ -84,21 +73,14 @@ class Difference:
 
     @property
     def ratio(self) -> float | None:
-        """The value in the second capture divided by the value in the first; None unless both are positive
-        numbers.
-        """
+        """`bad` divided by `good`; None unless both are positive numbers."""
         good, bad = self.good, self.bad
         return bad / good if isinstance(good, float) and isinstance(bad, float) and good > 0 < bad else None
 
 
 @dataclass(frozen=True, slots=True)
 class RuleDifference:
-    """A rule with a different number of findings in the two captures.
-
-    Attributes:
-        good: Number of findings of the rule in the first capture.
-        bad: Number of findings of the rule in the second capture.
-    """
+    """A rule with a different number of findings in the two captures."""
 
     rule: str
     severity: Severity
@@ -182,9 +164,7 @@ _JudgeFigure: TypeAlias = Callable[[Value, Value, "tuple[int, int]"], bool]
 
 
 def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
-    """Return a function that decides whether two times or two rates differ notably. Two values differ notably
-    if their ratio exceeds `ratio` and their difference exceeds `least`.
-    """
+    """Return a function that tests whether two values differ by more than a factor and more than `least`."""
 
     def judge(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
         if not (isinstance(good, float) and isinstance(bad, float)) or min(counts) < FEWEST_SAMPLES:
@@ -196,17 +176,12 @@ def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
 
 
 def _judge_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether the share of calls with an event differs notably between two captures. The event is not
-    random: a refusal, for example.
-    """
+    """Judge shares of calls with an event that is not random, such as a refusal."""
     return isinstance(good, float) and isinstance(bad, float) and abs(good - bad) > NOTABLE_SHARE
 
 
 def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether two shares of calls differ notably. The shares count random events.
-
-    The counts of random events, such as losses, have a Poisson distribution.
-    """
+    """Judge shares of random events, such as losses. Their counts have a Poisson distribution."""
     if not (isinstance(good, float) and isinstance(bad, float)) or not _judge_share(good, bad, counts):
         return False
     one, two = counts
@@ -215,7 +190,6 @@ def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> boo
 
 
 def _judge_word(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Return whether two words differ notably. They do if both captures show the value."""
     unseen = (None, ExitReason.CAPTURE_ENDED.value)
     return good not in unseen and bad not in unseen
 
@@ -267,14 +241,10 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], .
 )
 
 _SPEEDS = ("latency_ms.p50", "latency_ms.p99", "latency_ms.max")
-"""Figures that are compared for each kind of call, but not for all calls together. For all calls together,
-these figures depend on which kinds of call the client made.
-"""
+"""Figures of each kind of call, but not of all calls: these depend on which kinds the client made."""
 
 _PACES = ("calls_per_s", "line_time_share")
-"""Figures that are not compared if there are only a few calls, because then they depend on the length of the
-capture.
-"""
+"""Figures that are not compared if there are few calls: they would depend on the length of the capture."""
 
 
 # Slave-mode sessions.

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple, TypeAlias, TypeVar
+from typing import NamedTuple, TypeVar
 
 from bcapscope.analysis.call_arguments import (
     gets_robslave,
@@ -27,9 +27,7 @@ from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeEffect
 
 MAX_HANDLES = 1024
-"""Maximum number of handles that are remembered for each client. DENSO's C server gives a client at most 1000
-handles (orin_bcap C/src/bCAPServer/bcap_server.c).
-"""
+"""Handles that are remembered for each client. DENSO's C server (bcap_server.c) gives it at most 1000."""
 
 MAX_CLOSED_CLIENTS = 32
 """Maximum number of clients that are remembered after their conversation ended; slave mode may be on."""
@@ -58,9 +56,7 @@ _FOLLOWED_COMMANDS = frozenset(("takearm", "givearm", "motor", "clearerror", "sl
 
 MOTION_FUNCTIONS = frozenset(ID[f"Robot_{name}"] for name in ("Drive", "GoHome", "Move", "Rotate"))
 MOTION_COMMANDS = frozenset(("approach", "depart", "driveaex", "driveex"))
-"""Names, in lower case, of commands that move the robot outside slave mode. `MOTION_FUNCTIONS` contains the
-functions that move the robot.
-"""
+"""Names, in lower case, of commands that move the robot outside slave mode."""
 
 
 class OpenedObject(NamedTuple):
@@ -87,19 +83,12 @@ class ClientState:
         failed_openings: For each class of objects, the latest call of this session that should have opened an
             object, but got no successful reply; once a later call has opened such an object, the class has no
             entry.
-        motor_on: Whether the client last switched the motor on; None if unknown.
-        take_arm_call: The TakeArm call with which the client took the arm; None after GiveArm.
         give_arm_call: The GiveArm call that gave back the arm; None if the client holds the arm.
-        robslave_start: The client's latest successful start of the task RobSlave.
         robslave_not_found: The client's first Controller_GetTask call for the task RobSlave that the
             controller refused.
-        last_motion: Latest motion command outside slave mode that the controller accepted.
         mode_value: Number of the slave mode, as in slvChangeMode; 0 while slave mode is off, None if unknown.
-        mode_entered_by: The latest slvChangeMode call that entered slave mode.
-        mode_ended_by: The latest call that ended slave mode.
         uncleared_error: The first call that reported a controller error after the client last cleared errors.
         latest_error: The latest call that reported a controller error, even if the error was cleared.
-        clear_call: The client's latest successful ClearError call.
         error_was_read: Whether the client has read the details of an error after the call `uncleared_error`.
         slow_call: Latest call that got no reply, or whose latency exceeds `SLOW_CALL_NS`; evicted calls do
             not count.
@@ -147,7 +136,6 @@ class ClientState:
 
     @property
     def has_open_session(self) -> bool:
-        """Whether the client has started a session that it has not ended."""
         return (self.service_start is not None or self.connect_call is not None) and self.session_end is None
 
     @property
@@ -164,20 +152,14 @@ class ClientState:
 
     @property
     def generation(self) -> Generation | None:
-        """Generation of the controller (such as RC8), deduced from the traffic; None if unknown."""
         uses_robslave = self.robslave_start is not None or self.robslave_not_found is not None
         return Generation.RC7 if uses_robslave else self.generation_clue.generation
 
     @property
     def slave_mode(self) -> SlaveMode | None:
-        """Slave mode that the client has entered; None while slave mode is off. If the controller's
-        generation is unknown, the mode number is understood as on an RC8.
-        """
-        return (
-            slave_mode_by_number(self.mode_value, self.generation or Generation.RC8)
-            if self.mode_value
-            else None
-        )
+        """Slave mode of the client, as on an RC8 if the generation is unknown; None while it is off."""
+        generation = self.generation or Generation.RC8
+        return slave_mode_by_number(self.mode_value, generation) if self.mode_value else None
 
     def other_clients(self) -> list[ClientState]:
         host = self.conversation.server.host
@@ -190,7 +172,6 @@ class ClientState:
         return any(error.request.time <= time <= before for time in times)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Update the state with a run of alike set points (see `AlikeSetPoints`)."""
         for call in calls:
             if call.last_activity - call.request.time > SLOW_CALL_NS:
                 self.slow_call = call
@@ -213,13 +194,14 @@ class ClientState:
         slow = unanswered if reply is None else reply.time - call.request.time > SLOW_CALL_NS
         if slow:
             self.slow_call = call
-        self._follow_attempt(call)
+        topic = self.topic_of(call)
+        self._follow_attempt(call, topic)
         is_point = call.kind.folded_command == "slvmove"
         if reply is None:
             if is_point and self.mode_value:
                 self._remember_set_point(call)
             elif call.reply_not_captured:
-                self._on_success(call)  # the reply that was not captured may have reported success
+                self._on_success(call, topic)  # the reply that was not captured may have reported success
             return
         self.answered_count += 1
         code = reply.item.code
@@ -228,12 +210,11 @@ class ClientState:
         elif is_point:
             self._remember_set_point(call)
         else:
-            self._on_success(call)
+            self._on_success(call, topic)
 
-    def _follow_attempt(self, call: Call) -> None:
+    def _follow_attempt(self, call: Call, topic: str) -> None:
         """Record that the client made this call, so that no rule says that the call is missing."""
         function_id = call.kind.function_id
-        topic = self.topic_of(call)
         is_small = call.memory_bytes <= _LARGEST_ATTEMPT
         if is_small and (topic in _FOLLOWED_COMMANDS or topic == "robslave"):
             self.latest_calls[topic] = call
@@ -259,7 +240,7 @@ class ClientState:
         return name.casefold() if function_id == ID["Variable_GetValue"] else ""
 
     def on_slave_mode(self, change: SlaveModeChange) -> None:
-        """Update the slave mode. `on_call` has already received the call that changed the mode."""
+        """Update the slave mode, after `on_call` has received the call that changed it."""
         call = change.call
         if change.effect is SlaveModeEffect.MODE_CHANGED:
             self.recent_set_points.clear()
@@ -272,15 +253,49 @@ class ClientState:
             self.mode_ended_by = call
         self.mode_value = change.mode
 
-    def _on_success(self, call: Call) -> None:
-        function_id, command = call.kind
-        if command is not None:
-            teach = _BY_COMMAND.get(call.kind.folded_command) if function_id in EXECUTES else None
-        else:
-            teach = _BY_FUNCTION.get(function_id)
+    def _on_success(self, call: Call, topic: str) -> None:
+        function_id = call.kind.function_id
+        if call.kind.command is None:
             self._follow_handles(call)
-        if teach is not None:
-            teach(self, call)
+        if function_id == ID["Variable_GetValue"]:
+            self.error_was_read = self.error_was_read or topic in ("@error_code", "@error_description")
+        elif function_id == ID["Task_Start"]:
+            self.robslave_start = call if topic == "robslave" else self.robslave_start
+        elif function_id == ID["Service_Start"]:
+            self._on_service_start(call)
+        elif function_id in _ENDS_SESSION:
+            self._reset_session()
+            self.session_end = call
+        elif function_id == ID["Controller_Connect"]:
+            self.connect_call, self.session_end, self.failed_start = call, None, None
+            self._learn_generation(call)
+        elif function_id in MOTION_FUNCTIONS or topic in MOTION_COMMANDS:
+            self.last_motion = call
+        else:
+            self._on_preparation(call, topic)
+
+    def _on_service_start(self, call: Call) -> None:
+        self._reset_session()
+        self.service_start = call
+        is_udp = call.conversation.transport is Transport.UDP
+        if is_udp and self.call_count == 1 and call.request.item.serial == 0:
+            self.failed_start = call
+
+    def _on_preparation(self, call: Call, topic: str) -> None:
+        if topic == "motor":
+            self.motor_call, self.motor_on = call, requested_motor_state(call)
+        elif topic == "takearm":
+            self.take_arm_call, self.give_arm_call = call, None
+            self._learn_generation(call)
+        elif topic == "givearm":
+            self.take_arm_call, self.give_arm_call = None, call
+        elif topic == "putautomode":
+            self._learn_generation(call)
+        elif topic == "clearerror":
+            self.clear_call = call
+            self.uncleared_error, self.error_was_read = None, False
+        elif topic in _READS_ERROR:
+            self.error_was_read = True
 
     def _follow_handles(self, call: Call) -> None:
         function = FUNCTIONS.get(call.kind.function_id)
@@ -288,9 +303,8 @@ class ClientState:
             return
         handle, target = result_of(call), self.target_object
         if function.creates is not None and isinstance(handle, int):
-            _put_bounded(
-                self.opened_objects, handle, OpenedObject(function.creates, requested_name(call, function))
-            )
+            opened = OpenedObject(function.creates, requested_name(call, function))
+            _put_bounded(self.opened_objects, handle, opened)
             self.released_by.pop((function.creates, handle), None)
             self.failed_openings.pop(function.creates, None)
         elif function.releases is not None and target is not None:
@@ -308,58 +322,11 @@ class ClientState:
             self.uncleared_error, self.error_was_read = call, False
         self.recent_set_points.clear()
 
-    def _on_service_start(self, call: Call) -> None:
-        self._reset_session()
-        self.service_start = call
-        is_udp = call.conversation.transport is Transport.UDP
-        if is_udp and self.call_count == 1 and call.request.item.serial == 0:
-            self.failed_start = call
-
-    def _on_session_end(self, call: Call) -> None:
-        self._reset_session()
-        self.session_end = call
-
     def _reset_session(self) -> None:
         self.service_start = self.connect_call = self.session_end = self.failed_start = None
         self.take_arm_call = self.give_arm_call = None
         self.latest_calls.clear()
         self.failed_openings.clear()
-
-    def _on_connect(self, call: Call) -> None:
-        self.connect_call, self.session_end, self.failed_start = call, None, None
-        self._learn_generation(call)
-
-    def _on_start_task(self, call: Call) -> None:
-        if self.topic_of(call) == "robslave":
-            self.robslave_start = call
-
-    def _on_get_value(self, call: Call) -> None:
-        name = "" if self.target_object is None else self.target_object.name.casefold()
-        self.error_was_read = self.error_was_read or name in ("@error_code", "@error_description")
-
-    def _on_motion(self, call: Call) -> None:
-        self.last_motion = call
-
-    def _on_motor(self, call: Call) -> None:
-        self.motor_call, self.motor_on = call, requested_motor_state(call)
-
-    def _on_put_value(self, call: Call) -> None:
-        if self.topic_of(call) == "motor":
-            self._on_motor(call)
-
-    def _on_take_arm(self, call: Call) -> None:
-        self.take_arm_call, self.give_arm_call = call, None
-        self._learn_generation(call)
-
-    def _on_give_arm(self, call: Call) -> None:
-        self.take_arm_call, self.give_arm_call = None, call
-
-    def _on_clear_error(self, call: Call) -> None:
-        self.clear_call = call
-        self.uncleared_error, self.error_was_read = None, False
-
-    def _on_read_error(self, call: Call) -> None:
-        self.error_was_read = True
 
     def _learn_generation(self, call: Call) -> None:
         self.generation_clue = stronger_clue(self.generation_clue, clue_of_call(call))
@@ -367,30 +334,6 @@ class ClientState:
 
 def _may_have_succeeded(call: Call) -> bool:
     return call.evicted if call.reply is None else not is_failure(call.reply.item.code)
-
-
-_StateUpdate: TypeAlias = Callable[[ClientState, Call], None]
-
-_BY_FUNCTION: dict[int, _StateUpdate] = {
-    **dict.fromkeys(MOTION_FUNCTIONS, ClientState._on_motion),
-    ID["Service_Start"]: ClientState._on_service_start,
-    ID["Service_Stop"]: ClientState._on_session_end,
-    ID["Controller_Connect"]: ClientState._on_connect,
-    ID["Controller_Disconnect"]: ClientState._on_session_end,
-    ID["Task_Start"]: ClientState._on_start_task,
-    ID["Variable_GetValue"]: ClientState._on_get_value,
-    ID["Variable_PutValue"]: ClientState._on_put_value,
-}
-
-_BY_COMMAND: dict[str, _StateUpdate] = {
-    **dict.fromkeys(_READS_ERROR, ClientState._on_read_error),
-    **dict.fromkeys(MOTION_COMMANDS, ClientState._on_motion),
-    "motor": ClientState._on_motor,
-    "takearm": ClientState._on_take_arm,
-    "givearm": ClientState._on_give_arm,
-    "clearerror": ClientState._on_clear_error,
-    "putautomode": ClientState._learn_generation,
-}
 
 
 _Key = TypeVar("_Key")
@@ -407,8 +350,7 @@ class ClientRegistry:
     """Holds the `ClientState` of each remembered client, with the conversation as the key."""
 
     def __init__(self, on_drop: Callable[[ClientState], None]) -> None:
-        """Create an empty registry. When the memory limit is reached, the registry drops a client and calls
-        `on_drop` with the state of that client."""
+        """Create an empty registry. `on_drop` receives each client that is dropped when memory is full."""
         self._on_drop = on_drop
         self._by_conversation: dict[Conversation, ClientState] = {}
         self._closed: deque[Conversation] = deque()
@@ -418,7 +360,7 @@ class ClientRegistry:
         return iter(self._by_conversation.values())
 
     def client_of(self, call: Call) -> ClientState:
-        """Return the state of the client that made a call. The first call of a client creates the state."""
+        """Return the state of the client that made a call, or create it."""
         client = self._by_conversation.get(call.conversation)
         if client is None:
             self.clients_seen += 1
@@ -430,9 +372,7 @@ class ClientRegistry:
         return client
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Record that a client's conversation was closed. The registry still remembers the client, because it
-        can explain failures of other clients.
-        """
+        """Keep the client for some time, because it can explain failures of other clients."""
         client = self._by_conversation.get(conversation)
         if client is None:
             return

@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 from bcapscope.analysis.call_selection import CallSelection
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
-from bcapscope.analysis.finding import Finding, TrafficTotals
+from bcapscope.analysis.finding import NO_TRAFFIC, Finding, TrafficTotals
 from bcapscope.analysis.finding_collector import FindingCollector
 from bcapscope.analysis.rules import CHECKERS
 from bcapscope.analysis.rules.rule_checker import (
@@ -32,14 +32,10 @@ from bcapscope.traffic.pipeline import PipelineSubscriber, overriding_methods
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange
 
 MAX_CALL_KINDS = 4096
-"""Maximum size of a cache. For each kind of call, this cache contains the checkers that need such calls. When
-the cache is full, it is emptied.
-"""
+"""Maximum number of kinds of call whose checkers are cached. When the cache is full, it is emptied."""
 
 MAX_FLOWS = 65536
-"""Maximum number of flows that are remembered to recognise a new flow. A flow is a conversation with a
-direction. When the set is full, it is emptied.
-"""
+"""Maximum number of flows that are remembered. When the set is full, it is emptied."""
 
 _CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 
@@ -69,27 +65,26 @@ class Diagnosis(PipelineSubscriber):
                 `remaining_sessions` returns the incomplete sessions.
         """
         self._collector = FindingCollector()
-        self._selection = (
-            None if is_selected is None else CallSelection(is_selected, self._collector.add_occurrence)
-        )
-        self._report_occurrence = (
-            self._collector.add_occurrence if self._selection is None else self._selection.add_occurrence
-        )
+        self._report_occurrence = self._collector.add_occurrence
+        self._selection: CallSelection | None = None
+        self._selected_sessions: SelectedSlaveSessions | None = None
+        self._on_slave_session = on_slave_session
+        if is_selected is not None:
+            self._selection = CallSelection(is_selected, self._collector.add_occurrence)
+            self._report_occurrence = self._selection.add_occurrence
+            self._on_slave_session = None
+            if on_slave_session is not None:
+                self._selected_sessions = SelectedSlaveSessions(is_selected, on_slave_session)
         self._clients = ClientRegistry(self._drop_client)
         self._session_detector = SlaveSessionDetector()
         checkers = self._checkers = [checker(self._report_occurrence, self._clients) for checker in CHECKERS]
         self._call_checkers = [each for each in checkers if type(each).on_call is not RuleChecker.on_call]
-        self._set_point_handlers = [each.on_call for each in checkers if each.needs_every_set_point]
         self._suspect_frame_handlers = overriding_methods(checkers, RuleChecker.on_suspect_frame)
         self._stray_reply_handlers = overriding_methods(checkers, RuleChecker.on_stray_reply)
         self._new_flow_handlers = overriding_methods(checkers, RuleChecker.on_new_flow)
         self._session_handlers = overriding_methods(checkers, RuleChecker.session_occurrences)
         self._end_handlers = overriding_methods(checkers, RuleChecker.end_occurrences)
         self._closed_handlers = overriding_methods(checkers, RuleChecker.on_conversation_closed)
-        self._selected_sessions: SelectedSlaveSessions | None = None
-        if is_selected is not None and on_slave_session is not None:
-            self._selected_sessions = SelectedSlaveSessions(is_selected, on_slave_session)
-        self._on_slave_session = on_slave_session if is_selected is None else None
         self._dropped_calls = self._not_followed = 0
         self._handlers_by_kind: dict[tuple[CallKind, CallHealth], tuple[_CallHandler, ...]] = {}
         self._flows: set[Flow] = set()
@@ -127,16 +122,13 @@ class Diagnosis(PipelineSubscriber):
         client.on_call(call)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Pass a run of alike set points to the checkers whose `needs_every_set_point` is true."""
+        """Follow a run of alike set points. The checkers have already got the first set point of this run."""
         client = self._clients.client_of(calls[0])
         if self._selection is not None:
             for call in calls:
                 self._selection.on_call(call)
         if self._selected_sessions is not None:
             self._selected_sessions.on_set_points(calls)
-        for check in self._set_point_handlers:
-            for call in calls:
-                check(call, client)
         client.on_set_points(calls)
         sessions = self._session_detector.add_set_points(calls)
         if sessions:
@@ -153,9 +145,7 @@ class Diagnosis(PipelineSubscriber):
         self._clients.client_of(change.call).on_slave_mode(change)
 
     def _check_frame(self, observation: FrameObservation) -> None:
-        """Pass a frame with problems to the checkers, unless the frame is large. `on_frame` has already
-        passed large frames to the checkers.
-        """
+        """Pass a frame with problems to the checkers. `on_frame` has already passed large frames."""
         if observation.item.problems and len(observation.item.raw) < CHECKED_FROM_BYTES:
             for check in self._suspect_frame_handlers:
                 check(observation)
@@ -174,9 +164,6 @@ class Diagnosis(PipelineSubscriber):
         return chain.from_iterable(check(session) for check in self._session_handlers)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Release the data of a closed conversation. The caller has already added all calls of the
-        conversation.
-        """
         self._flows = {flow for flow in self._flows if flow.conversation is not conversation}
         self._on_slave_sessions(self._session_detector.close_conversation(conversation))
         self._clients.on_conversation_closed(conversation)
@@ -199,15 +186,14 @@ class Diagnosis(PipelineSubscriber):
         """Return the slave-mode sessions that were not yet passed to `on_slave_session`. `findings` describes
         `ended_at`.
         """
-        return (self._selected_sessions or self._session_detector).remaining_sessions(
-            self._end_time(ended_at)
-        )
+        detector = self._selected_sessions or self._session_detector
+        return detector.remaining_sessions(self._end_time(ended_at))
 
     def totals(self, ended_at: int = 0) -> TrafficTotals:
         """Return how much traffic there was so far. `findings` describes `ended_at`."""
         first, last = self._first, self._last
         if first is None or last is None:
-            return TrafficTotals(0, 0, 0, 0)
+            return NO_TRAFFIC
         calls = self._dropped_calls + sum(client.call_count for client in self._clients)
         selected = None if self._selection is None else self._selection.selected_calls
         frames, lasted = last.number - first.number + 1, self._end_time(ended_at) - first.time
@@ -222,7 +208,6 @@ class Diagnosis(PipelineSubscriber):
         return max(ended_at, self._last.time if self._last is not None else 0)
 
     def _end_occurrences(self, ended_at: int, clients_present: bool) -> Iterator[Occurrence]:
-        """Yield the problems that the checkers would report if the traffic ended now."""
         silent_sessions = {}
         for session in self._session_detector.remaining_sessions(ended_at):
             yield from self._session_occurrences(session)
@@ -236,9 +221,6 @@ class Diagnosis(PipelineSubscriber):
         return chain.from_iterable(check(end) for check in self._end_handlers)
 
     def _on_new_flow(self, observation: Observation) -> None:
-        """Remember a flow (a conversation with a direction), and pass its first observation to the
-        checkers.
-        """
         if self._first is None:
             self._first = observation
         if len(self._flows) >= MAX_FLOWS:
@@ -257,9 +239,8 @@ class Diagnosis(PipelineSubscriber):
 
     def _drop_client(self, client: ClientState) -> None:
         self._dropped_calls += client.call_count
-        for occurrence in self._client_occurrences(
-            ClientEnd(client, self._end_time(), False, client.silent_session)
-        ):
+        end = ClientEnd(client, self._end_time(), False, client.silent_session)
+        for occurrence in self._client_occurrences(end):
             self._report_occurrence(occurrence)
         for checker in self._checkers:
             checker.drop_client(client)

@@ -6,15 +6,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from bcapscope.analysis.finding import Consequence, Finding, Repetition, Severity
-from bcapscope.analysis.finding_group import MAX_KEPT, FindingGroup
-from bcapscope.analysis.finding_order import FindingOrder, selected_groups
+from bcapscope.analysis.finding_order import MAX_KEPT, FindingGroup, FindingOrder
 from bcapscope.analysis.rules.rule_checker import Occurrence
-from bcapscope.messages import Message
 
 MAX_FINDINGS = 16
-"""Maximum number of findings of one rule. When a rule has this many findings, further problems with a new
-group key are added to the rule's first finding.
-"""
+"""Maximum number of findings of one rule. Problems with a further group key join the rule's first finding."""
 
 MAX_CALLS = 256
 """The collector can look up the problems of at most this many calls by call number; it drops older calls."""
@@ -30,10 +26,7 @@ _MAX_NAMED_STEPS = 3
 
 
 class FindingCollector:
-    """Collects the problems that rules report, and makes findings from them.
-
-    Rules do not always report problems in chronological order.
-    """
+    """Collects the problems that rules report, in any order, and makes findings from them."""
 
     def __init__(self) -> None:
         self._groups: dict[tuple[str, bool, str], FindingGroup] = {}
@@ -45,9 +38,7 @@ class FindingCollector:
         self._new_groups: list[FindingGroup] = []
 
     def add_occurrence(self, occurrence: Occurrence) -> None:
-        """Add a reported problem and link it to its cause. If `occurrence` is an update, it replaces the
-        problem that was reported earlier for the same call.
-        """
+        """Add a reported problem and link it to its cause. An update replaces the problem of its call."""
         if occurrence.is_update:
             self._update(occurrence)
             return
@@ -87,13 +78,10 @@ class FindingCollector:
         return group
 
     def _link_cause(self, occurrence: Occurrence) -> None:
-        """Link a reported problem to its cause.
-
-        The collector looks for a cause in this order: the latest problem that certainly explains the call; a
+        """Link a reported problem to its cause: the latest problem that certainly explains the call; a
         problem in one of the calls `explaining_calls`; the latest possible cause.
 
-        `findings` searches for the cause of every problem again, because a better cause may have been
-        reported later.
+        `findings` searches for all causes again, because a better cause may have been reported later.
         """
         known = self._causes.pop(occurrence, None)
         injected = [each for each in self._by_call.get(occurrence.call, ()) if each.rule.id == INJECTED]
@@ -119,19 +107,15 @@ class FindingCollector:
         self._group_of(cause).keep_cause(cause)
 
     def _certain_cause(self, effect: Occurrence) -> Occurrence | None:
-        """Return the problem that certainly caused the problems in the call of `effect`. If there are
-        several, return the latest report.
-        """
         for each in reversed(self._explained.get(effect.call, ())):
             if effect.call and each is not effect and not self._leads_to(each, effect):
                 return each
         return None
 
     def _best_cause(self, candidates: Sequence[Occurrence], effect: Occurrence) -> Occurrence | None:
-        """Return the latest candidate that can be the cause of `effect`. If several candidates began at the
-        same time, return the likeliest of them.
-
-        A candidate that began after the effect, or that is a consequence of the effect, cannot be its cause.
+        """Return the latest candidate that can be the cause of `effect`; the likeliest of those that began at
+        the same time. A candidate that began after the effect, or that is a consequence of the effect, cannot
+        be its cause.
         """
         best, best_key = None, (0, 0)
         # Candidates are roughly in chronological order, so only the latest few candidates need all checks.
@@ -158,10 +142,8 @@ class FindingCollector:
         )
 
     def _possible_causes(self, occurrence: Occurrence) -> Iterator[Occurrence]:
-        earliest, host = (
-            occurrence.began - occurrence.rule.cause_within_ns,
-            occurrence.conversation.server.host,
-        )
+        earliest = occurrence.began - occurrence.rule.cause_within_ns
+        host = occurrence.conversation.server.host
         for rule_id in occurrence.rule.possible_causes:
             for group in self._by_rule.get(rule_id, ()):
                 for each in group:
@@ -170,11 +152,7 @@ class FindingCollector:
                         yield each
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Return one finding for each selected `FindingGroup` that was added since `new_findings` was last
-        used.
-
-        In these findings `consequence_of` is always None; only `findings` links consequences to causes.
-        """
+        """Return one finding for each new `FindingGroup` about selected calls, without links to causes."""
         new, self._new_groups = self._new_groups, []
         return tuple(
             _finding(group, group.first, group.first.frames[:MAX_FRAMES_NAMED])
@@ -216,20 +194,17 @@ class FindingCollector:
             for occurrence in group:
                 self._link_cause(occurrence)
         self._choose_shown(groups)
-        order = FindingOrder(selected_groups(groups, self._causes), self._causes)
+        order = FindingOrder(groups, self._causes)
         return tuple(_ordered_finding(group, order) for group in order.groups)
 
     def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
-        """Choose the occurrence that each finding describes.
-
-        A finding describes the first occurrence that has a consequence. If no occurrence has a consequence,
-        the finding describes the first occurrence with the gravest impact on the robot.
+        """Choose the occurrence that each finding describes: the first with a consequence or, if none has
+        one, the first with the gravest impact on the robot.
         """
         followed = set(self._causes.values())
         for group in groups:
             group.shown = min(
-                group,
-                key=lambda each: (each not in followed, each.impact, each.began, each.completed),
+                group, key=lambda each: (each not in followed, each.impact, each.began, each.completed)
             )
 
 
@@ -244,16 +219,14 @@ def _cause_rank(rule_id: str, likely: tuple[str, ...]) -> int:
 
 
 def _finding(group: FindingGroup, shown: Occurrence, frames: tuple[int, ...]) -> Finding:
-    rule, fact, advice = group.rule, shown.fact, shown.advice
-    assert isinstance(fact, Message)
-    assert not isinstance(advice, str)
+    rule = group.rule
     return Finding(
         rule=rule.id,
         severity=rule.severity,
-        fact=fact,
+        fact=shown.fact,
         frames=frames,
         consequence_of=None,
-        advice=advice or rule.advice,
+        advice=shown.advice or rule.advice,
         source=rule.source,
         calls=(shown.call,) if shown.call else (),
         conversation=shown.conversation,
@@ -262,10 +235,8 @@ def _finding(group: FindingGroup, shown: Occurrence, frames: tuple[int, ...]) ->
 
 
 def _ordered_finding(group: FindingGroup, order: FindingOrder) -> Finding:
-    cause = order.parent(group)
-    finding = replace(
-        _finding(group, group.shown, _frames(group)), consequence_of=cause, repetition=_repetition(group)
-    )
+    cause, finding = order.parent(group), _finding(group, group.shown, _frames(group))
+    finding = replace(finding, consequence_of=cause, repetition=_repetition(group))
     return _with_consequences(finding, group, order) if cause is None else finding
 
 
@@ -277,16 +248,13 @@ def _repetition(group: FindingGroup) -> Repetition | None:
 
 
 def _with_consequences(finding: Finding, root: FindingGroup, order: FindingOrder) -> Finding:
-    """Return the finding with its consequences added: the first few one by one, the others as a range of
-    finding numbers.
-    """
+    """Add the consequences to a finding: the first few one by one, the others as a range of numbers."""
     named: list[Consequence] = []
     time = root.shown.completed
     for group in order.first_consequences(root):
         clause = group.shown.clause
         if clause is None or len(named) == _MAX_NAMED_STEPS:
             break
-        assert isinstance(clause, Message)
         named.append(Consequence(clause, group.shown.completed - time))
         time = group.shown.completed
     family = list(order.with_consequences(root))
@@ -298,9 +266,7 @@ def _with_consequences(finding: Finding, root: FindingGroup, order: FindingOrder
 
 
 def _frames(group: FindingGroup) -> tuple[int, ...]:
-    """Return the frame numbers of the occurrence that the finding describes. If the problem occurred several
-    times, add one frame of its first occurrence and one of its last occurrence.
-    """
+    """Return the frames of the described occurrence, and one frame of the first and the last occurrence."""
     frames = list(group.shown.frames)
     if len(frames) > MAX_FRAMES_NAMED:
         frames = [*frames[: MAX_FRAMES_NAMED // 2], *frames[-MAX_FRAMES_NAMED // 2 :]]

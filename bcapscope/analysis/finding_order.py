@@ -1,56 +1,91 @@
-"""The order of the findings in the report, and the cause of each finding."""
+"""Occurrences of a problem that are reported together, the order of the findings, and the cause of each."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Mapping
 
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.finding_group import FindingGroup
 from bcapscope.analysis.rules.rule_checker import Occurrence, RobotImpact
+from bcapscope.analysis.rules.rule_table import DiagnosisRule
+
+MAX_KEPT = 32
+"""Maximum number of first occurrences, and of last occurrences, that are kept for one finding."""
+
+
+class FindingGroup:
+    """The occurrences of a problem that are reported together as one finding.
+
+    Attributes:
+        selected: False if the finding is reported only as the cause of a finding about selected calls.
+        shown: Occurrence that the text of the finding describes. Only the copies of groups that
+            `FindingCollector.findings` makes have this attribute.
+    """
+
+    def __init__(self, rule: DiagnosisRule, selected: bool) -> None:
+        self.rule = rule
+        self.selected = selected
+        self.count = 0
+        self._earliest: list[Occurrence] = []
+        self._latest: deque[Occurrence] = deque(maxlen=MAX_KEPT)
+        self._causes: list[Occurrence] = []
+        self.shown: Occurrence
+
+    def add(self, occurrence: Occurrence) -> None:
+        self.count += occurrence.count
+        (self._earliest if len(self._earliest) < MAX_KEPT else self._latest).append(occurrence)
+
+    def keep_cause(self, occurrence: Occurrence) -> None:
+        """Keep an occurrence that has consequences, even if `add` did not keep it."""
+        if len(self._causes) < MAX_KEPT and occurrence not in self._causes:
+            self._causes.append(occurrence)
+
+    def replace(self, update: Occurrence) -> Occurrence | None:
+        """Replace the kept occurrence of the same call, and return it; None if no such one was kept."""
+        replaced = next((each for each in self if each.call == update.call), None)
+        if replaced is not None:
+            for kept in (self._earliest, self._latest, self._causes):
+                if replaced in kept:
+                    kept[kept.index(replaced)] = update
+        return replaced
+
+    def copy(self) -> FindingGroup:
+        copied = FindingGroup(self.rule, self.selected)
+        copied.count = self.count
+        copied._earliest, copied._latest = self._earliest.copy(), self._latest.copy()
+        copied._causes = self._causes.copy()
+        return copied
+
+    def __iter__(self) -> Iterator[Occurrence]:
+        """Yield each kept occurrence once."""
+        return iter(dict.fromkeys((*self._earliest, *self._causes, *self._latest)))
+
+    @property
+    def first(self) -> Occurrence:
+        return min(self, key=lambda each: each.began)
+
+    @property
+    def last(self) -> Occurrence:
+        return max(self, key=lambda each: each.completed)
+
 
 _RANK = {Severity.ERROR: 0, Severity.WARNING: 1, Severity.NOTE: 2}
 
 
-def _parent_groups(
-    groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
-) -> dict[FindingGroup, FindingGroup]:
-    """For each group, return the group that caused its shown occurrence. Links that would form a cycle are
-    left out.
-    """
-    group_of = {occurrence: group for group in groups for occurrence in group}
-    parents: dict[FindingGroup, FindingGroup] = {}
-    for group in sorted(groups, key=lambda each: each.shown.began):
-        cause = causes.get(group.shown)
-        parent = group_of.get(cause) if cause is not None else None
-        above = parent
-        while above is not None and above is not group:
-            above = parents.get(above)
-        if parent is not None and above is None:
-            parents[group] = parent
-    return parents
-
-
-def selected_groups(
-    groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
-) -> list[FindingGroup]:
-    """Return the selected groups, and the groups that caused them directly or indirectly."""
-    parents = _parent_groups(groups, causes)
-    kept: set[FindingGroup] = set()
-    for group in groups:
-        each: FindingGroup | None = group if group.selected else None
-        while each is not None and each not in kept:
-            kept.add(each)
-            each = parents.get(each)
-    return [group for group in groups if group in kept]
-
-
 class FindingOrder:
-    """The order of the findings in the report, and the links from each finding to its cause."""
+    """The findings about selected calls, and the causes of these findings, in the order of the report."""
 
     def __init__(self, groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]) -> None:
         self._parents = _parent_groups(groups, causes)
+        kept: set[FindingGroup] = set()
+        for group in groups:
+            each: FindingGroup | None = group if group.selected else None
+            while each is not None and each not in kept:
+                kept.add(each)
+                each = self._parents.get(each)
         self._children: dict[FindingGroup | None, list[FindingGroup]] = {}
-        for group in sorted(groups, key=lambda each: (each.shown.began, _RANK[each.rule.severity])):
+        in_time = [group for group in groups if group in kept]
+        for group in sorted(in_time, key=lambda each: (each.shown.began, _RANK[each.rule.severity])):
             self._children.setdefault(self._parents.get(group), []).append(group)
         roots = self._ordered_roots(self._children.get(None, []))
         self.groups = [group for root in roots for group in self.with_consequences(root)]
@@ -60,7 +95,7 @@ class FindingOrder:
         return self._numbers[group]
 
     def parent(self, group: FindingGroup) -> int | None:
-        """Return the number of the finding that caused this group; None if the group is a root cause."""
+        """Return the number of the finding that caused this group; None for a root cause."""
         parent = self._parents.get(group)
         return None if parent is None else self.number(parent)
 
@@ -71,9 +106,7 @@ class FindingOrder:
             yield from self.with_consequences(child)
 
     def first_consequences(self, group: FindingGroup) -> Iterator[FindingGroup]:
-        """Yield the first consequence of a group, then the first consequence of this consequence, and so
-        on.
-        """
+        """Yield the first consequence of a group, then the first consequence of that one, and so on."""
         while self._children.get(group):
             group = self._children[group][0]
             yield group
@@ -101,3 +134,20 @@ class FindingOrder:
             or max(occurrence.began for occurrence in each) <= group.shown.completed
             for each in self.groups
         )
+
+
+def _parent_groups(
+    groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
+) -> dict[FindingGroup, FindingGroup]:
+    """For each group, return the group that caused its shown occurrence, without links that form a cycle."""
+    group_of = {occurrence: group for group in groups for occurrence in group}
+    parents: dict[FindingGroup, FindingGroup] = {}
+    for group in sorted(groups, key=lambda each: each.shown.began):
+        cause = causes.get(group.shown)
+        parent = group_of.get(cause) if cause is not None else None
+        above = parent
+        while above is not None and above is not group:
+            above = parents.get(above)
+        if parent is not None and above is None:
+            parents[group] = parent
+    return parents

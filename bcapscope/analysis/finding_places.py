@@ -15,9 +15,7 @@ def client_place(conversation: Conversation) -> ClientPlace:
 
 
 def call_place(call: Call) -> CallPlace:
-    """Return a message value for a call. The value has the call's function or command, and its first serial,
-    such as `slvMove 250`.
-    """
+    """Return a message value with the function or command of a call and its first serial: `slvMove 250`."""
     return CallPlace(_name_of(call), call.request.item.serial, call.number)
 
 
@@ -31,14 +29,10 @@ def call_places(call: Call) -> dict[str, PlaceValue]:
 
 
 def attempt_place(call: Call, serial: int) -> CallPlace:
-    """Return a message value for a call. The value has the call's function or command, and the serial of one
-    attempt.
-    """
     return CallPlace(_name_of(call), serial, call.number)
 
 
 def call_name_place(call: Call) -> CallPlace:
-    """Return a message value for a call. The value has only the call's function or command."""
     return CallPlace(_name_of(call), None, call.number)
 
 

@@ -37,31 +37,23 @@ MAX_COUNTED = 65536
 """Maximum number of clients that are counted in addition to the clients with a timeline."""
 
 MAX_RETRY_CHAINS = 12
-"""The report shows every frame of at most this many calls. The report chooses the calls with the most
-retries. If calls have equally many retries, it chooses the slowest.
-"""
+"""Maximum number of calls that are shown frame by frame: those with the most retries, then the slowest."""
 
 LARGEST_RETRY_CHAIN = 2 << 20
-"""The report shows the retries of a call one by one if the call's frames have at most this many bytes. A
-larger call is only counted.
-"""
+"""Maximum size in bytes of the frames of a call whose retries are shown one by one."""
 
 MAX_DAMAGED = 20
-"""Maximum number of damaged frames that the report lists; it lists the first frames."""
 
 MAX_DAMAGED_BYTES = 24
-"""Maximum number of bytes that are kept from the start of a damaged frame."""
+"""Number of bytes that are kept from the start of a damaged frame."""
 
 MAX_SESSIONS = 256
-"""Maximum number of slave-mode sessions that are kept. Any further sessions are only counted."""
 
 
 class DamagedFrame(NamedTuple):
     """A frame with problems, or bytes that are not a frame.
 
     Attributes:
-        time: Time when the damaged frame was captured, ns since 1970.
-        raw: The first `MAX_DAMAGED_BYTES` bytes of the damaged frame.
         missing_bytes: Number of bytes that are missing from the capture in the TCP stream just before the
             damaged frame.
     """
@@ -90,11 +82,7 @@ class ReportData:
     """Data from one or more captures for a report.
 
     Attributes:
-        start: Time of the first frame, ns since 1970.
-        end: Time of the last frame, ns since 1970.
-        findings: Findings of all rules, root cause first.
         timelines: Timelines of the clients; the client with the most calls comes first.
-        slave_sessions: Slave-mode sessions in the order of their start times.
         slave_sessions_left_off: Number of slave-mode sessions that were counted but not kept, because there
             were more than `MAX_SESSIONS`.
         verdicts: Number of calls for each verdict except *answered* and *refused*.
@@ -165,9 +153,7 @@ class ReportDataBuilder(PipelineSubscriber):
             self._add_selected(call)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Add a run of alike set points. Frames of alike set points have no problems, so the builder tests
-        only whether the set points are selected.
-        """
+        """Add a run of alike set points. Their frames have no problems."""
         for call in calls:
             if self._is_selected is None or self._is_selected(call):
                 self._add_selected(call)
@@ -284,9 +270,7 @@ class _TimelineBuilder:
 
 
 def _event_kinds(call: Call) -> Sequence[TimelineEventKind]:
-    """Return the events of a call for its timeline, at most two: the gravest event about its attempts, and
-    one event about its result.
-    """
+    """Return the gravest event about the attempts of a call, and the event about its result."""
     kinds = []
     verdict = call.verdict
     if verdict is CallVerdict.EXECUTED_TWICE:

@@ -11,15 +11,11 @@ from bcapscope.messages import Message
 from bcapscope.traffic.call_kind import CallKind
 
 ACTIVITY_PAUSE_NS = 500_000_000
-"""A pause of this length in ns between two calls ends a period of activity, and the next period begins. The
-pause is increased when there are too many periods.
-"""
+"""A pause of this length in ns ends a period of activity. It grows if there are too many periods."""
 
 MAX_ACTIVITY_PERIODS = 512
-"""Activity periods of one client."""
 
 MAX_EVENTS = 256
-"""Maximum number of events of one kind on the timeline of one client."""
 
 
 class TimelineEventKind(StrEnum):
@@ -55,8 +51,7 @@ class TimelineEvent(NamedTuple):
 
 
 class TimelineEventList:
-    """Collects events in roughly chronological order, and joins neighbouring events when there are too
-    many."""
+    """Collects events in roughly chronological order, and joins neighbours when there are too many."""
 
     def __init__(self, most: int, pause: int = 0) -> None:
         """Create an empty list.

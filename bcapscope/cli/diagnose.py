@@ -12,7 +12,7 @@ import click
 
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.finding import Finding, Severity
-from bcapscope.analysis.rules import RULES
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.cli.common import options
 from bcapscope.cli.common.call_reading import call_test, read_to_end
 from bcapscope.cli.common.capture_reader import CaptureReader
@@ -35,7 +35,7 @@ _RANK = {severity: rank for rank, severity in enumerate(Severity)}
 def _known_rules(
     context: click.Context, parameter: click.Parameter, given: tuple[str, ...]
 ) -> frozenset[str]:
-    known = {rule.id for rule in RULES}
+    known = set(RULES)
     for each in given:
         if each not in known:
             unknown = Message("diagnose.no-such-rule", rule=f"{each!r}")

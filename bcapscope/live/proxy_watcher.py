@@ -18,7 +18,7 @@ from multiprocessing.shared_memory import SharedMemory
 import msgspec
 
 from bcapscope.analysis.diagnosis import Diagnosis
-from bcapscope.analysis.rules.session_rules import QUIT_IN_SLAVE_MODE
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.errors import FileWriteError
 from bcapscope.live.proxy_options import (
     CLOSE_SESSIONS,
@@ -350,7 +350,7 @@ class ProxyWatcher:
                 (each, heard[each]) for each in self._slave_mode.clients_in_slave_mode() if each in heard
             )
             for sentence in self._silence_monitor.check(sending, self._traffic.analysed_until):
-                rule, text = QUIT_IN_SLAVE_MODE, self._words.text(sentence)
+                rule, text = RULES["quit-in-slave-mode"], self._words.text(sentence)
                 self._write_finding(rule.severity, rule.id, text)
         words = words_for(self._words, self._diagnosis.totals())
         for finding in self._diagnosis.new_findings():

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 from bcapscope.analysis.finding import Finding, Severity
 from bcapscope.analysis.finding_collector import MAX_FINDINGS, FindingCollector
-from bcapscope.analysis.finding_group import MAX_KEPT
-from bcapscope.analysis.rules.rule_checker import SECOND, DiagnosisRule, Occurrence
+from bcapscope.analysis.finding_order import MAX_KEPT
+from bcapscope.analysis.rules.rule_checker import SECOND, Occurrence
+from bcapscope.analysis.rules.rule_table import DiagnosisRule
 from bcapscope.messages import Message
 from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, Transport
 from tests.samples.findings import sentence_of

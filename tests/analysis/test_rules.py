@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import ast
 import io
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
+from bcapscope.analysis import rules
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.rules import RULES
-from bcapscope.analysis.rules.rule_checker import DiagnosisRule
+from bcapscope.analysis.rules.rule_table import RULES, DiagnosisRule
 from bcapscope.capture.capture_file import CaptureFile
 from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.protocol.tables.table_rows import table_rows
 from bcapscope.traffic.observation import Direction
 from tests.analysis.plays import SCENES
 from tests.analysis.plays.scene import Scene
@@ -56,22 +60,42 @@ def test_findings_are_sentences_about_frames_that_there_are(scene: Scene) -> Non
 
 
 def test_each_rule_has_a_scene() -> None:
-    assert {scene.rule for scene in SCENES} == {rule.id for rule in RULES}
+    assert {scene.rule for scene in SCENES} == set(RULES)
 
 
 def test_there_are_many_rules_each_with_a_name_of_its_own() -> None:
     assert len(RULES) >= 30
-    assert len({rule.id for rule in RULES}) == len(RULES)
+    assert [row["id"] for row in table_rows("rules", os.path.dirname(rules.__file__))] == list(RULES)
+
+
+def _named_rules(module: Path) -> Iterator[str]:
+    """Yield each rule that a module names where it reports a problem or describes a refusal."""
+    for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+        named: ast.expr | None = None
+        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id == "RULES":
+            named = node.slice
+        elif isinstance(node, ast.Call) and node.args:
+            name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            named = node.args[0] if name in ("report_call", "_report_frame", "_off_pace", "Refusal") else None
+        for each in ast.walk(named) if named is not None else ():
+            if isinstance(each, ast.Constant) and isinstance(each.value, str):
+                yield each.value
+
+
+def test_the_code_names_rules_that_there_are() -> None:
+    modules = Path(str(rules.__file__)).parent.glob("*_rules.py")
+    named = {rule for module in modules for rule in _named_rules(module)}
+    assert named <= set(RULES)
+    assert len(named) > 0.9 * len(RULES)
 
 
 def test_rules_follow_rules_that_there_are() -> None:
-    known = {rule.id for rule in RULES}
-    for rule in RULES:
-        assert set(rule.possible_causes) <= known
+    for rule in RULES.values():
+        assert set(rule.possible_causes) <= set(RULES)
         assert rule.id not in rule.possible_causes
 
 
-@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.id)
+@pytest.mark.parametrize("rule", RULES.values(), ids=lambda rule: rule.id)
 def test_the_text_of_a_rule_fits_a_table_and_a_sentence(rule: DiagnosisRule) -> None:
     for each in (str(rule.title), rule.source):
         assert "|" not in each

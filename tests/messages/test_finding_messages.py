@@ -7,7 +7,7 @@ import re
 import pytest
 
 from bcapscope.analysis.finding import Severity, TrafficTotals
-from bcapscope.analysis.rules import RULES
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Language, MessageFormatter
 from bcapscope.messages.message import has_message
 from bcapscope.render.diagnosis_summary import diagnosis_summary
@@ -34,7 +34,7 @@ def test_every_finding_of_a_scene_is_japanese_with_all_of_its_numbers(scene: Sce
             assert "{" not in text
 
 
-@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.id)
+@pytest.mark.parametrize("rule", RULES.values(), ids=lambda rule: rule.id)
 def test_every_rule_has_a_title_and_an_advice(rule: object) -> None:
     assert has_message(f"rule.{rule.id}.title")  # type: ignore[attr-defined]
     assert has_message(f"rule.{rule.id}.advice")  # type: ignore[attr-defined]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bcapscope.analysis.finding import Finding, Severity, TrafficTotals
-from bcapscope.analysis.rules import RULES as DIAGNOSIS_RULES
+from bcapscope.analysis.rules.rule_table import RULES as DIAGNOSIS_RULES
 from bcapscope.protocol.text_format import display_width
 from bcapscope.render.color_palette import ANSI
 from bcapscope.render.findings import NARROWEST, FindingsRenderer, finding_record
@@ -148,7 +148,7 @@ def test_json_has_exactly_these_keys() -> None:
 def rule_table() -> str:
     """Write the list of rules as a Markdown table, the gravest first."""
     rank = list(Severity)
-    ordered = sorted(DIAGNOSIS_RULES, key=lambda rule: rank.index(rule.severity))
+    ordered = sorted(DIAGNOSIS_RULES.values(), key=lambda rule: rank.index(rule.severity))
     rows = [f"| `{rule.id}` | {rule.severity} | {rule.title} | {rule.source} |" for rule in ordered]
     return "\n".join(("| Rule | Severity | Finds | Source |", "|---|---|---|---|", *rows)) + "\n"
 

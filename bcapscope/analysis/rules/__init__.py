@@ -18,7 +18,7 @@ from bcapscope.analysis.rules.refusal_checker import RefusalChecker
 from bcapscope.analysis.rules.reply_rules import ReplyChecker
 from bcapscope.analysis.rules.request_rules import RequestChecker
 from bcapscope.analysis.rules.retry_rules import RetryChecker
-from bcapscope.analysis.rules.rule_checker import DiagnosisRule, RuleChecker
+from bcapscope.analysis.rules.rule_checker import RuleChecker
 from bcapscope.analysis.rules.session_rules import SessionChecker
 from bcapscope.analysis.rules.slave_mode_rules import SlaveModeChecker
 from bcapscope.analysis.rules.wire_rules import WireChecker
@@ -43,8 +43,3 @@ CHECKERS: tuple[type[RuleChecker], ...] = (
     MotionChecker,
 )
 """All checkers. Each call is passed to the checkers in this order."""
-
-RULES: tuple[DiagnosisRule, ...] = tuple(
-    dict.fromkeys(rule for checker in CHECKERS for rule in checker.rules)
-)
-"""All rules, each once."""

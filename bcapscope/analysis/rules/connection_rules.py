@@ -5,37 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
-    SECOND,
     ClientEnd,
-    DiagnosisRule,
     Occurrence,
     RobotImpact,
     RuleChecker,
     frame_numbers,
     last_frame_time,
 )
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import Duration, Moment
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction
 
-CONTROLLER_HUNG_UP = DiagnosisRule(
-    "controller-hung-up",
-    Severity.ERROR,
-    "RFC 9293, sections 3.5.2 (reset) and 3.6 (closing)",
-    ("malformed-request", "executing-forever"),
-    60 * SECOND,
-)
-
 
 class ConnectionChecker(RuleChecker):
     """Checks whether the client or the controller closed a TCP connection."""
 
-    rules = (CONTROLLER_HUNG_UP,)
     by_client: dict[Conversation, bool]
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
@@ -80,7 +69,7 @@ def _hung_up(last: Call, closing: ConnectionEnd) -> Occurrence:
         proxy = str(last.conversation.server)
         fact = Message(f"finding.controller-hung-up.proxy-{_how(passed_on)}", fact=fact, proxy=proxy)
     return Occurrence(
-        CONTROLLER_HUNG_UP,
+        RULES["controller-hung-up"],
         closing.time,
         closing.time,
         last.conversation,
@@ -93,9 +82,7 @@ def _hung_up(last: Call, closing: ConnectionEnd) -> Occurrence:
 
 
 def _hung_up_by_proxy(last: Call, closing: ConnectionEnd) -> Occurrence:
-    """Return the problem: a proxy closed its connection to the client, although its connection to the
-    controller was open.
-    """
+    """Return the problem: a proxy closed a client's connection, but the controller's connection was open."""
     near = last.conversation
     server = str((near.controller_leg or near).server)
     fact = Message(
@@ -108,7 +95,7 @@ def _hung_up_by_proxy(last: Call, closing: ConnectionEnd) -> Occurrence:
         call=call_place(last),
     )
     return Occurrence(
-        CONTROLLER_HUNG_UP,
+        RULES["controller-hung-up"],
         closing.time,
         closing.time,
         near,

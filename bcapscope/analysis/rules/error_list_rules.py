@@ -8,31 +8,22 @@ for that code explains the error.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
 from typing import NamedTuple
 
 from bcapscope.analysis.call_arguments import first_number
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding_places import call_place, client_place, code_place
-from bcapscope.analysis.rules.error_rules import ACTIVE_CODES, CONTROLLER_ERROR, advice_on_code
-from bcapscope.analysis.rules.preparation_rules import (
-    ARM_TAKEN_BY_OTHER,
-    EMERGENCY_STOP,
-    MANUAL_RESET_MISSING,
-    NO_EXECUTABLE_TOKEN,
-    NO_LICENCE,
-    NOT_IN_AUTOMATIC_MODE,
-)
+from bcapscope.analysis.rules.error_rules import ACTIVE_CODES, advice_on_code
 from bcapscope.analysis.rules.refusal_checker import REFUSALS
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
-    DiagnosisRule,
     Occurrence,
     OccurrenceSink,
     RuleChecker,
     frame_numbers,
     last_frame_time,
 )
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import Moment
 from bcapscope.protocol.tables.function_table import ID
@@ -49,11 +40,8 @@ _NAMES_NO_CAUSE = SLAVE_MODE_OFF_CODES | ACTIVE_CODES | {_ABANDONED}
 """Codes that say that another error occurred, without naming that error."""
 
 _LASTING = (
-    EMERGENCY_STOP,
-    NOT_IN_AUTOMATIC_MODE,
-    NO_EXECUTABLE_TOKEN,
-    NO_LICENCE,
-    MANUAL_RESET_MISSING,
+    *("emergency-stop", "not-in-automatic-mode", "no-executable-token", "no-licence"),
+    "manual-reset-missing",
 )
 """Rules about states that ClearError does not end. If the controller refuses a call because an error is
 active, only errors of these rules explain the refusal. For any other error in the error list, the reason for
@@ -66,9 +54,7 @@ _MAX_READS = 64
 _MAX_CLEARS = 16
 _MAX_CODES = 64
 _LARGEST_CALL = 8192
-"""Maximum total size in bytes of the frames of a call that is remembered; a real call has a few hundred
-bytes.
-"""
+"""Maximum size in bytes of the frames of a remembered call; a real call has a few hundred bytes."""
 
 
 class _ErrorRead(NamedTuple):
@@ -79,16 +65,12 @@ class _ErrorRead(NamedTuple):
 
 
 class _RefusedCalls:
-    """The refused calls of one client since errors were last cleared, and the errors that explain the first
-    refusal.
+    """The refused calls of one client since errors were last cleared.
 
     Attributes:
-        began: Earliest possible time of the error that caused the first refusal, ns since 1970. If the
-            refused call is a set point, it is the time of the previous set point. Otherwise, it is the time
-            of the refused call.
-        codes: Result codes with which the calls were refused.
-        reported: For each error that was reported as a cause, the call that read this error; the key is the
-            error code.
+        began: Earliest possible time of the error that caused the first refusal, ns since 1970. For a
+            refused set point, it is the time of the previous set point.
+        reported: Errors that were reported as a cause: the call that read each error code.
     """
 
     def __init__(self, first: Call, code: int, client: ClientState) -> None:
@@ -101,18 +83,14 @@ class _RefusedCalls:
         self.own_code_read = False
         self.reported: dict[int, Call] = {}
 
-    def may_follow_from(self, rule: DiagnosisRule, code: int) -> bool:
-        """Return whether the error with this code may have caused the first refusal. `rule` is the rule that
-        reports this code.
-        """
-        is_notice = not describe_hresult(code).level and rule is CONTROLLER_ERROR
+    def may_follow_from(self, rule: str, code: int) -> bool:
+        """Return whether an error, which `rule` reports, may have caused the first refusal."""
+        is_notice = not describe_hresult(code).level and rule == "controller-error"
         only_listed = self.first.hresult in ACTIVE_CODES and rule not in _LASTING
         return not is_notice and not only_listed and (self.names_no_cause or self.own_code_read)
 
 
 class _ControllerErrors:
-    """All captured refusals, reads of the error list, and ClearError calls of one controller."""
-
     def __init__(self) -> None:
         self.refused: dict[Conversation, _RefusedCalls] = {}
         self.reads: deque[_ErrorRead] = deque(maxlen=_MAX_READS)
@@ -123,15 +101,11 @@ class _ControllerErrors:
 
 
 class ErrorListChecker(RuleChecker):
-    """Reports the errors that a client read with GetCurErrorInfo or @ERROR_CODE, if these errors explain an
-    earlier refusal.
+    """Reports errors that a client read with GetCurErrorInfo or @ERROR_CODE and that explain a refusal.
 
-    The calls of different clients are not passed to the checker in chronological order. The checker therefore
-    remembers the latest errors that a client read. It compares these errors with refusals that it receives
-    later.
+    The checker remembers the latest errors that were read, because it gets the calls of different clients in
+    any order.
     """
-
-    rules = ()
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         super().__init__(report_occurrence, clients)
@@ -182,10 +156,8 @@ class ErrorListChecker(RuleChecker):
             self._compare(errors, refused, read)
 
     def _compare(self, errors: _ControllerErrors, refused: _RefusedCalls, read: _ErrorRead) -> None:
-        """Report an error that a client read, if this error explains the first refusal.
-
-        The error list begins with the newest error. In this list, each error after the error of the refusal
-        is therefore older than the refusal.
+        """Report an error that a client read, if this error explains the first refusal. The error list begins
+        with the newest error, so each error after the error of the refusal is older than the refusal.
         """
         first, code = refused.first, read.code
         read_at = read.call.request.time
@@ -199,7 +171,7 @@ class ErrorListChecker(RuleChecker):
         if is_new and refused.may_follow_from(rule, code):
             self._report(refused, read, rule)
 
-    def _report(self, refused: _RefusedCalls, read: _ErrorRead, rule: DiagnosisRule) -> None:
+    def _report(self, refused: _RefusedCalls, read: _ErrorRead, rule: str) -> None:
         first, code = refused.first, read.code
         case = "" if refused.names_no_cause else ".older"
         fact = Message(
@@ -213,7 +185,7 @@ class ErrorListChecker(RuleChecker):
         )
         self.report_occurrence(
             Occurrence(
-                rule=rule,
+                rule=RULES[rule],
                 began=refused.began,
                 completed=refused.began + 1,
                 conversation=first.conversation,
@@ -221,15 +193,15 @@ class ErrorListChecker(RuleChecker):
                 fact=fact,
                 call=read.call.number,
                 explains=(first.number, *(each.number for each in refused.reported.values())),
-                group_key=f"{code:08X}" if rule is CONTROLLER_ERROR else "",
-                advice=advice_on_code(code) if rule is CONTROLLER_ERROR else None,
+                group_key=f"{code:08X}" if rule == "controller-error" else "",
+                advice=advice_on_code(code) if rule == "controller-error" else None,
             )
         )
         refused.reported[code] = read.call
 
 
 def _read_error(call: Call, client: ClientState) -> _ErrorRead | None:
-    """Return the error that a call read; None if the call reads something else, or if there is no error."""
+    """Return the error that a call read; None if there is no error, or if the call reads something else."""
     if call.kind.folded_command != "getcurerrorinfo":
         name = "" if client.target_object is None else client.target_object.name
         if name.casefold() != "@error_code":
@@ -241,7 +213,7 @@ def _read_error(call: Call, client: ClientState) -> _ErrorRead | None:
     return _ErrorRead(code, call) if level is not None or is_rc7_code(code) else None
 
 
-def _rule_of(code: int) -> DiagnosisRule:
+def _rule_of(code: int) -> str:
     """Return the rule that reports a result code for every kind of call."""
-    rules: Iterator[DiagnosisRule] = (each.rule for each in REFUSALS if code in each.codes)
-    return next((rule for rule in rules if rule is not ARM_TAKEN_BY_OTHER), CONTROLLER_ERROR)
+    rules = (each.rule for each in REFUSALS if code in each.codes)
+    return next((rule for rule in rules if rule != "arm-taken-by-other"), "controller-error")

@@ -8,20 +8,20 @@ from collections.abc import Iterator
 
 from bcapscope.analysis.call_arguments import requested_motor_state
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
-    SECOND,
     CallHealth,
     ClientEnd,
-    DiagnosisRule,
     Occurrence,
+    Refusal,
+    RefusalReason,
     RuleChecker,
+    failure_case,
     frame_numbers,
     last_frame_time,
+    reason_from_call,
 )
-from bcapscope.analysis.rules.rule_sources import ERROR_LIST, guide
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, HexNumber, Moment
@@ -40,59 +40,16 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
-_EVER = 24 * 3600 * SECOND
-_FIRST_ERRORS = (
-    "underflow",
-    "over-limit",
-    "beyond-range",
-    "overflow",
-    "invalid-set-point",
-    "refused-in-slave-mode",
-    "slvmove-outside-slave-mode",
-    "emergency-stop",
-    "controller-error",
-)
-
-ERROR_NOT_CLEARED = DiagnosisRule(
-    "error-not-cleared", Severity.ERROR, f"{guide('Clearing errors')}; {ERROR_LIST}", _FIRST_ERRORS, _EVER
-)
-WENT_ON_AFTER_ERROR = DiagnosisRule(
-    "went-on-after-error",
-    Severity.WARNING,
-    guide("Error, and the sequence of clearing error"),
-    _FIRST_ERRORS,
-    _EVER,
-)
-CLEARED_UNREAD = DiagnosisRule(
-    "cleared-unread",
-    Severity.WARNING,
-    "nkawa/Denso_CobottaPro900_MQTT_Control",
-    (*_FIRST_ERRORS, "motor-off", "arm-not-taken", "error-not-cleared"),
-    _EVER,
-)
-CONTROLLER_TIMEOUT = DiagnosisRule(
-    "controller-timeout", Severity.ERROR, f"orin_bcap C/include/dn_common.h; {ERROR_LIST}"
-)
-ROBOT_BUSY = DiagnosisRule("robot-busy", Severity.NOTE, "start-jsk/denso denso_controller/src/main.cpp")
-CONTROLLER_ERROR = DiagnosisRule(
-    "controller-error",
-    Severity.ERROR,
-    f"{ERROR_LIST}; orin_bcap C/include/dn_common.h",
-    ("malformed-request",),
-)
-
 ACTIVE_CODES = with_rc7_forms((0x81501025, 0x81201701, 0x81201749, 0x82501009))
 """Result codes with which a controller refuses a call because an error is active."""
 _TIMEOUT_CODES = (E_TIMEOUT, 0x8150012D, 0x81500151, 0x82201F92, 0x82201694, 0x800706BE)
 
 
 class _CallsAfterError:
-    """The calls that a client made after a controller error and before it cleared the error.
+    """The calls of a client after a controller error and before it cleared the error.
 
     Attributes:
-        error_call: The call that reported the error.
         count: Number of these calls that can change or move something.
-        first: The first call that is included in `count`.
         clear_attempt: The first ClearError call that got no successful reply.
     """
 
@@ -106,7 +63,6 @@ class _CallsAfterError:
 class ErrorChecker(RuleChecker):
     """Checks what a client does after the controller reported an error."""
 
-    rules = (WENT_ON_AFTER_ERROR, CLEARED_UNREAD)
     by_client: dict[Conversation, _CallsAfterError]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
@@ -157,7 +113,7 @@ class ErrorChecker(RuleChecker):
             failed=call_place(failure),
         )
         self.report_call(
-            CLEARED_UNREAD, call, fact, evidence_call=failure, explaining_calls=(failure.number,)
+            "cleared-unread", call, fact, evidence_call=failure, explaining_calls=(failure.number,)
         )
 
 
@@ -174,21 +130,16 @@ def _went_on(calls: _CallsAfterError, first: Call) -> Occurrence:
         case, places["clear"] = ".unanswered", call_place(clear)
     if clear is not None and clear.hresult is not None:
         case, places["code"] = ".refused", HexNumber(clear.hresult)
+    rule, began, ended = RULES["went-on-after-error"], first.request.time, last_frame_time(first)
+    fact, frames = Message(f"finding.went-on-after-error{case}", **places), frame_numbers(failure, first)
+    causes = (failure.number,)
     return Occurrence(
-        WENT_ON_AFTER_ERROR,
-        first.request.time,
-        last_frame_time(first),
-        first.conversation,
-        frame_numbers(failure, first),
-        Message(f"finding.went-on-after-error{case}", **places),
-        call=first.number,
-        explaining_calls=(failure.number,),
+        rule, began, ended, first.conversation, frames, fact, call=first.number, explaining_calls=causes
     )
 
 
 def _shuts_down(call: Call, client: ClientState) -> bool:
-    """Return whether a call only stops something, switches the motor off, gives back the arm or releases an
-    object. After an error, a client may still make these calls."""
+    """Return whether a call only stops, switches off or releases something, as after an error."""
     if call.kind.folded_command == "givearm":
         return True
     target = "" if client.target_object is None else client.target_object.name
@@ -205,18 +156,12 @@ def _explain_not_cleared(call: Call, client: ClientState) -> RefusalReason | Non
             other.uncleared_error for other in client.other_clients() if other.uncleared_error is not None
         ]
         return RefusalReason(explaining_calls=tuple(each.number for each in first))
-    places: dict[str, PlaceValue] = {"call": call_place(failure), "at": Moment(failure.request.time)}
     clear = client.latest_calls.get("clearerror")
     if clear is None or clear.number < failure.number:
-        reason = Message("reason.not-cleared", **places)
-        return RefusalReason(reason, explaining_calls=(failure.number,), evidence_call=failure)
-    places["clear"] = call_place(clear)
-    case = "unanswered" if clear.hresult is None else "refused"
-    return RefusalReason(
-        Message(f"reason.not-cleared.{case}", **places),
-        explaining_calls=(clear.number, failure.number),
-        evidence_call=clear,
-    )
+        return reason_from_call("reason.not-cleared", failure)
+    case = failure_case(clear)
+    reason = reason_from_call(f"reason.not-cleared.{case}", failure, clear=call_place(clear))
+    return reason._replace(explaining_calls=(clear.number, failure.number), evidence_call=clear)
 
 
 def _explain_other(call: Call, client: ClientState) -> RefusalReason | None:
@@ -232,14 +177,13 @@ def _explain_other(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def advice_on_code(code: int) -> Message | None:
-    """Return what to do about a result code; None if the rule's usual advice applies."""
     advice = describe_hresult(code).advice
     return None if advice is None else Message("advice.result", advice=advice)
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(ERROR_NOT_CLEARED, ACTIVE_CODES, _explain_not_cleared),
-    Refusal(CONTROLLER_TIMEOUT, _TIMEOUT_CODES),
-    Refusal(ROBOT_BUSY, (E_ROBOTISBUSY,)),
-    Refusal(CONTROLLER_ERROR, (), _explain_other),
+    Refusal("error-not-cleared", ACTIVE_CODES, _explain_not_cleared),
+    Refusal("controller-timeout", _TIMEOUT_CODES),
+    Refusal("robot-busy", (E_ROBOTISBUSY,)),
+    Refusal("controller-error", (), _explain_other),
 )

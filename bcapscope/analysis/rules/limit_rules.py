@@ -10,11 +10,9 @@ from itertools import pairwise
 
 from bcapscope.analysis.call_arguments import argument
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
-from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence, RuleChecker
-from bcapscope.analysis.rules.rule_sources import ERROR_LIST, guide
+from bcapscope.analysis.rules.rule_checker import NO_REASON, Occurrence, Refusal, RefusalReason, RuleChecker
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.motion_model import Jump, MotionFacts
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
@@ -24,32 +22,6 @@ from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.protocol.slave_mode.slvmove_values import parse_set_point
 from bcapscope.protocol.tables.hresult import describe_hresult, with_rc7_forms
 from bcapscope.traffic.call import Call
-
-OVER_LIMIT = DiagnosisRule(
-    "over-limit",
-    Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 19 and 48; DENSORobot/denso_robot_ros2 issue 17; {ERROR_LIST}",
-    (
-        *("set-point-jump", "far-first-point", "not-finite", "set-point-gap", "off-grid", "slow-retry"),
-        "slow-set-points",
-    ),
-)
-BEYOND_RANGE = DiagnosisRule(
-    "beyond-range", Severity.ERROR, ERROR_LIST, ("set-point-jump", "far-first-point", "not-finite")
-)
-INVALID_SET_POINT = DiagnosisRule(
-    "invalid-set-point",
-    Severity.ERROR,
-    f"{ERROR_LIST}; DENSORobot/denso_robot_ros2 denso_robot_core",
-    ("not-finite", "unusual-argument", "set-point-jump"),
-)
-NOT_FINITE = DiagnosisRule(
-    "not-finite", Severity.ERROR, "IEEE 754; DENSORobot/denso_robot_ros2 denso_robot_control"
-)
-FAR_FIRST_POINT = DiagnosisRule("far-first-point", Severity.WARNING, guide("Starting your client app."))
-SET_POINT_JUMP = DiagnosisRule(
-    "set-point-jump", Severity.NOTE, "DENSORobot/denso_robot_ros issues 19 and 48; denso_cobotta_ros issue 14"
-)
 
 _SPEED_FAMILIES = tuple(
     range(base, base + 0x10)
@@ -68,8 +40,6 @@ _FAR_DISTANCE = 1.0
 
 class LimitChecker(RuleChecker):
     """Checks the commanded motion."""
-
-    rules = (OVER_LIMIT, BEYOND_RANGE, INVALID_SET_POINT, NOT_FINITE, FAR_FIRST_POINT, SET_POINT_JUMP)
 
     def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
         motion = session.motion
@@ -97,7 +67,7 @@ def _not_finite(session: SlaveSession, motion: MotionFacts) -> Occurrence:
         points=Count(motion.not_finite, "set-point"),
         frame=FramePlace(frames[:1]),
     )
-    return Occurrence(NOT_FINITE, time, time, session.conversation, frames[:8], fact)
+    return Occurrence(RULES["not-finite"], time, time, session.conversation, frames[:8], fact)
 
 
 def _far_first_point(session: SlaveSession, motion: MotionFacts, axis: str, distance: Quantity) -> Occurrence:
@@ -111,7 +81,7 @@ def _far_first_point(session: SlaveSession, motion: MotionFacts, axis: str, dist
     )
     clause = Message("clause.far-first-point", distance=distance, axis=axis)
     frames = motion.first_distance_frames
-    return Occurrence(FAR_FIRST_POINT, time, time, session.conversation, frames, fact, clause)
+    return Occurrence(RULES["far-first-point"], time, time, session.conversation, frames, fact, clause)
 
 
 def _set_point_jump(session: SlaveSession, jump: Jump, unit: str) -> Occurrence:
@@ -125,7 +95,9 @@ def _set_point_jump(session: SlaveSession, jump: Jump, unit: str) -> Occurrence:
         speed=Quantity(speed, f"{unit}/s"),
     )
     clause = Message("clause.set-point-jump", step=step, axis=jump.axis)
-    return Occurrence(SET_POINT_JUMP, jump.time, jump.time, session.conversation, (jump.frame,), fact, clause)
+    return Occurrence(
+        RULES["set-point-jump"], jump.time, jump.time, session.conversation, (jump.frame,), fact, clause
+    )
 
 
 def _first_time(session: SlaveSession) -> int:
@@ -202,7 +174,7 @@ def _explain_invalid(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(OVER_LIMIT, _SPEED_CODES, _explain_over_limit),
-    Refusal(BEYOND_RANGE, _RANGE_CODES, _explain_beyond_range),
-    Refusal(INVALID_SET_POINT, _INVALID_CODES, _explain_invalid),
+    Refusal("over-limit", _SPEED_CODES, _explain_over_limit),
+    Refusal("beyond-range", _RANGE_CODES, _explain_beyond_range),
+    Refusal("invalid-set-point", _INVALID_CODES, _explain_invalid),
 )

@@ -7,16 +7,15 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from bcapscope.analysis.client_state import MOTION_COMMANDS, MOTION_FUNCTIONS, ClientRegistry, ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
-    DiagnosisRule,
     Occurrence,
     OccurrenceSink,
     RuleChecker,
     frame_numbers,
 )
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.places import CallPlace, Moment
@@ -24,12 +23,6 @@ from bcapscope.protocol.tables.function_table import ID
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
-
-SPEED_CHANGED_IN_MOTION = DiagnosisRule(
-    "speed-changed-in-motion",
-    Severity.NOTE,
-    "ShoheiKobata/orin_bcap_python_samples; nkawa/Denso_CobottaPro900_MQTT_Control denso_robot.py (ExtSpeed)",
-)
 
 _REMEMBERED = 32
 """Maximum number of motions, and of speed changes, that the checker remembers for all controllers together.
@@ -41,9 +34,7 @@ _SPEED_VARIABLES = frozenset(("@extaccel", "@extdecel", "@extspeed"))
 
 
 class _TimedCall(NamedTuple):
-    """A call that moves the robot or changes its speed. All set points of a slave-mode session together count
-    as one motion.
-    """
+    """A call that moves the robot or changes its speed, or all set points of a slave-mode session."""
 
     conversation: Conversation
     began: int
@@ -54,8 +45,6 @@ class _TimedCall(NamedTuple):
 
 class MotionChecker(RuleChecker):
     """Checks whether a client changed a controller's external speed while the robot moved."""
-
-    rules = (SPEED_CHANGED_IN_MOTION,)
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         super().__init__(report_occurrence, clients)
@@ -96,11 +85,10 @@ class MotionChecker(RuleChecker):
 
 
 def _occurrences(motion: _TimedCall, change: _TimedCall) -> Iterator[Occurrence]:
-    """Yield a problem if `change` changed the speed of the controller that was executing `motion`."""
     is_same_controller = motion.conversation.server.host == change.conversation.server.host
     if is_same_controller and motion.began < change.ended < motion.ended:
         yield Occurrence(
-            SPEED_CHANGED_IN_MOTION,
+            RULES["speed-changed-in-motion"],
             change.ended,
             change.ended,
             change.conversation,

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 from bcapscope.analysis.call_arguments import result_of
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
-    SECOND,
     CallHealth,
-    DiagnosisRule,
-    Occurrence,
     OccurrenceSink,
+    Refusal,
+    RefusalReason,
     RuleChecker,
-    frame_numbers,
-    last_frame_time,
+    failure_case,
 )
-from bcapscope.analysis.rules.rule_sources import C_SERVER
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Moment, WireText
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
@@ -27,21 +22,11 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.handle_tracker import handle_of, requested_name
 from bcapscope.traffic.observation import Conversation
 
-HANDLE_LEAK = DiagnosisRule("handle-leak", Severity.WARNING, C_SERVER)
-BAD_HANDLE = DiagnosisRule("bad-handle", Severity.ERROR, C_SERVER, ("unclean-quit",), 600 * SECOND)
-TOO_MANY_OBJECTS = DiagnosisRule(
-    "too-many-objects", Severity.ERROR, C_SERVER, ("handle-leak",), 24 * 3600 * SECOND
-)
-
 _LEAK_AT = 20
 _MAX_NAMES = 4096
 
 
 class _HandleTally:
-    """How many handles of one object are open, the highest number so far, and the call that exceeded the
-    limit.
-    """
-
     def __init__(self) -> None:
         self.open = self.most = 0
         self.leak_call: Call | None = None
@@ -49,8 +34,6 @@ class _HandleTally:
 
 class ObjectChecker(RuleChecker):
     """Counts the open handles of each object, for each client."""
-
-    rules = (HANDLE_LEAK,)
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         super().__init__(report_occurrence, clients)
@@ -92,12 +75,20 @@ class ObjectChecker(RuleChecker):
         if tally.most >= _LEAK_AT:
             is_update = tally.leak_call is not None
             tally.leak_call = tally.leak_call or call
-            self.report_occurrence(_leak(tally.leak_call, kind, name, tally.most, is_update))
+            self._report_leak(tally.leak_call, kind, name, tally.most, is_update)
+
+    def _report_leak(self, call: Call, kind: ObjectClass, name: str, handles: int, is_update: bool) -> None:
+        fact = Message(
+            "finding.handle-leak",
+            client=client_place(call.conversation),
+            handles=Count(handles, "handle"),
+            kind=kind.value,
+            name=WireText(name),
+        )
+        self.report_call("handle-leak", call, fact, group_key=f"{kind} {name}", is_update=is_update)
 
     def _least_relevant(self) -> tuple[Conversation, ObjectClass, str]:
-        """Return the key of the oldest object with at most one open handle. If every object has more than one
-        open handle, return the key of the oldest object.
-        """
+        """Return the key of the oldest object with at most one open handle, or else of the oldest object."""
         single = (key for key, tally in self._tallies.items() if tally.open <= 1)
         return next(single, next(iter(self._tallies)))
 
@@ -106,29 +97,8 @@ class ObjectChecker(RuleChecker):
             del self._tallies[key]
 
 
-def _leak(call: Call, kind: ObjectClass, name: str, handles: int, is_update: bool) -> Occurrence:
-    fact = Message(
-        "finding.handle-leak",
-        client=client_place(call.conversation),
-        handles=Count(handles, "handle"),
-        kind=kind.value,
-        name=WireText(name),
-    )
-    return Occurrence(
-        HANDLE_LEAK,
-        call.request.time,
-        last_frame_time(call),
-        call.conversation,
-        frame_numbers(call),
-        fact,
-        call=call.number,
-        group_key=f"{kind} {name}",
-        is_update=is_update,
-    )
-
-
 def _may_be_released(call: Call) -> bool:
-    """Return whether the controller answered this call; True also if the capture may lack the reply."""
+    """Return whether the controller answered this call, or may have answered it."""
     return call.reply is not None or call.evicted or call.reply_not_captured
 
 
@@ -158,9 +128,8 @@ def _explain_bad_handle(call: Call, client: ClientState) -> RefusalReason | None
         )
     failed = client.failed_openings.get(function.owner)
     if opened is None and failed is not None:
-        case = "unanswered" if failed.reply is None else "refused"
         reason = Message(
-            f"reason.handle-not-opened.{case}",
+            f"reason.handle-not-opened.{failure_case(failed)}",
             handle=handle,
             call=call_place(failed),
             at=Moment(failed.request.time),
@@ -175,6 +144,6 @@ def _explain_bad_handle(call: Call, client: ClientState) -> RefusalReason | None
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(BAD_HANDLE, (E_HANDLE,), _explain_bad_handle),
-    Refusal(TOO_MANY_OBJECTS, (E_MAX_OBJECT,)),
+    Refusal("bad-handle", (E_HANDLE,), _explain_bad_handle),
+    Refusal("too-many-objects", (E_MAX_OBJECT,)),
 )

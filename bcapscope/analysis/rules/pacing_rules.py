@@ -7,18 +7,17 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     CallHealth,
-    DiagnosisRule,
     Occurrence,
     OccurrenceSink,
+    Refusal,
+    RefusalReason,
     RuleChecker,
 )
-from bcapscope.analysis.rules.rule_sources import GUIDE
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.buffer_model import DEFAULT_SLOTS, PredictedUnderflow, slack_ms
 from bcapscope.analysis.slave.motion_pace import MotionPace
 from bcapscope.analysis.slave.slave_session import SlaveSession
@@ -29,43 +28,6 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, with_rc7_forms
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
-
-_SAMPLES = "documentation of ShoheiKobata/orin_bcap_python_samples (table of slave modes)"
-
-SET_POINT_GAP = DiagnosisRule(
-    "set-point-gap",
-    Severity.WARNING,
-    f"{_SAMPLES}; DENSORobot/denso_robot_ros issues 20 and 49",
-    ("late-reply", "client-gave-up", "no-reply", "retried", "reply-lost", "slow-retry"),
-)
-UNDERFLOW = DiagnosisRule(
-    "underflow",
-    Severity.ERROR,
-    f"{_SAMPLES}; DENSORobot/denso_robot_ros issues 20 and 49; orin_bcap issue 3",
-    (
-        "set-point-gap",
-        "late-reply",
-        "client-gave-up",
-        "no-reply",
-        "retried",
-        "reply-lost",
-        "slow-retry",
-        "off-grid",
-    ),
-)
-OVERFLOW = DiagnosisRule(
-    "overflow",
-    Severity.ERROR,
-    "ShoheiKobata/orin_bcap_python_samples 05_00_slvMove.py; DENSORobot/denso_robot_ros2 denso_robot_core",
-    ("off-grid",),
-)
-OFF_GRID = DiagnosisRule(
-    "off-grid",
-    Severity.WARNING,
-    "DENSORobot/denso_robot_ros2 issue 17; d-yui-hub/denso_robot_ros2_neo; " + GUIDE,
-)
-SLOW_SET_POINTS = DiagnosisRule("slow-set-points", Severity.NOTE, f"{_SAMPLES}; {GUIDE}")
-REPLIES_DO_NOT_PACE = DiagnosisRule("replies-do-not-pace", Severity.NOTE, f"{_SAMPLES}; {GUIDE}")
 
 _EMPTY_CODES = with_rc7_forms((E_SLAVE_UNDERFLOW, 0x84400503, 0x83201684))
 _FEWEST_CYCLES = 50
@@ -78,8 +40,6 @@ _MAX_REPORTED = 64
 class PacingChecker(RuleChecker):
     """Checks the times at which set points are sent and answered."""
 
-    rules = (SET_POINT_GAP, UNDERFLOW, OVERFLOW, OFF_GRID, SLOW_SET_POINTS, REPLIES_DO_NOT_PACE)
-
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         super().__init__(report_occurrence, clients)
         self._reported_gaps: deque[int] = deque(maxlen=_MAX_REPORTED)
@@ -88,9 +48,7 @@ class PacingChecker(RuleChecker):
         return health is CallHealth.REFUSED
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Find the pause that explains why the controller reported an empty buffer. `session_occurrences`
-        cannot find this pause, because a session has no details of the set points around the pause.
-        """
+        """Find the pause that explains an empty buffer. Sessions lack details of the set points around it."""
         pair = _longest_pause(call, client) if call.hresult in _EMPTY_CODES else None
         if pair is None:
             return
@@ -98,7 +56,7 @@ class PacingChecker(RuleChecker):
         slack, pause = _buffer_slack_ns(client), after.request.time - before.request.time
         self._reported_gaps.append(after.request.number)
         self.report_call(
-            SET_POINT_GAP,
+            "set-point-gap",
             after,
             _pause_message(before, after, slack),
             Message("clause.set-point-gap", pause=Duration(pause)),
@@ -132,16 +90,10 @@ def _predicted_gap(session: SlaveSession, underflow: PredictedUnderflow, count: 
         late=Duration(round(underflow.late_ms * MS)),
         slots=Count(session.buffer.slots, "set-point"),
     )
-    return Occurrence(
-        SET_POINT_GAP,
-        underflow.time - round(session.timing.slack_ms * MS),
-        underflow.time,
-        session.conversation,
-        (underflow.last_frame, underflow.late_frame),
-        fact,
-        Message("clause.set-point-gap.predicted", pause=Duration(pause)),
-        count=count,
-    )
+    clause = Message("clause.set-point-gap.predicted", pause=Duration(pause))
+    rule, ended = RULES["set-point-gap"], underflow.time
+    began, frames = ended - round(session.timing.slack_ms * MS), (underflow.last_frame, underflow.late_frame)
+    return Occurrence(rule, began, ended, session.conversation, frames, fact, clause, count=count)
 
 
 def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
@@ -155,27 +107,25 @@ def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
     skips = grid_ms == PERIOD_MS and keeps_grid and pace.skipped > pace.cycles * _MAX_SKIPPED_SHARE
     is_slow = pace.cycle_ms / PERIOD_MS - 1 > _TOLERANCE or skips
     if pace.long_cycle_ms / grid_ms - 1 < -_TOLERANCE:
-        yield _off_pace(REPLIES_DO_NOT_PACE if session.buffer.replies_pace else OFF_GRID, session, pace)
+        yield _off_pace("replies-do-not-pace" if session.buffer.replies_pace else "off-grid", session, pace)
     elif is_slow and _may_overwrite(session):
         case = ".skipped" if skips else ".unknown-mode" if session.mode.meaning is None else ""
-        yield _off_pace(SLOW_SET_POINTS, session, pace, case)
+        yield _off_pace("slow-set-points", session, pace, case)
     elif is_slow and pace.waits_for_reply:
-        yield _off_pace(OFF_GRID, session, pace, ".paced", Message("rule.off-grid.advice.paced"))
+        yield _off_pace("off-grid", session, pace, ".paced", Message("rule.off-grid.advice.paced"))
     elif is_slow:
         in_waiting_mode = Message("rule.off-grid.advice.waiting-mode")
         advice = in_waiting_mode if session.buffer.replies_pace else None
-        yield _off_pace(OFF_GRID, session, pace, ".skipped" if skips else "", advice)
+        yield _off_pace("off-grid", session, pace, ".skipped" if skips else "", advice)
 
 
 def _may_overwrite(session: SlaveSession) -> bool:
-    """Return whether a new set point replaces the set point that waits in the buffer; True if the mode is
-    unknown.
-    """
+    """Return whether a new set point replaces the waiting set point; True if the mode is unknown."""
     return session.mode.meaning is None or session.buffer.overwrites
 
 
 def _off_pace(
-    rule: DiagnosisRule,
+    rule: str,
     session: SlaveSession,
     pace: MotionPace,
     case: str = "",
@@ -187,31 +137,29 @@ def _off_pace(
     interval = Quantity(pace.cycle_ms, "ms")
     skipped = {"skipped": pace.skipped, "cycles": pace.cycles} if case == ".skipped" else {}
     fact = Message(
-        f"finding.{rule.id}{case}",
+        f"finding.{rule}{case}",
         client=client_place(session.conversation),
         points=Count(pace.cycles, "set-point"),
         mean=interval,
         rate=Quantity(1000 / pace.cycle_ms if pace.cycle_ms else 0),
-        period=Quantity(PERIOD_MS if rule is SLOW_SET_POINTS else session.timing.grid_ms, "ms"),
+        period=Quantity(PERIOD_MS if rule == "slow-set-points" else session.timing.grid_ms, "ms"),
         **skipped,
     )
-    clause = Message(f"clause.{rule.id}", mean=interval)
+    clause = Message(f"clause.{rule}", mean=interval)
     frames = (first.frame, last.frame)
-    return Occurrence(rule, first.time, last.time, session.conversation, frames, fact, clause, advice=advice)
+    return Occurrence(
+        RULES[rule], first.time, last.time, session.conversation, frames, fact, clause, advice=advice
+    )
 
 
 def _buffer_slack_ns(client: ClientState) -> int:
-    """Return the time in ns for which a full buffer lasts without a new set point. If the mode is unknown,
-    the buffer is assumed to have `DEFAULT_SLOTS` slots.
-    """
+    """Return the time in ns for which a full buffer lasts without a new set point."""
     mode = client.slave_mode if client.mode_entered_by else None
     return round(slack_ms(DEFAULT_SLOTS if mode is None else mode.buffer_slots) * MS)
 
 
 def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
-    """Return the set points before and after the longest recent pause; None if a full buffer lasts longer
-    than the pause.
-    """
+    """Return the set points around the longest recent pause; None if a full buffer lasts longer."""
     points = (
         [*client.recent_set_points, call]
         if call.kind.folded_command == "slvmove"
@@ -285,7 +233,7 @@ def _explain_overflow(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(UNDERFLOW, _EMPTY_CODES, _explain_underflow),
-    Refusal(OVERFLOW, (E_SLAVE_OVERFLOW, 0x84400502), _explain_overflow),
-    Refusal(OVERFLOW, (E_SLAVE_OVERFLOW, 0x84400502)),
+    Refusal("underflow", _EMPTY_CODES, _explain_underflow),
+    Refusal("overflow", (E_SLAVE_OVERFLOW, 0x84400502), _explain_overflow),
+    Refusal("overflow", (E_SLAVE_OVERFLOW, 0x84400502)),
 )

@@ -7,26 +7,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import client_place
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
     ClientEnd,
-    DiagnosisRule,
     Occurrence,
     RuleChecker,
     last_frame_time,
 )
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Duration, Quantity, WireText
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
-
-POLLING = DiagnosisRule(
-    "polling", Severity.NOTE, "ShoheiKobata/orin_bcap_python_samples (1.7 ms for each variable)"
-)
 
 _FEWEST_READS = 200
 _LEAST_SHARE = 0.5
@@ -43,7 +38,6 @@ class _VariableReads:
 
     @property
     def took_ns(self) -> int:
-        """Time in ns from the first read of a variable to the reply to the last read."""
         return last_frame_time(self.last) - self.first.request.time
 
     def add(self, call: Call, name: str) -> None:
@@ -57,7 +51,6 @@ class _VariableReads:
 class PollingChecker(RuleChecker):
     """Counts the calls that read a single variable, and adds up the time that these calls take."""
 
-    rules = (POLLING,)
     by_client: dict[Conversation, _VariableReads]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
@@ -91,4 +84,6 @@ def _polling(reads: _VariableReads, calls: int) -> Occurrence:
         share=Quantity(round(100 * reads.spent_ns / max(reads.took_ns, 1)), "%"),
     )
     frames = (first.request.number, last.request.number)
-    return Occurrence(POLLING, first.request.time, last.request.time, first.conversation, frames, fact)
+    return Occurrence(
+        RULES["polling"], first.request.time, last.request.time, first.conversation, frames, fact
+    )

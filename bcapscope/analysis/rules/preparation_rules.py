@@ -6,12 +6,19 @@ from __future__ import annotations
 
 from bcapscope.analysis.call_arguments import argument, gets_robslave, requested_motor_state
 from bcapscope.analysis.client_state import MOTION_FUNCTIONS, ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.error_rules import ACTIVE_CODES
-from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
-from bcapscope.analysis.rules.rule_checker import MS, SECOND, CallHealth, DiagnosisRule, RuleChecker
-from bcapscope.analysis.rules.rule_sources import ERROR_LIST, guide
+from bcapscope.analysis.rules.rule_checker import (
+    MS,
+    NO_REASON,
+    SECOND,
+    CallHealth,
+    Refusal,
+    RefusalReason,
+    RuleChecker,
+    reason_from_call,
+    reason_from_failure,
+)
 from bcapscope.messages import Message
 from bcapscope.messages.places import ClientPlace, Duration, HexNumber, Moment, WireText
 from bcapscope.protocol.codec.variant import Variant, integer_value
@@ -30,62 +37,6 @@ from bcapscope.protocol.tables.hresult import (
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 
-_EVER = 24 * 3600 * SECOND
-
-ROBSLAVE_NOT_RUNNING = DiagnosisRule(
-    "robslave-not-running",
-    Severity.ERROR,
-    guide("Starting your client app.", "Error, and the sequence of clearing error"),
-    ("controller-error", "underflow", "over-limit"),
-    _EVER,
-)
-NO_AT_E = DiagnosisRule("no-at-e", Severity.WARNING, guide("slvChangeMode"))
-ROBOT_STILL_MOVING = DiagnosisRule(
-    "robot-still-moving", Severity.ERROR, f"{guide('slvChangeMode')}; {ERROR_LIST}", ("no-at-e",), 10 * SECOND
-)
-ARM_NOT_TAKEN = DiagnosisRule(
-    "arm-not-taken",
-    Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issue 29; {ERROR_LIST}",
-    ("emergency-stop", "controller-error"),
-    60 * SECOND,
-)
-ARM_TAKEN_BY_OTHER = DiagnosisRule(
-    "arm-taken-by-other", Severity.ERROR, f"DENSORobot/denso_robot_ros issues 21, 29 and 48; {ERROR_LIST}"
-)
-MOTOR_OFF = DiagnosisRule(
-    "motor-off",
-    Severity.ERROR,
-    ERROR_LIST,
-    ("underflow", "over-limit", "beyond-range", "emergency-stop", "controller-error", "motor-switching-off"),
-    _EVER,
-)
-MOTOR_SWITCHING_OFF = DiagnosisRule(
-    "motor-switching-off",
-    Severity.ERROR,
-    "nkawa/Denso_CobottaPro900_MQTT_Control",
-    ("underflow", "over-limit", "beyond-range", "controller-error"),
-    60 * SECOND,
-)
-EMERGENCY_STOP = DiagnosisRule("emergency-stop", Severity.ERROR, ERROR_LIST)
-NOT_IN_AUTOMATIC_MODE = DiagnosisRule(
-    "not-in-automatic-mode", Severity.ERROR, f"{guide('Preparation')}; {ERROR_LIST}"
-)
-NO_EXECUTABLE_TOKEN = DiagnosisRule(
-    "no-executable-token",
-    Severity.ERROR,
-    f"{guide('Setting up your RC7')}; DENSORobot/denso_robot_ros issues 29 and 36",
-)
-NO_LICENCE = DiagnosisRule("no-licence", Severity.ERROR, f"{guide('Setting up your RC7')}; {ERROR_LIST}")
-MANUAL_RESET_MISSING = DiagnosisRule(
-    "manual-reset-missing",
-    Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 36 and 44; {ERROR_LIST}",
-    ("no-executable-token",),
-    60 * SECOND,
-)
-TYPE_NOT_CHECKED = DiagnosisRule("type-not-checked", Severity.NOTE, guide("Starting your client app. (tips)"))
-
 _MOVING_CODES = with_rc7_forms((0x600B, 0x8150100D, 0x81201744))
 _STOP_CODES = with_rc7_forms(
     (0x8150101A, 0x8120170A, 0x83500178, 0x81501022, 0x8150101C, 0x8150101E, 0x81501078, 0x83501079)
@@ -103,9 +54,7 @@ _TOKEN_CODES = with_rc7_forms(
 _LICENCE_CODES = (0x80000901, 0x8000020C, 0x83500009, 0x83500126)
 _RESET_CODES = (0x83500372, 0x81501069, 0x81501070)
 _SWITCHES_OFF = 4
-"""At this error level and above, the controller stops all axes and switches the motor off (public list of
-controller errors).
-"""
+"""From this error level on, the controller switches the motor off (public list of controller errors)."""
 _MOTOR_CODES = with_rc7_forms((0x81501003, 0x2006))
 _ARM_CODES = with_rc7_forms((E_ARM_NOT_TAKEN, 0x21F7))
 
@@ -115,8 +64,6 @@ _JUST_BEFORE_NS = 5 * SECOND
 
 class PreparationChecker(RuleChecker):
     """Checks the calls that prepare slave mode and the first motion."""
-
-    rules = (NO_AT_E, TYPE_NOT_CHECKED)
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         command = call_kind.folded_command
@@ -141,7 +88,7 @@ class PreparationChecker(RuleChecker):
 
         ending = _pass_of(motion)
         self.report_call(
-            NO_AT_E,
+            "no-at-e",
             call,
             Message(
                 f"finding.no-at-e.{'passes' if ending else 'without'}",
@@ -160,7 +107,7 @@ class PreparationChecker(RuleChecker):
             return
         client.type_was_read = True  # the finding is reported only once for each client
         self.report_call(
-            TYPE_NOT_CHECKED,
+            "type-not-checked",
             call,
             Message(
                 "finding.type-not-checked", client=client_place(call.conversation), call=call_name_place(call)
@@ -176,7 +123,6 @@ def _type_was_read(client: ClientState) -> bool:
 
 
 def _moves_robot(call: Call) -> bool:
-    """Return whether a call moves the robot's arm."""
     function_id, command = call.kind
     if function_id in MOTION_FUNCTIONS:
         return True
@@ -192,9 +138,7 @@ def _requests_mode(call: Call) -> bool:
 
 
 def _pass_of(motion: Call) -> str:
-    """Return the pass option in the request of a motion, such as `@P` or `@0`; "" if the request has no pass
-    option.
-    """
+    """Return the pass option in the request of a motion, such as `@P` or `@0`; "" if there is none."""
     for index in (2, 3):
         found = _pass_in(argument(motion, index))
         if found:
@@ -228,11 +172,10 @@ def _explain_robslave(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _explain_task(client: ClientState) -> RefusalReason | None:
-    """Return the reason why RobSlave does not run; None if the capture shows no reason."""
     started = _latest_robslave_start(client)
     attempt = client.latest_calls.get("robslave")
     if attempt is not None and (started is None or started.request.time < attempt.request.time):
-        return _unsuccessful(f"reason.robslave.{_outcome(attempt)}", attempt)
+        return _unsuccessful("robslave", attempt)
     if started is None:
         return _explain_never_started(client)
     stopped = client.uncleared_error or client.latest_error
@@ -246,7 +189,7 @@ def _explain_task(client: ClientState) -> RefusalReason | None:
 
 
 def _latest_robslave_start(client: ClientState) -> Call | None:
-    """Return the latest Task_Start of RobSlave that the controller accepted; any client may have sent it."""
+    """Return the latest accepted Task_Start of RobSlave of any client."""
     starts = [each.robslave_start for each in (client, *client.other_clients())]
     return max(
         (each for each in starts if each is not None), key=lambda each: each.request.time, default=None
@@ -294,7 +237,7 @@ def _explain_arm_taken(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _may_be_given_back(client: ClientState) -> bool:
-    """Return whether a client may have given back the arm: the capture lacks the reply to its GiveArm."""
+    """Return whether the capture lacks the reply to the GiveArm of a client."""
     return _unanswered(client, "givearm") is not None
 
 
@@ -309,50 +252,31 @@ def _explain_arm_missing(call: Call, client: ClientState) -> RefusalReason | Non
     if taken is not None:
         unsure = _unanswered(client, "givearm")
         if unsure is not None:
-            return _reason_of_call("reason.arm.given-back.unanswered", unsure)
+            return reason_from_call("reason.arm.given-back.unanswered", unsure)
         reason = Message("reason.arm.lost", at=Moment(taken.request.time))
         return RefusalReason(reason, evidence_call=taken, explaining_calls=_error_since(taken, client))
     if attempt is not None and (returned is None or returned.number < attempt.number):
-        return _unsuccessful(f"reason.arm.{_outcome(attempt)}", attempt)
+        return _unsuccessful("arm", attempt)
     if returned is not None:
-        return _reason_of_call("reason.arm.given-back", returned)
+        return reason_from_call("reason.arm.given-back", returned)
     return RefusalReason(Message(f"reason.arm.not-{'taken' if client.session_start_seen else 'seen'}"))
 
 
 def _error_since(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the number of the call that reported the client's latest error; () if no error came after
-    `call`.
-    """
     error = client.latest_error
     return (error.number,) if error is not None and error.number > call.number else ()
 
 
-def _unsuccessful(reason: str, attempt: Call) -> RefusalReason:
-    """Return a reason for a refusal: the earlier call `attempt` was refused or not answered. `reason` is the
-    id of the message with this text.
-    """
+def _unsuccessful(topic: str, attempt: Call) -> RefusalReason:
     code = attempt.hresult
-    if code is None:
-        return _reason_of_call(reason, attempt)
-    place, at = call_place(attempt), Moment(attempt.request.time)
-    text = Message(reason, call=place, at=at, code=HexNumber(code))
-    return RefusalReason(text, explaining_calls=(attempt.number,), evidence_call=attempt)
-
-
-def _outcome(attempt: Call) -> str:
-    return "unanswered" if attempt.reply is None else "refused"
-
-
-def _reason_of_call(reason: str, cause: Call) -> RefusalReason:
-    text = Message(reason, call=call_place(cause), at=Moment(cause.request.time))
-    return RefusalReason(text, explaining_calls=(cause.number,), evidence_call=cause)
+    return reason_from_failure(topic, attempt, **({} if code is None else {"code": HexNumber(code)}))
 
 
 def _explain_motor(call: Call, client: ClientState) -> RefusalReason | None:
     motor, failure = client.motor_call, client.uncleared_error or client.latest_error
     attempt = client.latest_calls.get("motor")
     if attempt is not None and attempt is not motor and requested_motor_state(attempt) is not False:
-        return _unsuccessful(f"reason.motor.{_outcome(attempt)}", attempt)
+        return _unsuccessful("motor", attempt)
     if motor is not None and client.motor_on is False:
         return _motor_reason("switched-off", motor)
     by_other = _switched_off_by_other(call, client)
@@ -395,15 +319,15 @@ def _explain_reset(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(ROBOT_STILL_MOVING, _MOVING_CODES, _explain_moving),
-    Refusal(ARM_TAKEN_BY_OTHER, _ARM_CODES, _explain_arm_taken),
-    Refusal(ARM_NOT_TAKEN, _ARM_CODES, _explain_arm_missing),
-    Refusal(MOTOR_OFF, _MOTOR_CODES, _explain_motor),
-    Refusal(MOTOR_SWITCHING_OFF, (0x8350106E,)),
-    Refusal(EMERGENCY_STOP, _STOP_CODES),
-    Refusal(NOT_IN_AUTOMATIC_MODE, _MODE_CODES),
-    Refusal(NO_EXECUTABLE_TOKEN, _TOKEN_CODES),
-    Refusal(NO_LICENCE, _LICENCE_CODES),
-    Refusal(MANUAL_RESET_MISSING, _RESET_CODES, _explain_reset),
-    Refusal(ROBSLAVE_NOT_RUNNING, (), _explain_robslave),
+    Refusal("robot-still-moving", _MOVING_CODES, _explain_moving),
+    Refusal("arm-taken-by-other", _ARM_CODES, _explain_arm_taken),
+    Refusal("arm-not-taken", _ARM_CODES, _explain_arm_missing),
+    Refusal("motor-off", _MOTOR_CODES, _explain_motor),
+    Refusal("motor-switching-off", (0x8350106E,)),
+    Refusal("emergency-stop", _STOP_CODES),
+    Refusal("not-in-automatic-mode", _MODE_CODES),
+    Refusal("no-executable-token", _TOKEN_CODES),
+    Refusal("no-licence", _LICENCE_CODES),
+    Refusal("manual-reset-missing", _RESET_CODES, _explain_reset),
+    Refusal("robslave-not-running", (), _explain_robslave),
 )

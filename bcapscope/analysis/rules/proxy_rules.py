@@ -3,32 +3,23 @@
 from __future__ import annotations
 
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
-    DiagnosisRule,
     Occurrence,
     RuleChecker,
 )
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Duration, Moment, WireText
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
 
-INJECTED_FAULT = DiagnosisRule(
-    "injected-fault", Severity.WARNING, "the comments that bcapscope's proxy writes in its recordings"
-)
-
 _HELD_NS = 1_000_000
-"""If the proxy delayed a frame for at least this time in ns, a finding mentions the delay. Usually, the proxy
-forwards a frame in a fraction of this time.
-"""
+"""Shortest delay by the proxy that a finding mentions. Usually, forwarding takes a fraction of this time."""
 
 
 class ProxyChecker(RuleChecker):
     """Checks whether the proxy, one of its scripts or its user disturbed a call."""
-
-    rules = (INJECTED_FAULT,)
 
     def on_call(self, call: Call, client: ClientState) -> None:
         noted: dict[str, list[JoinedObservation]] = {}
@@ -52,7 +43,7 @@ class ProxyChecker(RuleChecker):
             fact, clause = Message("finding.injected-fault.note", **places, what=WireText(note)), None
         self.report_occurrence(
             Occurrence(
-                INJECTED_FAULT,
+                RULES["injected-fault"],
                 call.request.time,
                 frames[-1].time,
                 call.conversation,
@@ -67,9 +58,7 @@ class ProxyChecker(RuleChecker):
 
 
 def with_place(call: Call, fact: Message) -> Message:
-    """If two captures or the proxy's recording show where frames of the call were lost or held, add this to
-    `fact`.
-    """
+    """Add to `fact` where frames of the call were lost or held, if two captures or a proxy show this."""
     lost = call.lost_between
     if lost:
         case = "in-proxy" if lost[0].is_relayed else "between"
@@ -81,17 +70,13 @@ def with_place(call: Call, fact: Message) -> Message:
 
 
 def group_by_place(call: Call) -> str:
-    """Return a group key for the problem of a call, so that calls with different advice become different
-    findings.
-    """
+    """Return a group key, so that calls with different advice become different findings."""
     advice = advice_by_place(call)
     return "" if advice is None else advice.id
 
 
 def advice_by_place(call: Call) -> Message | None:
-    """Return the advice for a call that was captured at two places; None if the rule's usual advice
-    applies.
-    """
+    """Return the advice for a call that was captured at two places; None for the rule's usual advice."""
     lost = call.lost_between
     if lost:
         return Message("rule.advice.in-proxy" if lost[0].is_relayed else "rule.advice.between")

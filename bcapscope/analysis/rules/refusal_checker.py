@@ -14,8 +14,7 @@ from bcapscope.analysis.rules import (
     session_rules,
     slave_mode_rules,
 )
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
-from bcapscope.analysis.rules.rule_checker import CallHealth, DiagnosisRule, RobotImpact, RuleChecker
+from bcapscope.analysis.rules.rule_checker import CallHealth, Refusal, RefusalReason, RobotImpact, RuleChecker
 from bcapscope.messages import Message
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, ends_slave_mode, rc7_digits_guessed
@@ -32,9 +31,7 @@ REFUSALS: tuple[Refusal, ...] = (
     *request_rules.REFUSALS,
     *error_rules.REFUSALS,
 )
-"""All kinds of refusal. Specific kinds come before general kinds, and the last kind applies to every refused
-call.
-"""
+"""All kinds of refusal, specific kinds first. The last kind applies to every refused call."""
 
 
 _NEEDED_OBJECTS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.ROBOT)
@@ -44,15 +41,11 @@ _PREPARATIONS = frozenset(
         *("clearerror", "manualreset", "manualresetpreparation", "motionpreparation"),
     )
 )
-"""Calls that must succeed before the robot can move as the client wants. `ClientState.topic_of` returns these
-names.
-"""
+"""Calls that must succeed before the robot can move, as `ClientState.topic_of` names them."""
 
 
 class RefusalChecker(RuleChecker):
     """Reports each refused call with exactly one rule."""
-
-    rules = tuple(dict.fromkeys(each.rule for each in REFUSALS))
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         return health is CallHealth.REFUSED
@@ -78,11 +71,10 @@ class RefusalChecker(RuleChecker):
             return
 
 
-def _impact(rule: DiagnosisRule, call: Call, client: ClientState) -> RobotImpact:
-    """Return how a refusal affects the motion of the robot."""
+def _impact(rule: str, call: Call, client: ClientState) -> RobotImpact:
     code, command = call.hresult or 0, call.kind.folded_command
     moves = call.kind.function_id in MOTION_FUNCTIONS or command in MOTION_COMMANDS
-    if rule is slave_mode_rules.REFUSED_IN_SLAVE_MODE:
+    if rule == "refused-in-slave-mode":
         return RobotImpact.STOPPED
     if command == "slvmove" and client.recent_set_points and code != E_SLAVE_OVERFLOW:
         return RobotImpact.STOPPED
@@ -95,9 +87,7 @@ def _impact(rule: DiagnosisRule, call: Call, client: ClientState) -> RobotImpact
 
 
 def _error_to_clear(call: Call, client: ClientState) -> tuple[int, ...]:
-    """Return the call number of the error that a refused ClearError call should have cleared. The cause of
-    this error is often also the reason why the controller refuses ClearError.
-    """
+    """Return the error that a refused ClearError should have cleared; both often have the same cause."""
     error = client.uncleared_error
     return (error.number,) if error is not None and call.kind.folded_command == "clearerror" else ()
 

@@ -8,21 +8,18 @@ from dataclasses import dataclass, field
 from typing import TypedDict
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import attempt_place, call_place, call_places, client_place
 from bcapscope.analysis.rules.proxy_rules import advice_by_place, group_by_place, with_place
 from bcapscope.analysis.rules.rule_checker import (
     MS,
-    SECOND,
     ClientEnd,
-    DiagnosisRule,
     Occurrence,
     OccurrenceSink,
     RuleChecker,
     frame_numbers,
     last_frame_time,
 )
-from bcapscope.analysis.rules.rule_sources import C_CLIENT, GUIDE, guide
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, Duration, Moment, Times
@@ -34,67 +31,6 @@ from bcapscope.traffic.client_timeout import gives_up_at, waits_in_vain
 from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
-_ROS_12 = "DENSORobot/denso_robot_ros issues 8 and 12"
-
-LATE_REPLY = DiagnosisRule(
-    "late-reply",
-    Severity.WARNING,
-    f"{guide('Retry sequence in UDP connection')}; {_ROS_12}",
-    ("long-call-without-wdt", "malformed-request"),
-)
-CLIENT_GAVE_UP = DiagnosisRule(
-    "client-gave-up",
-    Severity.ERROR,
-    f"{_ROS_12}; {C_CLIENT}",
-    ("long-call-without-wdt", "malformed-request"),
-)
-NO_REPLY = DiagnosisRule(
-    "no-reply",
-    Severity.ERROR,
-    f"{C_CLIENT}; {_ROS_12}",
-    (
-        "controller-hung-up",
-        "malformed-request",
-        "oversize-datagram",
-        "executing-forever",
-        "controller-silent",
-        "malformed-reply",
-        "reply-to-nothing",
-    ),
-    60 * SECOND,
-)
-CLIENT_STOPPED = DiagnosisRule(
-    "client-stopped",
-    Severity.ERROR,
-    f"{C_CLIENT}; {_ROS_12}",
-    ("malformed-request", "oversize-datagram", "no-reply", "controller-silent", "long-call-without-wdt"),
-    60 * SECOND,
-)
-CONTROLLER_SILENT = DiagnosisRule(
-    "controller-silent",
-    Severity.ERROR,
-    f"{guide('Setting up your RC7')}; DENSORobot/denso_robot_ros2 issues 3, 8 and 50",
-    ("malformed-request", "oversize-datagram"),
-    60 * SECOND,
-)
-EXECUTED_TWICE = DiagnosisRule(
-    "executed-twice",
-    Severity.ERROR,
-    "orin_bcap C/src/bCAPServer/bcap_server.c",
-    ("late-reply", "reply-lost", "retried"),
-)
-REPLY_LOST = DiagnosisRule("reply-lost", Severity.WARNING, GUIDE)
-RETRIED = DiagnosisRule(
-    "retried",
-    Severity.WARNING,
-    guide("Retry sequence in UDP connection"),
-    ("malformed-request", "malformed-reply", "reply-to-nothing", "no-reply"),
-)
-VERY_LATE_REPLY = DiagnosisRule("very-late-reply", Severity.WARNING, C_CLIENT)
-REPLY_TO_NOTHING = DiagnosisRule(
-    "reply-to-nothing", Severity.WARNING, guide("Retry sequence in UDP connection")
-)
-
 _TURN_NS = PERIOD_MS * MS + 2 * MS
 _MAX_REQUESTING = 65536
 _MAX_STRAYS = 64
@@ -102,14 +38,11 @@ _MAX_STRAYS = 64
 
 @dataclass(slots=True)
 class _Pending:
-    """Calls and replies of one client. The checker can judge them only when it knows the client's later
-    traffic.
+    """Calls and replies of one client that the checker can judge only by the client's later traffic.
 
     Attributes:
-        given_up: The latest call that got no reply; the client has given this call up, or the client program
-            has stopped.
-        strays: Replies without a captured request; either the capture lacks the requests, or the client never
-            sent them.
+        given_up: The latest call that got no reply; the client gave it up, or the client program has stopped.
+        strays: Replies without a captured request, which the client may have sent before the capture.
     """
 
     given_up: Call | None = None
@@ -118,19 +51,6 @@ class _Pending:
 
 class ReplyChecker(RuleChecker):
     """Checks calls that were retried, not answered or answered late, and replies without a request."""
-
-    rules = (
-        LATE_REPLY,
-        CLIENT_GAVE_UP,
-        NO_REPLY,
-        CLIENT_STOPPED,
-        CONTROLLER_SILENT,
-        EXECUTED_TWICE,
-        REPLY_LOST,
-        RETRIED,
-        VERY_LATE_REPLY,
-        REPLY_TO_NOTHING,
-    )
 
     by_client: dict[Conversation, _Pending]
 
@@ -202,7 +122,7 @@ class ReplyChecker(RuleChecker):
     def _report_late(self, call: Call, reply: FrameObservation) -> None:
         attempts = _AttemptIndex(call)
         attempt, gave_up = attempts.answered_by(reply), attempts.given_up_at(reply)
-        rule = CLIENT_GAVE_UP if call.reply is None else LATE_REPLY
+        rule = "client-gave-up" if call.reply is None else "late-reply"
         places = {
             "call": attempt_place(call, reply.item.serial),
             "client": client_place(call.conversation),
@@ -214,7 +134,7 @@ class ReplyChecker(RuleChecker):
             with_place(
                 call,
                 Message(
-                    f"finding.{rule.id}{'.inferred' if call.gave_up_inferred else ''}",
+                    f"finding.{rule}{'.inferred' if call.gave_up_inferred else ''}",
                     **places,
                     waited=Duration(gave_up - attempt.time),
                     retries=Count(call.retries, "retry"),
@@ -247,7 +167,7 @@ class ReplyChecker(RuleChecker):
         else:
             attempts = Count(len(call.attempts), "attempt")
             fact = Message("finding.executed-twice", **call_places(call), attempts=attempts)
-        self.report_call(EXECUTED_TWICE, call, fact)
+        self.report_call("executed-twice", call, fact)
 
     def _report_reply_lost(self, call: Call) -> None:
         reply = call.lost_replies[0]
@@ -258,7 +178,7 @@ class ReplyChecker(RuleChecker):
             took=Duration(reply.time - _AttemptIndex(call).answered_by(reply).time),
         )
         self.report_call(
-            REPLY_LOST, call, with_place(call, fact), began=reply.time, **_grouped_by_place(call)
+            "reply-lost", call, with_place(call, fact), began=reply.time, **_grouped_by_place(call)
         )
 
     def _report_crossed(self, call: Call) -> None:
@@ -274,7 +194,7 @@ class ReplyChecker(RuleChecker):
             "clause.retried", call=call_place(call), attempt=len(call.attempts) + call.unseen_retries
         )
         advice = Message("rule.retried.advice.crossed")
-        self.report_call(RETRIED, call, fact, clause, group_key="crossed", advice=advice)
+        self.report_call("retried", call, fact, clause, group_key="crossed", advice=advice)
 
     def _report_retried(self, call: Call) -> None:
         attempts = len(call.attempts) + call.unseen_retries
@@ -288,7 +208,7 @@ class ReplyChecker(RuleChecker):
             after=Duration(call.latency or 0),
         )
         clause = Message("clause.retried", call=call_place(call), attempt=attempts)
-        self.report_call(RETRIED, call, with_place(call, fact), clause, **_grouped_by_place(call))
+        self.report_call("retried", call, with_place(call, fact), clause, **_grouped_by_place(call))
 
 
 class _Grouping(TypedDict, total=False):
@@ -297,9 +217,7 @@ class _Grouping(TypedDict, total=False):
 
 
 def _grouped_by_place(call: Call) -> _Grouping:
-    """Return arguments for `report_call`. With these arguments, calls that were captured at two places get a
-    finding and advice of their own.
-    """
+    """Return arguments for `report_call`, so that calls captured at two places get a finding of their own."""
     advice = advice_by_place(call)
     return {} if advice is None else {"group_key": group_by_place(call), "advice": advice}
 
@@ -318,7 +236,7 @@ def _no_reply(call: Call) -> Occurrence:
     else:
         fact = Message(f"finding.no-reply{settled}", **sent)
     return Occurrence(
-        NO_REPLY,
+        RULES["no-reply"],
         call.request.time,
         call.abandoned_at or (last_frame_time(call) if closing is None else closing.time),
         call.conversation,
@@ -340,7 +258,7 @@ def _very_late(reply: FrameObservation, call_number: int) -> Occurrence:
         number=call_number,
         serial=reply.item.serial,
     )
-    return Occurrence(VERY_LATE_REPLY, reply.time, reply.time, conversation, (reply.number,), fact)
+    return Occurrence(RULES["very-late-reply"], reply.time, reply.time, conversation, (reply.number,), fact)
 
 
 def _to_nothing(reply: FrameObservation) -> Occurrence:
@@ -351,7 +269,7 @@ def _to_nothing(reply: FrameObservation) -> Occurrence:
         client=client_place(conversation),
         serial=reply.item.serial,
     )
-    return Occurrence(REPLY_TO_NOTHING, reply.time, reply.time, conversation, (reply.number,), fact)
+    return Occurrence(RULES["reply-to-nothing"], reply.time, reply.time, conversation, (reply.number,), fact)
 
 
 def _client_stopped(call: Call, quiet: int) -> Occurrence:
@@ -367,7 +285,9 @@ def _client_stopped(call: Call, quiet: int) -> Occurrence:
     )
     clause = Message("clause.client-stopped", client=client, call=stopped)
     frames = frame_numbers(call)
-    return Occurrence(CLIENT_STOPPED, first, last, call.conversation, frames, fact, clause, call=call.number)
+    return Occurrence(
+        RULES["client-stopped"], first, last, call.conversation, frames, fact, clause, call=call.number
+    )
 
 
 def _controller_silent(first: Call, last: Call, calls: int, ended_at: int) -> Occurrence:
@@ -381,7 +301,7 @@ def _controller_silent(first: Call, last: Call, calls: int, ended_at: int) -> Oc
         fact = Message("finding.controller-silent", **ends, calls=Count(calls, "call"), lasted=lasted)
     frames = (first.request.number, last.attempts[-1].number)
     clause = Message("clause.controller-silent", **ends)
-    return Occurrence(CONTROLLER_SILENT, began, began, conversation, frames, fact, clause)
+    return Occurrence(RULES["controller-silent"], began, began, conversation, frames, fact, clause)
 
 
 def _waited_for_room(call: Call, client: ClientState) -> bool:
@@ -398,9 +318,7 @@ def _waited_for_room(call: Call, client: ClientState) -> bool:
 
 
 class _AttemptIndex:
-    """Finds an attempt of a call by its serial and a time. Searches stay fast even for thousands of attempts
-    and replies.
-    """
+    """Finds an attempt of a call by serial and time; fast even for thousands of attempts and replies."""
 
     def __init__(self, call: Call) -> None:
         self._call = call
@@ -410,16 +328,12 @@ class _AttemptIndex:
             self._by_serial.setdefault(each.item.serial, []).append(each)
 
     def answered_by(self, reply: FrameObservation) -> FrameObservation:
-        """Return the attempt that a reply answers: the latest attempt with the same serial that was sent
-        before the reply.
-        """
+        """Return the attempt that a reply answers: the latest earlier attempt with the same serial."""
         sent = [each for each in self._by_serial.get(reply.item.serial, ()) if each.time <= reply.time]
         return sent[-1] if sent else self._call.request
 
     def given_up_at(self, reply: FrameObservation) -> int:
-        """Return the time when the client gave up the attempt that `reply` answers, ns since 1970; 0 if the
-        client had not given it up.
-        """
+        """Return when the client gave up the answered attempt, ns since 1970; 0 if it had not."""
         sent_at, abandoned_at = self.answered_by(reply).time, self._call.abandoned_at
         after = bisect_right(self._times, sent_at)
         if after < len(self._times) and self._times[after] <= reply.time:

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from bcapscope.analysis.call_arguments import argument
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_places
-from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
-from bcapscope.analysis.rules.rule_checker import SAME_CALL, CallHealth, DiagnosisRule, RuleChecker
-from bcapscope.analysis.rules.rule_sources import GUIDE
+from bcapscope.analysis.rules.rule_checker import NO_REASON, CallHealth, Refusal, RefusalReason, RuleChecker
 from bcapscope.analysis.slave.generation_clues import ENOUGH_TO_OBJECT
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Listing, WireText, shortened
@@ -22,27 +19,6 @@ from bcapscope.protocol.tables.hresult import E_INVALIDARG, E_NOTIMPL
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
-
-_SAMPLES = "ShoheiKobata/orin_bcap_python_samples"
-
-FORMAT_REFUSED = DiagnosisRule(
-    "format-refused",
-    Severity.ERROR,
-    "DENSORobot/denso_robot_ros issue 47; DENSORobot/denso_robot_ros2 denso_robot_core",
-)
-UNKNOWN_COMMAND = DiagnosisRule(
-    "unknown-command", Severity.ERROR, f"orin_bcap C/include/bcap_funcid.h; {_SAMPLES}"
-)
-ARGUMENT_REFUSED = DiagnosisRule(
-    "argument-refused",
-    Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 48 and 52; {_SAMPLES}",
-    ("unusual-argument",),
-    SAME_CALL,
-)
-UNUSUAL_ARGUMENT = DiagnosisRule(
-    "unusual-argument", Severity.NOTE, f"{GUIDE}; {_SAMPLES}; DENSORobot/denso_robot_ros2 denso_robot_core"
-)
 
 _TYPE_CODES = (
     E_INVALIDARG,
@@ -63,7 +39,6 @@ _R4S, _R8S = ARRAY | VT.R4, ARRAY | VT.R8
 class RequestChecker(RuleChecker):
     """Checks each requested slave mode, and the first set point of each slave-mode session."""
 
-    rules = (UNUSUAL_ARGUMENT,)
     by_client: dict[Conversation, bool]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
@@ -84,7 +59,7 @@ class RequestChecker(RuleChecker):
     def _report_odd(self, call: Call, detail: Message | None) -> None:
         if detail is not None:
             fact = Message("finding.unusual-argument", **call_places(call), detail=detail)
-            self.report_call(UNUSUAL_ARGUMENT, call, fact, group_key=repr(detail))
+            self.report_call("unusual-argument", call, fact, group_key=repr(detail))
 
 
 def _odd_mode(parameter: Variant | None) -> Message | None:
@@ -116,32 +91,19 @@ def _explain_format(call: Call, client: ClientState) -> RefusalReason | None:
     found = parse_format_parameter(parameter)
     if found is None:
         return RefusalReason(Message("reason.format-type", type=vt_name(parameter.vt)))
-    parts = _send_parts(found.value) if name == "slvsendformat" else _receive_parts(found.value)
+    form = (SendFormat if name == "slvsendformat" else ReceiveFormat).parse(found.value)
+    parts = _format_parts(form)
     return RefusalReason(Message("reason.format", format=f"0x{found.value:03X}", parts=parts))
 
 
-def _send_parts(value: int) -> Listing:
-    form = SendFormat.parse(value)
-    named = (("hand-io", form.hand_io), ("mini-io", form.mini_io), ("user-io", form.user_io))
-    return _listing([Message(f"format.{part}") for part, there in named if there], form.other)
-
-
-def _receive_parts(value: int) -> Listing:
-    form = ReceiveFormat.parse(value)
-    named = (
-        ("timestamp", form.timestamp),
-        ("hand-io", form.hand_io),
-        ("current", form.current),
-        ("mini-io", form.mini_io),
-        ("user-io", form.user_io),
-    )
-    parts = [Message("format.pose", poses="+".join(form.poses))] if form.poses else []
-    return _listing(parts + [Message(f"format.{part}") for part, there in named if there], form.other)
-
-
-def _listing(parts: list[Message], other: int) -> Listing:
-    if other:
-        parts.append(Message("format.unknown", bits=f"0x{other & 0xFFFFFFFF:X}"))
+def _format_parts(form: SendFormat | ReceiveFormat) -> Listing:
+    poses = "+".join(form.poses) if isinstance(form, ReceiveFormat) else ""
+    parts = [Message("format.pose", poses=poses)] if poses else []
+    for part in ("timestamp", "hand-io", "current", "mini-io", "user-io"):
+        if getattr(form, part.replace("-", "_"), False):
+            parts.append(Message(f"format.{part}"))
+    if form.other:
+        parts.append(Message("format.unknown", bits=f"0x{form.other & 0xFFFFFFFF:X}"))
     return Listing(tuple(parts) or (Message("format.nothing"),))
 
 
@@ -162,9 +124,7 @@ def _explain_argument(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _argument_mismatch(call: Call) -> Message | None:
-    """Return a message about a wrong number of arguments, or about the first argument with a wrong type; None
-    if all arguments fit.
-    """
+    """Return what is wrong with the number or the types of the arguments; None if they fit."""
     function, arguments = FUNCTIONS.get(call.kind.function_id), call.request.item.arguments
     if function is None:
         return Message("reason.no-function", function=call.kind.function_id)
@@ -191,7 +151,7 @@ def _argument_mismatch(call: Call) -> Message | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(FORMAT_REFUSED, (), _explain_format),
-    Refusal(UNKNOWN_COMMAND, _NAME_CODES, _explain_unknown),
-    Refusal(ARGUMENT_REFUSED, _TYPE_CODES, _explain_argument),
+    Refusal("format-refused", (), _explain_format),
+    Refusal("unknown-command", _NAME_CODES, _explain_unknown),
+    Refusal("argument-refused", _TYPE_CODES, _explain_argument),
 )

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
-from bcapscope.analysis.rules.rule_checker import CallHealth, DiagnosisRule, Occurrence, RuleChecker
-from bcapscope.analysis.rules.rule_sources import C_SERVER, GUIDE, guide
+from bcapscope.analysis.rules.rule_checker import CallHealth, Occurrence, RuleChecker
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Duration, Moment
@@ -22,31 +21,6 @@ from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.reserved_field import ReservedConvention
 from bcapscope.traffic.unseen_attempts import skipped_serials
 
-RETRY_IN_ASYNC = DiagnosisRule("retry-in-async", Severity.WARNING, guide("Recommendation of the Slave mode"))
-WRONG_RESERVED = DiagnosisRule("wrong-reserved", Severity.ERROR, guide("Retry sequence in UDP connection"))
-UNMARKED_RETRY = DiagnosisRule(
-    "unmarked-retry",
-    Severity.WARNING,
-    f"{guide('Retry sequence in UDP connection')}; {C_SERVER}",
-    ("no-reply", "client-gave-up", "reply-lost"),
-)
-SERIAL_ZERO = DiagnosisRule("serial-zero", Severity.WARNING, C_SERVER)
-SERIAL_REUSED = DiagnosisRule(
-    "serial-reused", Severity.ERROR, "orin_bcap Python/bCAPClient/bcapclient.py", ("long-call-without-wdt",)
-)
-STALE_ANSWER = DiagnosisRule("stale-answer", Severity.WARNING, C_SERVER, ("unclean-quit",))
-SLOW_RETRY = DiagnosisRule(
-    "slow-retry",
-    Severity.WARNING,
-    f"{guide('Recommendation of the Slave mode')}; DENSORobot/denso_robot_ros2 denso_robot_control",
-    ("long-call-without-wdt",),
-)
-MIXED_CONVENTIONS = DiagnosisRule(
-    "mixed-conventions",
-    Severity.NOTE,
-    f"{GUIDE}; orin_bcap C/src/bCAPClient/bcap_client.c; start-jsk/denso b-Cap.c",
-)
-
 _FIRST_FUNCTIONS = (ID["Service_Start"], ID["Controller_Connect"])
 """Functions with which a session begins. If the first captured call has serial 0 but none of these functions,
 the capture began in the middle of a session.
@@ -55,17 +29,6 @@ the capture began in the middle of a session.
 
 class RetryChecker(RuleChecker):
     """Checks the times and serials of the attempts of a call."""
-
-    rules = (
-        RETRY_IN_ASYNC,
-        WRONG_RESERVED,
-        UNMARKED_RETRY,
-        SERIAL_ZERO,
-        SERIAL_REUSED,
-        STALE_ANSWER,
-        SLOW_RETRY,
-        MIXED_CONVENTIONS,
-    )
 
     by_client: dict[Conversation, ReservedConvention]
 
@@ -107,7 +70,7 @@ class RetryChecker(RuleChecker):
                 now=now.value,
                 call=call_place(call),
             )
-            self.report_call(MIXED_CONVENTIONS, call, fact)
+            self.report_call("mixed-conventions", call, fact)
 
     def _check_retry_delay(self, call: Call) -> None:
         first, second = call.attempts[:2] if len(call.attempts) > 1 else (call.request, call.request)
@@ -117,11 +80,11 @@ class RetryChecker(RuleChecker):
         if waited > PERIOD_NS:
             places = {"call": call_place(call), "waited": Duration(waited)}
             fact = Message("finding.slow-retry", client=client_place(call.conversation), **places)
-            self.report_call(SLOW_RETRY, call, fact, Message("clause.slow-retry", **places))
+            self.report_call("slow-retry", call, fact, Message("clause.slow-retry", **places))
 
     def _report_serial_zero(self, call: Call) -> None:
         who, what = client_place(call.conversation), call_name_place(call)
-        self.report_call(SERIAL_ZERO, call, Message("finding.serial-zero", client=who, call=what))
+        self.report_call("serial-zero", call, Message("finding.serial-zero", client=who, call=what))
 
     def _check_serial_reuse(self, before: Call, call: Call) -> None:
         serial = call.request.item.serial
@@ -140,7 +103,7 @@ class RetryChecker(RuleChecker):
         else:
             late_at = Moment(late.time)
             fact = Message("finding.serial-reused.late-reply", **places, serial=serial, late=late_at)
-        self.report_call(SERIAL_REUSED, call, fact, evidence_call=before, explaining_calls=(before.number,))
+        self.report_call("serial-reused", call, fact, evidence_call=before, explaining_calls=(before.number,))
 
     def _check_reserved(self, before: Call, call: Call) -> None:
         frame, earlier = call.request.item, before.last_attempt.item
@@ -156,7 +119,7 @@ class RetryChecker(RuleChecker):
             reserved=frame.reserved,
             expected=before.request.item.serial,
         )
-        self.report_call(WRONG_RESERVED, call, fact, evidence_call=before)
+        self.report_call("wrong-reserved", call, fact, evidence_call=before)
 
     def _check_stale_answer(self, before: Call, call: Call) -> None:
         if before.reply is None or before.reply.item.serial != call.request.item.serial or call.reply is None:
@@ -168,7 +131,7 @@ class RetryChecker(RuleChecker):
             at=Moment(call.request.time),
             serial=call.request.item.serial,
         )
-        self.report_call(STALE_ANSWER, call, fact, evidence_call=before)
+        self.report_call("stale-answer", call, fact, evidence_call=before)
 
     def _check_unmarked_retry(self, client: ClientState, call: Call) -> None:
         before, frame = client.last_call, call.request.item
@@ -188,7 +151,9 @@ class RetryChecker(RuleChecker):
             call=call_place(call),
             before=call_place(before),
         )
-        self.report_call(UNMARKED_RETRY, call, fact, evidence_call=before, explaining_calls=(before.number,))
+        self.report_call(
+            "unmarked-retry", call, fact, evidence_call=before, explaining_calls=(before.number,)
+        )
 
 
 def _retry_in_async(session: SlaveSession) -> Occurrence:
@@ -203,7 +168,7 @@ def _retry_in_async(session: SlaveSession) -> Occurrence:
     else:
         fact = Message("finding.retry-in-async.mode", **places, mode=f"0x{mode:03X}")
     return Occurrence(
-        RETRY_IN_ASYNC, session.entered_at, session.exit.time, session.conversation, frames[:8], fact
+        RULES["retry-in-async"], session.entered_at, session.exit.time, session.conversation, frames[:8], fact
     )
 
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import Any, ClassVar, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
-from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.finding_places import call_place
+from bcapscope.analysis.rules.rule_table import RULES, DiagnosisRule
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
+from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.places import Moment
 from bcapscope.traffic.call import Call, FrameObservation, StrayReply
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation, Observation
@@ -18,39 +21,9 @@ from bcapscope.traffic.observation import Conversation, Observation
 SECOND = 1_000_000_000
 MS = 1_000_000
 
-SAME_CALL = 0
-"""A rule has this value of `cause_within_ns` if only problems of the same call can cause its problems."""
-
-
-@dataclass(frozen=True, slots=True)
-class DiagnosisRule:
-    """The constant data of a rule of `diagnose`. A `RuleChecker` applies the rule.
-
-    Attributes:
-        id: Short name of the rule, as in JSON.
-        possible_causes: Ids of the rules that can report a cause of this rule's findings.
-        cause_within_ns: Maximum time in ns from the end of a possible cause to the start of the problem.
-    """
-
-    id: str
-    severity: Severity
-    source: str
-    possible_causes: tuple[str, ...] = ()
-    cause_within_ns: int = SECOND
-
-    @property
-    def title(self) -> Message:
-        return Message(f"rule.{self.id}.title")
-
-    @property
-    def advice(self) -> Message:
-        return Message(f"rule.{self.id}.advice")
-
 
 class RobotImpact(IntEnum):
-    """How a problem affects the motion of the robot. The members are sorted; the gravest effect comes
-    first.
-    """
+    """How a problem affects the motion of the robot, the gravest effect first."""
 
     STOPPED = 0
     """The problem ended slave mode or a motion."""
@@ -65,25 +38,18 @@ class Occurrence:
 
     Attributes:
         began: Time when the problem began, ns since 1970.
-        completed: Time when the problem ended, ns since 1970; the delay of a consequence is measured from
-            this time.
-        frames: Numbers of the frames that prove the problem.
+        completed: Time when the problem ended, ns since 1970; the delay of a consequence is measured from it.
         fact: Sentence that says what happened: the message `finding.<rule>` or `finding.<rule>.<case>`.
         clause: Message `clause.<rule>`, which names the problem as a consequence in another finding's
             sentence; None if no sentence names the problem.
         call: Number of the call that has the problem; 0 if it is not a problem of a call.
-        explaining_calls: Numbers of other calls; a problem in one of them is the likeliest cause of this
-            problem.
+        explaining_calls: Calls in which a problem is the likeliest cause of this problem.
         group_key: Occurrences of one rule with different group keys become different findings.
         advice: What the reader can do in this case; None for the usual advice of the rule.
         count: How often the problem occurred; more than 1 if this object represents several occurrences.
-        is_update: True if this occurrence replaces the occurrence that was reported earlier for the same rule
-            and call.
-        selected: True if the problem concerns selected calls; False if it is reported only as the cause of
-            another problem.
-        explains: Numbers of calls; the problems of these calls certainly follow from this problem. A rule
-            uses this attribute if it finds a cause after the consequences were reported.
-        impact: Effect of the problem on the motion of the robot.
+        is_update: Whether this occurrence replaces the earlier occurrence of the same rule and call.
+        selected: False if the problem is reported only as the cause of a problem in selected calls.
+        explains: Calls whose problems certainly follow from this problem, which a rule found after them.
     """
 
     rule: DiagnosisRule
@@ -110,7 +76,6 @@ class ClientEnd(NamedTuple):
     Attributes:
         ended_at: Time when the traffic ended, ns since 1970, or time when the client was dropped from memory.
         known_present: True if it is known that the client is still connected, although it sends nothing.
-        silent_session: Latest slave-mode session that ended because the client stopped sending set points.
     """
 
     client: ClientState
@@ -137,18 +102,9 @@ class RuleChecker:
     """Checks one rule, or a few rules that need the same data, in one pass and in bounded memory.
 
     A subclass overrides the methods for the events that it needs. Methods that return problems (`Occurrence`)
-    must not change the checker, because bcapscope also calls them while live traffic continues.
-
-    Attributes:
-        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove). There may be
-            millions of set points. If False, `on_call` gets only the first set point of each run of alike set
-            points (see `AlikeSetPoints`). If True, `on_call` gets every set point of a run, each with the
-            client's state before the run.
-        by_client: Data that the checker keeps for each client, until the client is dropped from memory.
+    must not change the checker, because bcapscope also calls them while live traffic continues. `by_client`
+    holds data about each client until the client is dropped from memory.
     """
-
-    rules: ClassVar[tuple[DiagnosisRule, ...]]
-    needs_every_set_point: ClassVar[bool] = False
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         self.report_occurrence = report_occurrence
@@ -157,7 +113,7 @@ class RuleChecker:
 
     def report_call(
         self,
-        rule: DiagnosisRule,
+        rule: str,
         call: Call,
         fact: Message,
         clause: Message | None = None,
@@ -169,16 +125,14 @@ class RuleChecker:
         group_key: str = "",
         advice: Message | None = None,
         impact: RobotImpact = RobotImpact.NONE,
+        is_update: bool = False,
     ) -> None:
-        """Report a problem of a call. Unless you give `began` and `completed`, the problem lasts from the
-        call's request to its last frame.
-
-        The frames of `call` and of `evidence_call` prove the problem. The class `Occurrence` describes the
-        other arguments.
+        """Report a problem of a call, which lasts by default from the call's request to its last frame. The
+        frames of `call` and of `evidence_call` prove the problem.
         """
         self.report_occurrence(
             Occurrence(
-                rule=rule,
+                rule=RULES[rule],
                 began=began or call.request.time,
                 completed=completed or last_frame_time(call),
                 conversation=call.conversation,
@@ -189,26 +143,25 @@ class RuleChecker:
                 explaining_calls=explaining_calls,
                 group_key=group_key,
                 advice=advice,
+                is_update=is_update,
                 impact=impact,
             )
         )
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        """Return whether `on_call` needs calls of this kind and health. `Diagnosis` caches the result.
-        `needs_every_set_point` decides whether `on_call` gets alike set points.
-        """
+        """Return whether `on_call` needs calls of this kind and health. `Diagnosis` caches the result."""
         return health is not CallHealth.SMOOTH
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Check a completed call. `client` is the state of the call's client before the call."""
+        """Check a completed call. `client` is the state of the call's client before the call. Of each run of
+        alike set points (see `AlikeSetPoints`), `on_call` gets only the first set point.
+        """
 
     def on_suspect_frame(self, observation: Observation | FrameObservation) -> None:
         """Check a large frame, a frame with problems, or bytes that are not a frame."""
 
     def on_new_flow(self, observation: Observation) -> None:
-        """Check the first observation of a flow (one direction of a conversation). The observation is a
-        frame, or bytes that are not a frame.
-        """
+        """Check the first observation of a flow (one direction of a conversation)."""
 
     def on_stray_reply(self, stray: StrayReply) -> None:
         """Check a reply that belongs to no known call."""
@@ -234,12 +187,62 @@ def frame_numbers(*calls: Call | None) -> tuple[int, ...]:
 
 
 def call_observations(call: Call) -> tuple[FrameObservation, ...]:
-    """Return the observations of all frames of a call, in capture order."""
     if call.other_frames:
         return tuple(event.observation for event in call.frames)
     return (call.request,) if call.reply is None else (call.request, call.reply)
 
 
 def last_frame_time(call: Call) -> int:
-    """Return the time of the last frame of a call, ns since 1970."""
     return call.last_activity if call.reply is None else max(call.last_activity, call.reply.time)
+
+
+class RefusalReason(NamedTuple):
+    """What the traffic shows about the reason for a refusal.
+
+    Attributes:
+        text: Value of `reason` in the message `finding.refused.because`; None if no reason is known.
+        fact: Message instead of `finding.refused` or `finding.refused.because`; None for one of these two.
+        clause: Message instead of `clause.refused`; None for `clause.refused`.
+    """
+
+    text: Message | None = None
+    fact: Message | None = None
+    clause: Message | None = None
+    explaining_calls: tuple[int, ...] = ()
+    evidence_call: Call | None = None
+    group_key: str = ""
+    advice: Message | None = None
+
+
+NO_REASON = RefusalReason()
+"""The reason for the refusal is unknown: the capture shows only the result code."""
+
+ExplainRefusal: TypeAlias = Callable[[Call, ClientState], "RefusalReason | None"]
+
+
+def reason_from_call(id: str, earlier: Call, **places: PlaceValue) -> RefusalReason:
+    """Return the reason for a refusal that an earlier call explains. `id` names the message of the reason."""
+    text = Message(id, call=call_place(earlier), at=Moment(earlier.request.time), **places)
+    return RefusalReason(text, explaining_calls=(earlier.number,), evidence_call=earlier)
+
+
+def reason_from_failure(topic: str, failed: Call, **places: PlaceValue) -> RefusalReason:
+    return reason_from_call(f"reason.{topic}.{failure_case(failed)}", failed, **places)
+
+
+def failure_case(failed: Call) -> str:
+    return "unanswered" if failed.reply is None else "refused"
+
+
+class Refusal(NamedTuple):
+    """One kind of refusal, and the rule that reports it.
+
+    Attributes:
+        codes: Result codes to which this kind of refusal applies; empty for all codes.
+        explain: Function that returns the reason why a call was refused; None if the call is not a refusal of
+            this kind.
+    """
+
+    rule: str
+    codes: Collection[int]
+    explain: ExplainRefusal = lambda call, client: NO_REASON

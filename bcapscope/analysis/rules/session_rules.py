@@ -7,20 +7,20 @@ from collections.abc import Iterator
 
 from bcapscope.analysis.call_arguments import text_argument
 from bcapscope.analysis.client_state import MOTION_FUNCTIONS, ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, call_places, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     CallHealth,
     ClientEnd,
-    DiagnosisRule,
     Occurrence,
+    Refusal,
+    RefusalReason,
     RobotImpact,
     RuleChecker,
     last_frame_time,
+    reason_from_call,
 )
-from bcapscope.analysis.rules.rule_sources import C_SERVER, guide
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
@@ -51,64 +51,19 @@ and the controller was fast.
 _SILENT_NS = 10 * SECOND
 _REPLACED_AFTER_NS = 2 * SECOND
 _USUAL_PAUSES = 2
-"""A client counts as gone only after a silence of this many times its longest earlier pause.
-"""
+"""A client counts as gone only after a silence of this many times its longest earlier pause."""
 
 _SMALLEST_WDT_MS = 80
 
-SERVICE_NOT_STARTED = DiagnosisRule(
-    "service-not-started",
-    Severity.ERROR,
-    "DENSORobot/denso_robot_ros2 issues 8 and 50; ShoheiKobata/orin_bcap_python_samples",
-)
-PROVIDER_REFUSED = DiagnosisRule(
-    "provider-refused",
-    Severity.ERROR,
-    "ShoheiKobata/orin_bcap_python_samples; DENSORobot/denso_robot_ros2 denso_controller",
-)
-NAME_IN_USE = DiagnosisRule(
-    "name-in-use",
-    Severity.ERROR,
-    "orin_bcap C/include/dn_common.h (E_CAO_COLLECTION_REGISTERED)",
-    ("unclean-quit",),
-    3600 * SECOND,
-)
-UNCLEAN_QUIT = DiagnosisRule(
-    "unclean-quit",
-    Severity.WARNING,
-    f"{guide('Setting up your RC7')}; start-jsk/denso issue 93; {C_SERVER}",
-    ("client-stopped", "no-reply", "client-gave-up"),
-    60 * SECOND,
-)
-QUIT_IN_SLAVE_MODE = DiagnosisRule(
-    "quit-in-slave-mode",
-    Severity.WARNING,
-    guide("Quitting or stopping your client application"),
-    ("controller-hung-up", "client-stopped", "no-reply", "client-gave-up"),
-)
-BUSY = DiagnosisRule(
-    "busy",
-    Severity.ERROR,
-    C_SERVER,
-    ("executing-forever", "no-reply", "client-gave-up", "long-call-without-wdt", "late-reply"),
-    600 * SECOND,
-)
-EXECUTING_FOREVER = DiagnosisRule("executing-forever", Severity.ERROR, C_SERVER)
-LONG_CALL_WITHOUT_WDT = DiagnosisRule("long-call-without-wdt", Severity.WARNING, C_SERVER)
-WDT_TOO_SMALL = DiagnosisRule("wdt-too-small", Severity.ERROR, C_SERVER)
 
 _OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
 
 _NOT_STARTED_CODES = (E_NOT_CONNECTED, E_HANDLE, E_FAIL, E_UNEXPECTED, E_ACCESSDENIED, 0x80000903)
-"""Result codes with which a controller may refuse a call because the client has not started a session. Every
-other code shows that the reason is not a missing session.
-"""
+"""Result codes that a controller may send if no session was started. Other codes have another reason."""
 
 
 class SessionChecker(RuleChecker):
     """Checks how a client ends its sessions, and how long its calls take."""
-
-    rules = (UNCLEAN_QUIT, QUIT_IN_SLAVE_MODE, EXECUTING_FOREVER, LONG_CALL_WITHOUT_WDT)
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         return health is not CallHealth.SMOOTH or call_kind.function_id == ID["Service_Start"]
@@ -183,7 +138,7 @@ class SessionChecker(RuleChecker):
             lasted=Duration(notices[-1].time - call.request.time),
         )
         clause = Message("clause.executing-forever", call=call_place(call))
-        self.report_call(EXECUTING_FOREVER, call, fact, clause, completed=notices[-1].time)
+        self.report_call("executing-forever", call, fact, clause, completed=notices[-1].time)
 
     def _check_long_call(self, call: Call, service: Call) -> None:
         replies = call.late_replies if call.reply is None else (call.reply,) if call.retries else ()
@@ -203,7 +158,7 @@ class SessionChecker(RuleChecker):
             attempts=Count(len(call.attempts), "attempt"),
         )
         self.report_call(
-            LONG_CALL_WITHOUT_WDT,
+            "long-call-without-wdt",
             call,
             fact,
             evidence_call=service,
@@ -238,29 +193,14 @@ def _left_on(session: SlaveSession) -> Occurrence:
         fact = Message("finding.quit-in-slave-mode.call", **places, command=command)
     clause = Message("clause.quit-in-slave-mode", mode=name)
     frames = end.frames or ((session.last_set_point.frame,) if session.last_set_point is not None else ())
-    return Occurrence(
-        QUIT_IN_SLAVE_MODE,
-        end.time,
-        end.time,
-        session.conversation,
-        frames,
-        fact,
-        clause,
-        impact=RobotImpact.STOPPED,
-    )
+    rule, time, impact = RULES["quit-in-slave-mode"], end.time, RobotImpact.STOPPED
+    return Occurrence(rule, time, time, session.conversation, frames, fact, clause, impact=impact)
 
 
 def _unclean_quit(last: Call, time: int, fact: Message, frames: tuple[int, ...]) -> Occurrence:
-    return Occurrence(
-        UNCLEAN_QUIT,
-        time,
-        time,
-        last.conversation,
-        frames,
-        fact,
-        Message("clause.unclean-quit", client=client_place(last.conversation)),
-        explaining_calls=(last.number,),
-    )
+    rule, client, causes = RULES["unclean-quit"], last.conversation, (last.number,)
+    clause = Message("clause.unclean-quit", client=client_place(client))
+    return Occurrence(rule, time, time, client, frames, fact, clause, explaining_calls=causes)
 
 
 def _has_wdt(service: Call) -> bool:
@@ -290,8 +230,7 @@ def _explain_not_started(call: Call, client: ClientState) -> RefusalReason | Non
     start = client.failed_start
     if start is not None:
         case = "refused" if start.hresult else "serial-zero"
-        reason = Message(f"reason.start.{case}", call=call_place(start), at=Moment(start.request.time))
-        return RefusalReason(reason, explaining_calls=(start.number,), evidence_call=start)
+        return reason_from_call(f"reason.start.{case}", start)
     is_first = not client.call_count and call.request.item.serial <= 2 and code in _NOT_STARTED_CODES
     return RefusalReason(Message("reason.first-call")) if is_first else None
 
@@ -353,33 +292,28 @@ def _busy_with(running: Call, call: Call, id: str) -> RefusalReason:
 
 
 def _share_call_slot(one: Call, other: Call) -> bool:
-    """Return whether two calls of different clients can delay each other. Calls over different TCP
-    connections cannot delay each other.
-    """
+    """Return whether calls of two clients can delay each other, as over UDP. Over TCP, they cannot."""
     ends = one.conversation, other.conversation
     return all(each.transport is Transport.UDP for each in ends) and ends[0].server == ends[1].server
 
 
 def _running_call(client: ClientState, call: Call) -> Call | None:
-    """Return the client's latest slow call. Return None if the controller cannot have been executing this
-    slow call when `call` was sent.
-    """
+    """Return the client's latest slow call, if the controller may still have executed it at `call`."""
     slow = client.slow_call
     return slow if slow is not None and _may_have_run(slow, call) else None
 
 
 def _may_have_run(earlier: Call, call: Call) -> bool:
-    """Return whether the controller may have been executing `earlier` when `call` was sent."""
     begun = earlier.request.time <= call.request.time
     return begun and (earlier.reply is None or earlier.reply.time > call.request.time)
 
 
+_PROVIDER_CODES = (E_INVALIDARG, 0x80000201, 0x80000202, 0x80000208, 0x80000209)
+
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(WDT_TOO_SMALL, (E_INVALIDARG,), _explain_small_wdt),
-    Refusal(NAME_IN_USE, (E_CAO_COLLECTION_REGISTERED,), _explain_name_in_use),
-    Refusal(
-        PROVIDER_REFUSED, (E_INVALIDARG, 0x80000201, 0x80000202, 0x80000208, 0x80000209), _explain_provider
-    ),
-    Refusal(SERVICE_NOT_STARTED, (), _explain_not_started),
-    Refusal(BUSY, (E_BUSY,), _explain_busy),
+    Refusal("wdt-too-small", (E_INVALIDARG,), _explain_small_wdt),
+    Refusal("name-in-use", (E_CAO_COLLECTION_REGISTERED,), _explain_name_in_use),
+    Refusal("provider-refused", _PROVIDER_CODES, _explain_provider),
+    Refusal("service-not-started", (), _explain_not_started),
+    Refusal("busy", (E_BUSY,), _explain_busy),
 )

@@ -8,19 +8,17 @@ from collections.abc import Iterator
 
 from bcapscope.analysis.call_arguments import argument
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     MS,
-    SAME_CALL,
-    SECOND,
-    DiagnosisRule,
     Occurrence,
+    Refusal,
+    RefusalReason,
     RobotImpact,
     RuleChecker,
+    reason_from_failure,
 )
-from bcapscope.analysis.rules.rule_sources import ERROR_LIST
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.analysis.slave.slave_session import CallFact, ExitReason, FrameTime, SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
@@ -33,75 +31,12 @@ from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE, with_rc7_
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.slave_mode_tracker import SLAVE_MODE_OFF_CODES
 
-_REACH = 60 * SECOND
-
-SLVMOVE_OUTSIDE_SLAVE_MODE = DiagnosisRule(
-    "slvmove-outside-slave-mode",
-    Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 6 and 42; {ERROR_LIST}",
-    (
-        "underflow",
-        "refused-in-slave-mode",
-        "slave-mode-ended-by-other",
-        "slave-mode-lost-unseen",
-        "over-limit",
-        "beyond-range",
-        "overflow",
-        "emergency-stop",
-        "motor-off",
-        "controller-error",
-        "robslave-not-running",
-        "not-in-automatic-mode",
-        "slave-mode-refused",
-        "robot-still-moving",
-        "arm-not-taken",
-        "arm-taken-by-other",
-        "error-not-cleared",
-        "no-executable-token",
-        "no-licence",
-    ),
-    _REACH,
-)
-REFUSED_IN_SLAVE_MODE = DiagnosisRule(
-    "refused-in-slave-mode",
-    Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 13, 21, 42 and 48; {ERROR_LIST}",
-)
-SLAVE_MODE_ENDED_BY_OTHER = DiagnosisRule(
-    "slave-mode-ended-by-other", Severity.ERROR, "DENSORobot/denso_robot_ros issues 13, 21 and 48"
-)
-SLAVE_MODE_LOST_UNSEEN = DiagnosisRule(
-    "slave-mode-lost-unseen",
-    Severity.WARNING,
-    f"DENSORobot/denso_robot_ros issues 6 and 42; {ERROR_LIST}",
-    (
-        "late-reply",
-        "client-gave-up",
-        "no-reply",
-        "set-point-gap",
-        "emergency-stop",
-        "not-in-automatic-mode",
-        "over-limit",
-        "beyond-range",
-        "controller-error",
-    ),
-)
-SLAVE_MODE_REFUSED = DiagnosisRule(
-    "slave-mode-refused",
-    Severity.ERROR,
-    "DENSO Wave 2009, How to use the Slave mode; ShoheiKobata/orin_bcap_python_samples",
-    ("unusual-argument",),
-    SAME_CALL,
-)
-
 _NOT_ALLOWED = with_rc7_forms((E_REFUSED_IN_SLAVE_MODE, 0x8120174E, 0x81500177))
 _SUSPECT_WITHIN_NS = 200 * MS
 
 
 class SlaveModeChecker(RuleChecker):
     """Checks how slave-mode sessions ended."""
-
-    rules = (SLAVE_MODE_ENDED_BY_OTHER, SLAVE_MODE_LOST_UNSEEN)
 
     def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
         exit_ = session.exit
@@ -120,16 +55,11 @@ def _ended_by_other(session: SlaveSession, by: CallFact) -> Occurrence:
         at=Moment(by.time),
         client=client_place(session.conversation),
     )
+    clause = Message("clause.slave-mode-ended-by-other", other=other, call=call)
+    frames = tuple(frame for frame in (by.request_frame, by.reply_frame) if frame is not None)
+    rule, ended, impact = RULES["slave-mode-ended-by-other"], session.exit.time, RobotImpact.STOPPED
     return Occurrence(
-        SLAVE_MODE_ENDED_BY_OTHER,
-        by.time,
-        session.exit.time,
-        session.conversation,
-        (by.request_frame, *(() if by.reply_frame is None else (by.reply_frame,))),
-        fact,
-        Message("clause.slave-mode-ended-by-other", other=other, call=call),
-        by.call,
-        impact=RobotImpact.STOPPED,
+        rule, by.time, ended, session.conversation, frames, fact, clause, by.call, impact=impact
     )
 
 
@@ -148,16 +78,10 @@ def _lost_unseen(session: SlaveSession, last: FrameTime) -> Occurrence:
         by = suspects[-1]
         places |= {"other": str(by.client), "call": _call_name_place(by), "at": Moment(by.time)}
         fact = Message("finding.slave-mode-lost-unseen.suspect", **places)
-    return Occurrence(
-        SLAVE_MODE_LOST_UNSEEN,
-        last.time,
-        last.time + 1,
-        session.conversation,
-        (last.frame, *(call.request_frame for call in suspects[-1:]), *exit_.frames[-1:]),
-        fact,
-        Message("clause.slave-mode-lost-unseen"),
-        impact=RobotImpact.STOPPED,
-    )
+    clause = Message("clause.slave-mode-lost-unseen")
+    frames = (last.frame, *(call.request_frame for call in suspects[-1:]), *exit_.frames[-1:])
+    rule, end, impact = RULES["slave-mode-lost-unseen"], last.time + 1, RobotImpact.STOPPED
+    return Occurrence(rule, last.time, end, session.conversation, frames, fact, clause, impact=impact)
 
 
 def _call_name_place(call: CallFact) -> CallPlace:
@@ -177,7 +101,7 @@ def _explain_outside(call: Call, client: ClientState) -> RefusalReason | None:
     latest = client.latest_calls.get("slvchangemode")
     known = max((each.number for each in (ended, entered) if each is not None), default=0)
     if latest is not None and latest.number > known:
-        return _explain_mode_change(latest)
+        return reason_from_failure("slave-mode", latest)
     if entered is None and ended is None:
         unseen = client.mode_value is None and not client.session_start_seen
         return RefusalReason(Message(f"reason.slave-mode.{'never-on' if unseen else 'not-entered'}"))
@@ -190,18 +114,6 @@ def _explain_outside(call: Call, client: ClientState) -> RefusalReason | None:
         )
     return RefusalReason(
         Message("reason.slave-mode.error", call=call_place(ended)), explaining_calls=(ended.number,)
-    )
-
-
-def _explain_mode_change(latest: Call) -> RefusalReason:
-    """Return the reason for a refusal: the client's latest slvChangeMode was refused, or the capture lacks
-    the reply to it.
-    """
-    case = "unanswered" if latest.reply is None else "refused"
-    return RefusalReason(
-        Message(f"reason.slave-mode.{case}", call=call_place(latest), at=Moment(latest.request.time)),
-        explaining_calls=(latest.number,),
-        evidence_call=latest,
     )
 
 
@@ -256,7 +168,7 @@ def _explain_mode_refused(call: Call, client: ClientState) -> RefusalReason | No
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(SLVMOVE_OUTSIDE_SLAVE_MODE, SLAVE_MODE_OFF_CODES, _explain_outside),
-    Refusal(REFUSED_IN_SLAVE_MODE, _NOT_ALLOWED, _explain_not_allowed),
-    Refusal(SLAVE_MODE_REFUSED, (0x80070057, 0x80020005, 0x80010003, 0x83500127), _explain_mode_refused),
+    Refusal("slvmove-outside-slave-mode", SLAVE_MODE_OFF_CODES, _explain_outside),
+    Refusal("refused-in-slave-mode", _NOT_ALLOWED, _explain_not_allowed),
+    Refusal("slave-mode-refused", (0x80070057, 0x80020005, 0x80010003, 0x83500127), _explain_mode_refused),
 )

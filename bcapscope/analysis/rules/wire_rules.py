@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
-from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     ClientEnd,
-    DiagnosisRule,
     Occurrence,
     OccurrenceSink,
     RuleChecker,
 )
-from bcapscope.analysis.rules.rule_sources import C_SERVER
+from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, FramePlace, Moment
@@ -33,40 +31,8 @@ from bcapscope.traffic.observation import (
     Transport,
 )
 
-OVERSIZE_DATAGRAM = DiagnosisRule("oversize-datagram", Severity.ERROR, "orin_bcap C/include/dn_udp.h")
-NEAR_DATAGRAM_LIMIT = DiagnosisRule(
-    "near-datagram-limit", Severity.NOTE, "orin_bcap C/include/dn_udp.h; DENSORobot/denso_robot_ros issue 9"
-)
-MALFORMED_REQUEST = DiagnosisRule("malformed-request", Severity.ERROR, C_SERVER)
-MALFORMED_REPLY = DiagnosisRule(
-    "malformed-reply", Severity.WARNING, "orin_bcap C/src/bCAPClient/bcap_client.c"
-)
-CAPTURE_GAP = DiagnosisRule(
-    "capture-gap",
-    Severity.NOTE,
-    "how captures work: the other end acknowledged the missing bytes, or damaged bytes follow a gap",
-)
-CAPTURE_CUT = DiagnosisRule(
-    "capture-cut", Severity.NOTE, "the original length of the packet in the capture file"
-)
-ONE_DIRECTION = DiagnosisRule(
-    "one-direction",
-    Severity.NOTE,
-    "how clients work: a client that uses a handle has received the reply with this handle",
-)
-SERVER_GUESSED = DiagnosisRule(
-    "server-guessed",
-    Severity.NOTE,
-    "no field of a frame distinguishes requests from replies (orin_bcap C/include/bcap_common.h)",
-)
-DUPLICATE_FRAMES = DiagnosisRule(
-    "duplicate-frames",
-    Severity.NOTE,
-    "each retry has its own serial in all known clients (orin_bcap C, C#, Java)",
-)
-
 CHECKED_FROM_BYTES = 480
-"""The rule checks only frames of at least this size in bytes."""
+"""Smallest size in bytes of the frames that are checked for their size."""
 
 
 _MAX_FLOWS = 4096
@@ -78,18 +44,6 @@ _MAX_PROBLEMS_NAMED = 3
 
 class WireChecker(RuleChecker):
     """Checks damaged frames, and decides whether the capture or the sender damaged a frame."""
-
-    rules = (
-        OVERSIZE_DATAGRAM,
-        NEAR_DATAGRAM_LIMIT,
-        MALFORMED_REQUEST,
-        MALFORMED_REPLY,
-        CAPTURE_GAP,
-        CAPTURE_CUT,
-        ONE_DIRECTION,
-        SERVER_GUESSED,
-        DUPLICATE_FRAMES,
-    )
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         super().__init__(report_occurrence, clients)
@@ -110,7 +64,7 @@ class WireChecker(RuleChecker):
         if begun_unseen and isinstance(observation.item, Malformed):
             self._expect_resync(flow, observation.time)  # the capture began in the middle of a TCP frame
         if evidence is ServerEvidenceKind.GUESS and flow.direction is Direction.REQUEST:
-            self._report_frame(SERVER_GUESSED, observation, server=flow.dst_text)
+            self._report_frame("server-guessed", observation, server=flow.dst_text)
 
     def on_suspect_frame(self, observation: Observation | FrameObservation) -> None:
         item = observation.item
@@ -121,17 +75,17 @@ class WireChecker(RuleChecker):
             return
         if isinstance(item, Malformed) and item.missing:
             self._expect_resync(observation.flow, observation.time)
-            self._report_frame(CAPTURE_GAP, observation, missing=Count(item.missing, "byte"))
+            self._report_frame("capture-gap", observation, missing=Count(item.missing, "byte"))
         elif observation.flow.conversation.transport is Transport.TCP and self._is_incomplete(
             observation, problems
         ):
             if _is_cut_by_closing(observation, problems):
                 advice = Message("rule.capture-gap.advice.closed")
-                self._report_frame(CAPTURE_GAP, observation, ".closed", advice)
+                self._report_frame("capture-gap", observation, ".closed", advice)
             else:
-                self._report_frame(CAPTURE_GAP, observation, ".part")
+                self._report_frame("capture-gap", observation, ".part")
         elif cuts := [problem for problem in problems if problem.code == "cut"]:
-            self._report_frame(CAPTURE_CUT, observation, problems=_problem_message(cuts))
+            self._report_frame("capture-cut", observation, problems=_problem_message(cuts))
         else:
             self._report_malformed(observation, problems)
 
@@ -140,13 +94,11 @@ class WireChecker(RuleChecker):
         if copies:
             number = Count(len(copies), "copy")
             fact = Message("finding.duplicate-frames", call=call_place(call), copies=number)
-            self.report_call(DUPLICATE_FRAMES, call, fact)
+            self.report_call("duplicate-frames", call, fact)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Report that a capture contains the replies of a conversation, but not its requests.
-
-        If the capture holds only a single reply or a few notices, report nothing: the capture may have begun
-        in the middle of a call.
+        """Report that a capture holds the replies of a conversation, but not its requests. A few replies are
+        not enough, because the capture may have begun in the middle of a call.
         """
         reply, conversation = stray.observation, stray.observation.flow.conversation
         if reply.item.code == S_EXECUTING or self._directions.get(conversation) != {Direction.RESPONSE}:
@@ -178,7 +130,7 @@ class WireChecker(RuleChecker):
     def _is_incomplete(
         self, observation: Observation | FrameObservation, problems: tuple[Problem, ...]
     ) -> bool:
-        """Return whether bytes of a TCP stream look damaged only because the neighbouring bytes were not
+        """Return whether bytes of a TCP stream look damaged only because neighbouring bytes were not
         captured.
         """
         since = observation.time - self._resync_since.pop(observation.flow, -_RESYNC_WITHIN_NS)
@@ -191,21 +143,21 @@ class WireChecker(RuleChecker):
             return
         bytes_, limit = Count(size, "byte"), Count(LARGEST_UDP_FRAME, "byte")
         if size > LARGEST_UDP_FRAME:
-            self._report_frame(OVERSIZE_DATAGRAM, observation, size=bytes_, limit=limit)
+            self._report_frame("oversize-datagram", observation, size=bytes_, limit=limit)
         elif observation.flow.direction is Direction.REQUEST:
-            self._report_frame(NEAR_DATAGRAM_LIMIT, observation, size=bytes_, limit=limit)
+            self._report_frame("near-datagram-limit", observation, size=bytes_, limit=limit)
 
     def _report_malformed(
         self, observation: Observation | FrameObservation, problems: tuple[Problem, ...]
     ) -> None:
         reasons = _problem_message(problems)
         if observation.flow.direction is Direction.RESPONSE:
-            self._report_frame(MALFORMED_REPLY, observation, problems=reasons)
+            self._report_frame("malformed-reply", observation, problems=reasons)
             return
         transport = observation.flow.conversation.transport
         stops_server = transport is Transport.UDP and observation.item.raw[:1] == bytes((SOH,))
         self._report_frame(
-            MALFORMED_REQUEST,
+            "malformed-request",
             observation,
             ".stops-server" if stops_server else "",
             Message("rule.malformed-request.advice.tcp") if transport is Transport.TCP else None,
@@ -214,7 +166,7 @@ class WireChecker(RuleChecker):
 
     def _report_frame(
         self,
-        rule: DiagnosisRule,
+        rule: str,
         observation: Observation | FrameObservation,
         case: str = "",
         advice: Message | None = None,
@@ -223,7 +175,7 @@ class WireChecker(RuleChecker):
         """Report a problem of a frame. The text of the finding is the message `finding.<rule><case>`."""
         conversation = observation.flow.conversation
         fact = Message(
-            f"finding.{rule.id}{case}",
+            f"finding.{rule}{case}",
             at=Moment(observation.time),
             frame=FramePlace((observation.number,)),
             sender=observation.flow.src_text,
@@ -231,13 +183,13 @@ class WireChecker(RuleChecker):
         )
         self.report_occurrence(
             Occurrence(
-                rule,
+                RULES[rule],
                 observation.first_byte_time,
                 observation.time,
                 conversation,
                 (observation.number,),
                 fact,
-                group_key=conversation.transport if rule is MALFORMED_REQUEST else "",
+                group_key=conversation.transport if rule == "malformed-request" else "",
                 advice=advice,
             )
         )
@@ -249,9 +201,8 @@ def _one_direction(
     fact = Message(
         f"finding.one-direction.{held}", client=client_place(conversation), server=str(conversation.server)
     )
-    return Occurrence(
-        ONE_DIRECTION, first.time, last.time, conversation, (first.number, last.number), fact, group_key=held
-    )
+    rule, frames = RULES["one-direction"], (first.number, last.number)
+    return Occurrence(rule, first.time, last.time, conversation, frames, fact, group_key=held)
 
 
 def _is_cut_by_closing(observation: Observation | FrameObservation, problems: Sequence[Problem]) -> bool:
@@ -261,7 +212,6 @@ def _is_cut_by_closing(observation: Observation | FrameObservation, problems: Se
 
 
 def _problem_message(problems: Sequence[Problem]) -> Message | str:
-    """Return one message that names the first of these problems."""
     *firsts, text = [problem.reason for problem in problems[:_MAX_PROBLEMS_NAMED]]
     more = len(problems) - _MAX_PROBLEMS_NAMED
     message: Message | str = text

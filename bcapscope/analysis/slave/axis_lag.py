@@ -12,22 +12,17 @@ MAX_CYCLES = 32
 """Largest lag in cycles that can be found. At a cycle time of 8 ms, it is a quarter of a second."""
 
 _ROWS_AT_ONCE = 256
-"""Maximum number of set points that each call of `add` compares. This number is enough for an estimate, and
-keeps `add` fast.
-"""
+"""Maximum number of set points that `add` compares: enough for an estimate, and fast."""
 
 _CLEAR = 4.0
-"""Minimum ratio of the squared error of the worst lag to the squared error of the best lag. Below this ratio,
-the axis moves too little for an estimate.
-"""
+"""Minimum ratio of the squared errors of the worst and the best lag. Below it, the axis moves too little."""
 
 
 class AxisLag:
-    """Finds the lag at which the returned poses match the commanded poses best.
+    """Estimates the lag at which the returned poses match the commanded poses best.
 
-    The lag is an estimate. The lag includes the time in the controller's buffer, the servo lag, and the age
-    of the reported pose. To find fractions of a cycle, `AxisLag` fits a parabola to the errors of the best
-    lag and its two neighbours.
+    The lag includes the time in the controller's buffer, the servo lag, and the age of the reported pose. To
+    find fractions of a cycle, a parabola is fitted to the errors of the best lag and its two neighbours.
     """
 
     def __init__(self, axes: int) -> None:
@@ -35,9 +30,7 @@ class AxisLag:
         self._commanded = np.empty((0, axes))
 
     def add(self, commanded: Floats, returned: Floats, answered: Bools) -> None:
-        """Add successive set points with their returned poses; `answered` shows which set points have a
-        returned pose.
-        """
+        """Add successive set points; `answered` shows which of them have a returned pose."""
         history = np.vstack((self._commanded, commanded))
         first = len(self._commanded)
         # Skip the first set points of the session: they have too few set points before them.

@@ -31,14 +31,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
+from bcapscope.analysis.slave.set_point_table import SetPointTable
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Quantity
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, is_failure
 
 DEFAULT_SLOTS = 3
-"""Number of buffer slots if the mode is unknown. Most modes of current controllers have this number of slots.
-"""
+"""Number of buffer slots if the mode is unknown, as in most modes of current controllers."""
 
 _NS_PER_MS = 1_000_000
 _PERIOD = PERIOD_MS * _NS_PER_MS
@@ -117,9 +117,8 @@ class BufferFacts:
 
 
 def slack_ms(slots: int) -> float:
-    """Return the time in ms for which a full buffer lasts without a new set point. A buffer lasts one period
-    per slot, but at least two periods. Even a buffer with a single slot lasts two periods, because the slot
-    is refilled while the controller executes the previous set point.
+    """Return the time in ms for which a full buffer lasts without a new set point: one period per slot, but
+    at least two, because a single slot is refilled while the controller executes the previous set point.
     """
     return float(max(slots, 2) * PERIOD_MS)
 
@@ -146,32 +145,10 @@ class BufferBehaviour:
         return cls(mode.buffer_slots, mode.overwrites_waiting, mode.paces_client, (*doubt, *common))
 
 
-class SetPointArrivals(NamedTuple):
-    """A table with one row for each set point. The rows are in the order in which the set points were sent.
-
-    Attributes:
-        times: Time when each set point arrived, in ns since the `origin` of the model.
-        in_buffer_by: For each set point, the latest time at which it can have entered the buffer. If the
-            controller sets the pace, this is the time of the reply; otherwise, it is the arrival time.
-        codes: HRESULT of each reply; 0 if no reply was captured.
-        frames: Frame number of each first request.
-        reply_frames: Frame number of each reply; 0 if no reply was captured.
-        moving: 1 if the robot was moving before the set point, 0 if it stood still, -1 if this is unknown.
-    """
-
-    times: NDArray[np.int64]
-    in_buffer_by: NDArray[np.int64]
-    codes: NDArray[np.int64]
-    frames: NDArray[np.int64]
-    reply_frames: NDArray[np.int64]
-    moving: NDArray[np.int64]
-
-
 class BufferModel:
     """Predicts how many set points the buffer held when each set point arrived. Add set points in order."""
 
     def __init__(self, behaviour: BufferBehaviour, origin: int) -> None:
-        """Create a model. The times of all set points are relative to `origin`, which is in ns since 1970."""
         self._behaviour = behaviour
         self._origin = origin
         self._capacity_ns = behaviour.slots * _PERIOD
@@ -194,34 +171,40 @@ class BufferModel:
         self._refused_frames: list[int] = []
         self._full_frames: list[int] = []
 
-    def add(self, rows: SetPointArrivals) -> NDArray[np.int64]:
+    def add(self, rows: SetPointTable, moving: NDArray[np.int64]) -> NDArray[np.int64]:
         """Add one or more set points.
 
+        Args:
+            moving: 1 if the robot was moving before the set point, 0 if it stood still, -1 if unknown.
+
         Returns:
-            For each set point, the time in ns from its arrival until the buffer would have been empty. A
-                negative time means that the buffer was already empty; for the very first set point, the value
-                is 0.
+            For each set point, the time in ns from its arrival until the buffer would have been empty. The
+                time is negative if the buffer was already empty, and 0 for the very first set point.
         """
         if not self._last_frame:
-            self._empty_at = int(rows.times[0])
-        slacks = self._add_at_once(rows)
+            self._empty_at = int(rows.arrivals[0])
+        # If the controller sets the pace, a set point is in the buffer by the time of its reply.
+        in_buffer_by = (
+            np.maximum(rows.arrivals, rows.replies) if self._behaviour.replies_pace else rows.arrivals
+        )
+        slacks = self._add_at_once(rows, in_buffer_by)
         if slacks is None:
-            slacks = np.array(self._add_one_by_one(rows), np.int64)
+            slacks = np.array(self._add_one_by_one(rows, in_buffer_by, moving), np.int64)
         self._update_levels(slacks, rows.frames)
         return slacks
 
-    def _add_at_once(self, rows: SetPointArrivals) -> NDArray[np.int64] | None:
-        """Add several set points in one step, which is faster than one by one. If a set point is late,
-        refused or beyond the capacity of the buffer, change nothing and return None.
+    def _add_at_once(self, rows: SetPointTable, in_buffer_by: NDArray[np.int64]) -> NDArray[np.int64] | None:
+        """Add several set points in one step, which is faster than one by one. If one is late, refused or
+        beyond the capacity of the buffer, change nothing and return None.
 
-        Each set point makes the buffer last one period longer, up to the capacity of the buffer. A running
-        minimum over all set points gives the time until which the buffer lasts.
+        Each set point makes the buffer last one period longer, up to its capacity. A running minimum over all
+        set points gives the time until which the buffer lasts.
         """
-        periods = np.arange(len(rows.times) + 1) * _PERIOD
-        latest = rows.in_buffer_by + self._capacity_ns
+        periods = np.arange(len(in_buffer_by) + 1) * _PERIOD
+        latest = in_buffer_by + self._capacity_ns
         gained = np.minimum.accumulate(np.concatenate(((self._empty_at,), latest - periods[1:])))
         empty_at = gained + periods
-        slacks = empty_at[:-1] - rows.times
+        slacks = empty_at[:-1] - rows.arrivals
         excess = self._excess_ns + int((gained[:-1] - gained[1:]).sum())
         if rows.codes.any() or (slacks < 0).any() or excess > self._most_excess_ns:
             return None
@@ -229,16 +212,18 @@ class BufferModel:
         self._excess_ns = excess
         return slacks
 
-    def _add_one_by_one(self, rows: SetPointArrivals) -> list[int]:
+    def _add_one_by_one(
+        self, rows: SetPointTable, in_buffer_by: NDArray[np.int64], moving: NDArray[np.int64]
+    ) -> list[int]:
         slacks: list[int] = []
         keep, full = slacks.append, self._capacity_ns
         empty_at = self._empty_at
-        codes, entered = rows.codes.tolist(), rows.in_buffer_by.tolist()
-        for index, now in enumerate(rows.times.tolist()):
+        codes, entered = rows.codes.tolist(), in_buffer_by.tolist()
+        for index, now in enumerate(rows.arrivals.tolist()):
             slack = empty_at - now
             keep(slack)
             if slack < 0:
-                empty_at = self._add_underflow(rows, index, empty_at)
+                empty_at = self._add_underflow(rows, index, empty_at, _MOVING[int(moving[index])])
             if codes[index]:
                 empty_at = self._apply_result_code(rows, index, empty_at)
                 continue
@@ -252,15 +237,14 @@ class BufferModel:
         self._empty_at = empty_at
         return slacks
 
-    def _add_underflow(self, rows: SetPointArrivals, index: int, empty_at: int) -> int:
+    def _add_underflow(self, rows: SetPointTable, index: int, empty_at: int, moving: bool | None) -> int:
         """Record an underflow at time `empty_at`; return the time when the buffer will be empty again."""
-        late = int(rows.times[index]) - empty_at
+        late = int(rows.arrivals[index]) - empty_at
         missing = (late - 1) // _PERIOD + 1
         self._excess_ns = 0
         if missing == 1:
             self._possible_underflows += 1
         else:
-            moving = _MOVING[int(rows.moving[index])]
             self._underflow_count += 1
             self._underflows_in_motion += moving is not False
             if len(self._underflows) < MAX_LISTED:
@@ -270,15 +254,13 @@ class BufferModel:
                 self._underflows.append(starved)
         return empty_at + missing * _PERIOD
 
-    def _apply_result_code(self, rows: SetPointArrivals, index: int, empty_at: int) -> int:
-        """Use the result code of a reply to correct the model; return the time when the buffer will be
-        empty.
-        """
+    def _apply_result_code(self, rows: SetPointTable, index: int, empty_at: int) -> int:
+        """Correct the model by the result code of a reply; return the time when the buffer will be empty."""
         code, reply = int(rows.codes[index]), int(rows.reply_frames[index])
         if code == S_BUF_FULL:
             _append_bounded(self._full_frames, reply)
             self._excess_ns = 0
-            return int(rows.times[index]) + self._capacity_ns
+            return int(rows.arrivals[index]) + self._capacity_ns
         if code == E_SLAVE_OVERFLOW:
             _append_bounded(self._refused_frames, reply)
             self._excess_ns = 0
@@ -292,9 +274,7 @@ class BufferModel:
         _append_bounded(self._overflows, frame)
 
     def _update_levels(self, slacks: NDArray[np.int64], frames: NDArray[np.int64]) -> None:
-        """Update the buffer levels and the smallest slack. The very first set point of the session does not
-        count.
-        """
+        """Update the levels and the smallest slack, in which the very first set point does not count."""
         first = 0 if self._last_frame else 1
         found = slacks[first:]
         self._last_frame = int(frames[-1])

@@ -30,8 +30,6 @@ from bcapscope.traffic.pipeline import PipelineSubscriber
 from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 MAX_NOT_SELECTED = 64 * 2048
-"""Maximum number of remembered set points that the filter did not select.
-"""
 
 
 class LeftOutReason(StrEnum):
@@ -54,8 +52,6 @@ class CapturedTrajectory:
     Attributes:
         session_number: Number of the slave-mode session, the same as in the output of ``slave``.
         robot: Handle of the robot; None if the handle is unreadable.
-        mode: Slave mode, as far as it is known at the first step.
-        axes: Axes of the poses in the trajectory; there is at least one.
         start: Time of the first request of the first step, ns since 1970.
         has_stamps: Whether the replies contain the controller's time stamps.
         grid_ms: Period that the set points should keep, ms.
@@ -77,8 +73,6 @@ class TrajectoryStep(NamedTuple):
     """One set point.
 
     Attributes:
-        time: Time of the set point's first request, ns since 1970.
-        reply_time: Time of the accepted reply, ns since 1970; None if no reply was captured.
         returned: Pose in the reply, one number per axis; () if the reply has no pose.
         stamp: The controller's time stamp in the reply, ms; None if the reply has no time stamp.
     """
@@ -98,24 +92,15 @@ TrajectoryPiece: TypeAlias = "tuple[CapturedTrajectory, Sequence[TrajectoryStep]
 
 
 class TrajectoryExtractor(PipelineSubscriber):
-    """Extracts trajectory steps from completed calls.
-
-    Attributes:
-        ready: Extracted steps. Remove a step from this list when you have used it.
-    """
+    """Extracts trajectory steps from completed calls. The caller takes them from the list `ready`."""
 
     def __init__(
         self,
         is_selected: Callable[[Call], bool] | None = None,
         is_selected_client: Callable[[Conversation], bool] | None = None,
     ) -> None:
-        """Create an extractor.
-
-        Args:
-            is_selected: Function that returns whether a set point is selected. Other set points are left out,
-                and `left_out` counts them.
-            is_selected_client: Function that returns whether a client is selected. Set points of other
-                clients are left out, and `left_out` does not count them.
+        """Create an extractor. `left_out` counts the set points that `is_selected` leaves out, but not those
+        that `is_selected_client` leaves out.
         """
         self._is_selected = is_selected
         self._is_selected_client = is_selected_client
@@ -128,7 +113,6 @@ class TrajectoryExtractor(PipelineSubscriber):
         self._not_selected: dict[int, None] = {}
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Add a completed call of any kind, because any call can begin or end a slave-mode session."""
         if is_set_point(call.kind):
             self._count_set_point(call)
         self._drop_sessions(self._detector.add_call(call))
@@ -139,14 +123,12 @@ class TrajectoryExtractor(PipelineSubscriber):
         self._drop_sessions(self._detector.add_set_points(calls))
 
     def finish(self) -> None:
-        """Add the steps that are still waiting to `ready`. Call this method when the traffic has ended."""
+        """Add the steps that are still waiting to `ready` when the traffic has ended."""
         self._detector.process_waiting()
 
     @property
     def left_out(self) -> Mapping[LeftOutReason, int]:
-        """Number of set points that were left out, for each reason. The numbers are final only after `finish`
-        was called.
-        """
+        """Number of set points that were left out, for each reason; final only after `finish`."""
         counted = dict(self._left_out)
         after = self.set_points - self._step_count - sum(counted.values())
         return {**counted, LeftOutReason.AFTER_END: after} if after else counted

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -24,32 +23,13 @@ from bcapscope.protocol.codec.frame_template import FrameTemplate, number_counts
 from bcapscope.protocol.codec.variant import Variant
 
 MAX_TEMPLATES = 16
-"""Maximum number of templates for each direction of a slave-mode session. Frames that match no template are
-read one by one.
-"""
+"""Maximum number of templates for each direction of a session. Other frames are read one by one."""
 
 MAX_NUMBERS = 256
-"""If a frame has more numbers than this, no template is used to read it; the frame of a set point has about
-twelve.
-"""
+"""Maximum count of numbers in a frame that becomes a template; a set point has about twelve."""
 
 PickedNumbers: TypeAlias = "tuple[Sequence[float], float | None]"
 """The numbers of a pose and a time stamp, or the indexes of these numbers among all numbers of the frame."""
-
-
-@dataclass(frozen=True, slots=True)
-class NumberPicker:
-    """Finds the pose and the time stamp in an argument of a frame.
-
-    Attributes:
-        pick: Function that returns the pose and the time stamp in an argument; it returns () for a missing
-            pose, and None for a missing time stamp. To learn a template, `ColumnReader` replaces each number
-            of an argument by its index, and calls `pick` with this argument. The function must therefore not
-            depend on the values of the numbers.
-    """
-
-    argument: int
-    pick: Callable[[Variant], PickedNumbers]
 
 
 class PoseColumns:
@@ -66,9 +46,7 @@ class PoseColumns:
 
 
 class _ColumnTemplate:
-    """Bytes of a typical frame, with the positions of the bytes that may differ in similar frames, of the
-    pose and of the time stamp.
-    """
+    """Bytes of a typical frame, and the positions of its variable bytes, its pose and its time stamp."""
 
     def __init__(self, raw: bytes, form: FrameTemplate, pose: Sequence[int], stamp: int | None) -> None:
         places = list(_number_positions(form.spans))
@@ -86,16 +64,12 @@ class _ColumnTemplate:
         self._stamp = None if stamp is None else str(stamp)
 
     def matching_rows(self, data: NDArray[np.uint8]) -> Bools | None:
-        """Return, for each frame in the rows of `data`, whether it matches this template; None if all frames
-        match.
-        """
+        """Return which frames in the rows of `data` match this template; None if all of them match."""
         off = (data ^ self._template) & self._mask
         return ~np.logical_or.reduce(off != 0, axis=1) if off.any() else None
 
     def read(self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: PoseColumns) -> None:
-        """Copy the pose and time stamp of each frame in `data` to the rows `rows` of `columns`. Each frame in
-        `data` must match this template.
-        """
+        """Copy the pose and time stamp of each frame in `data`, which must match this template, to `rows`."""
         records = np.ascontiguousarray(data).view(self._fields)[:, 0]
         if len(self._pose) >= columns.poses.shape[1]:
             columns.has_pose[rows] = True
@@ -108,15 +82,20 @@ class _ColumnTemplate:
 class ColumnReader:
     """Reads poses and time stamps from the frames of one direction of a slave-mode session."""
 
-    def __init__(self, picker: NumberPicker) -> None:
-        self._picker = picker
+    def __init__(self, argument: int, pick: Callable[[Variant], PickedNumbers]) -> None:
+        """Create a reader of one argument.
+
+        `pick` returns the pose and the time stamp in the argument; () for a missing pose, and None for a
+        missing time stamp. To learn a template, the reader calls `pick` with an argument in which each number
+        is replaced by its index. Therefore `pick` must not depend on the values of the numbers.
+        """
+        self._argument = argument
+        self._pick = pick
         self._templates: dict[int, list[_ColumnTemplate]] = {}
         self._template_count = 0
 
     def read(self, bodies: FrameBytes, count: int, axes: int) -> PoseColumns:
-        """For each of the first `count` frames, return the time stamp and the first `axes` numbers of the
-        pose. Every frame must have a complete header.
-        """
+        """Read the pose (`axes` numbers) and the time stamp of `count` frames with complete headers."""
         columns = PoseColumns(count, axes)
         rows = np.arange(count)
         if bodies.size:
@@ -154,8 +133,7 @@ class ColumnReader:
             index += 1
 
     def _add_template(self, raw: bytes, templates: list[_ColumnTemplate]) -> bool:
-        """Learn a template from a frame; return False if the frame has problems or there are too many
-        templates."""
+        """Learn a template; return False if the frame has problems or there are too many templates."""
         if self._template_count >= MAX_TEMPLATES:
             return False
         content = FrameContent(raw)
@@ -173,23 +151,21 @@ class ColumnReader:
         return True
 
     def _locate_numbers(self, raw: bytes, form: FrameTemplate) -> PickedNumbers:
-        """Return the indexes of the pose's numbers and of the time stamp. In the argument for the picker,
-        each number is replaced by its index, so the picker returns indexes.
-        """
+        """Return the indexes of the pose's numbers and of the time stamp among all numbers of the frame."""
         arguments, places = form.prototype, tuple(_number_positions(form.spans))
-        if sum(number_counts(arguments)) != len(places) or self._picker.argument >= len(arguments):
+        if sum(number_counts(arguments)) != len(places) or self._argument >= len(arguments):
             return (), None
         numbered = tuple(
             raw[start : start + struct.calcsize(code)] if "s" in code else index
             for index, (start, code) in enumerate(places)
         )
-        return self._picker.pick(form.fill_variants(numbered)[self._picker.argument])
+        return self._pick(form.fill_variants(numbered)[self._argument])
 
     def _read_single(self, raw: bytes, row: int, columns: PoseColumns) -> None:
         arguments = Frame(raw).arguments
-        if self._picker.argument >= len(arguments):
+        if self._argument >= len(arguments):
             return
-        pose, stamp = self._picker.pick(arguments[self._picker.argument].variant)
+        pose, stamp = self._pick(arguments[self._argument].variant)
         axes = columns.poses.shape[1]
         if len(pose) >= axes:
             columns.has_pose[row] = True
@@ -212,9 +188,7 @@ _NUMPY_CODES = {
 
 
 def _number_positions(spans: Sequence[NumberSpan]) -> Iterator[tuple[int, str]]:
-    """Yield the offset in the frame and the format of each number. The data of a VT_UI1 array counts as one
-    number.
-    """
+    """Yield the offset and the format of each number. The data of a VT_UI1 array counts as one number."""
     for start, code, repeat in spans:
         if code == "s":
             yield start, f"{repeat}s"

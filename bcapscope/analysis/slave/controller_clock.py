@@ -61,14 +61,12 @@ class ControllerClock:
 
     A time stamp is a signed 32-bit number, in ms or µs as the client requests (DENSORobot/denso_robot_ros2
     denso_robot_core). A time stamp in µs turns negative after 36 minutes and wraps every 72 minutes. The
-    network delay of the replies is nearly constant. The slope of a straight line through all pairs of time
-    stamp and capture time therefore shows the drift between the two clocks.
+    network delay is nearly constant, so the slope of a line through all pairs of time stamp and capture time
+    shows the drift.
     """
 
     def __init__(self, microseconds: bool | None) -> None:
-        """Create the comparison. `microseconds` says whether the receive format has the unit µs; None if this
-        is unknown.
-        """
+        """Create the comparison. `microseconds` is None if the receive format is unknown."""
         self._unit_known = microseconds is not None
         self._microseconds = microseconds
         self._first: tuple[int, int] | None = None  # stamp and time
@@ -141,9 +139,7 @@ class ControllerClock:
         self._sums += own.sum(), ahead.sum(), (own * own).sum(), (own * ahead).sum()
 
     def _drift(self) -> float | None:
-        """Return how much faster the controller's clock runs than the capture's clock, in ppm, from a
-        least-squares line.
-        """
+        """Return the slope of a least-squares line: how much faster the controller's clock runs, in ppm."""
         own, ahead, own_squared, product = self._sums.tolist()
         spread = self._count * own_squared - own * own
         if self._count < 3 or abs(self._last[0]) < _LONG_ENOUGH_MS or spread <= 0:
@@ -153,9 +149,7 @@ class ControllerClock:
 
 
 def _counts_microseconds(ticks: NDArray[np.int64], seen: Floats) -> bool | None:
-    """Return whether time stamps are in µs. They are if they advance fast enough per ms. Return None if no
-    time has passed.
-    """
+    """Return whether time stamps advance fast enough to be in µs; None if no time has passed."""
     passed = float(seen[-1] - seen[0])
     counted = abs(int(ticks[-1]) - int(ticks[0]))
     return counted / passed >= _US_AT_LEAST if passed > 0 and counted else None

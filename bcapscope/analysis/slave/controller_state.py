@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import deque
 
 from bcapscope.analysis.slave.generation_clues import NO_CLUE, GenerationClue
+from bcapscope.analysis.slave.motion_model import KnownPosition
 from bcapscope.analysis.slave.session_builder import SessionKey, SlaveSessionBuilder
-from bcapscope.analysis.slave.session_models import KnownPosition, SlaveSetup
+from bcapscope.analysis.slave.session_models import SlaveSetup
 from bcapscope.analysis.slave.slave_session import AcceptedFormat, CallFact
 from bcapscope.messages import Message
 from bcapscope.messages.places import WireText
@@ -32,8 +33,6 @@ class ControllerState:
     """State of one controller.
 
     Attributes:
-        recent_calls: Latest calls other than set points, in the order in which they were completed.
-        pending_sessions: Slave-mode sessions that have begun, but that have no set point yet.
         unanswered_entry: Latest slvChangeMode call that enters slave mode and has no captured reply; None if
             there is no such call.
         reported_mode: Slave mode that the controller reported outside a known slave-mode session, and the
@@ -54,31 +53,24 @@ class ControllerState:
         self.position: KnownPosition | None = None
 
     def slave_setup(self, mode: tuple[int | None, str], position: KnownPosition | None) -> SlaveSetup:
-        """Return the facts that are known when a slave-mode session in `mode` begins at `position`."""
         value, known_by = mode
         return SlaveSetup(value, known_by, self.clue, self._send, self._receive, position)
 
     def remember_call(self, call: Call) -> None:
-        """Keep a call that is not a set point. If a limit is exceeded, drop the oldest calls."""
         self.recent_calls.append(call)
         self._bytes_kept += call.memory_bytes
         while self.recent_calls and (len(self.recent_calls) > MAX_CALLS or self._bytes_kept > MAX_BYTES):
             self._bytes_kept -= self.recent_calls.popleft().memory_bytes
 
     def calls_between(self, begin: int, end: int) -> list[Call]:
-        """Return the kept calls that overlap the time from `begin` to `end`, in the order of their
-        requests."""
+        """Return the kept calls that overlap the time from `begin` to `end`, sorted by request."""
         found = [
             call for call in self.recent_calls if call.request.time <= end and call.last_activity >= begin
         ]
         return sorted(found, key=lambda call: call.request.time)
 
     def add_pending(self, key: SessionKey, builder: SlaveSessionBuilder) -> SlaveSessionBuilder | None:
-        """Keep a slave-mode session until its first set point arrives.
-
-        Returns:
-            The slave-mode session that was dropped because there were too many; None if none was dropped.
-        """
+        """Keep a session until its first set point. Return the session that this drops, or None."""
         dropped = (
             self.pending_sessions.pop(next(iter(self.pending_sessions)))
             if len(self.pending_sessions) >= MAX_PENDING
@@ -88,9 +80,8 @@ class ControllerState:
         return dropped
 
     def claim_pending(self, key: SessionKey) -> SlaveSessionBuilder | None:
-        """Find the pending slave-mode session to which a first set point belongs. Return a session of the
-        same client; if there is none, return the oldest session of any client. Return None if no session is
-        pending.
+        """Return the pending session to which a first set point belongs: that of the same client or, if there
+        is none, the oldest; None if no session is pending.
         """
         if not self.pending_sessions:
             return None
@@ -101,9 +92,7 @@ class ControllerState:
         return builder
 
     def claim_unanswered_entry(self) -> CallFact | None:
-        """Return `unanswered_entry`, and set it to None. Call this method when a set point shows that the
-        slvChangeMode call succeeded.
-        """
+        """Return and forget `unanswered_entry`. A set point has shown that this call succeeded."""
         entry, self.unanswered_entry = self.unanswered_entry, None
         if entry is None:
             return None

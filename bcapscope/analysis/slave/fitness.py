@@ -9,9 +9,7 @@ from bcapscope.messages import Message
 from bcapscope.messages.places import Quantity
 
 SYNC_MS, ASYNC_MS = 8.0, 1.0
-"""Periods of set points (DENSO Wave 2009, How to use the Slave mode): 8 ms in Sync modes, 1 ms in Async
-modes.
-"""
+"""Periods of set points in Sync and Async modes (DENSO Wave 2009, How to use the Slave mode)."""
 
 MAX_LOST = 0.01
 """Largest share of lost packets for which retries can compensate. In Sync modes, a client can retry slvMove

@@ -40,9 +40,7 @@ _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
 ENOUGH_TO_OBJECT = _FAIR
-"""If a clue is at least this strong, a set point whose number type belongs to another generation counts as
-unusual.
-"""
+"""Minimum strength of a clue to call the number type of a set point unusual."""
 
 # Source: the samples in orin_bcap. NetwoRC is ORiN's provider for RC7.
 # The provider is only a weak clue, because an RC7 accepts any provider name.
@@ -67,9 +65,7 @@ def stronger_clue(known: GenerationClue, found: GenerationClue) -> GenerationClu
 
 
 def clue_of_set_point(parameter: Variant) -> GenerationClue:
-    """Return what the number type of a set point shows about the controller's generation. RC8 and later
-    generations take double precision, RC7 takes single precision.
-    """
+    """Return the clue in the number type of a set point: RC8 and later take double precision, RC7 single."""
     value = parameter.value
     if parameter.vt == ARRAY | VT.VARIANT and isinstance(value, tuple) and value:
         first = value[0]
@@ -84,9 +80,7 @@ def clue_of_set_point(parameter: Variant) -> GenerationClue:
 
 
 def clue_of_call(call: Call) -> GenerationClue:
-    """Return what a successful call shows about the controller's generation; `NO_CLUE` for most calls. The
-    call must not be a set point.
-    """
+    """Return the clue in a successful call other than a set point; `NO_CLUE` for most calls."""
     if call.reply is None or is_failure(call.reply.item.code):
         return NO_CLUE
     function_id, command = call.kind

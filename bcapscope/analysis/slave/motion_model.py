@@ -18,12 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bcapscope.analysis.slave.axis_lag import AxisLag
+from bcapscope.analysis.slave.column_templates import PoseColumns
 from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
+from bcapscope.analysis.slave.set_point_table import SetPointTable
 from bcapscope.analysis.statistics.distribution import Bools, Floats, Histogram
 from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import Axis
+from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW
 
 JUMP_TIMES = 5.0
 """Minimum ratio of an isolated jump to the larger of the steps before and after it.
@@ -163,66 +166,62 @@ class MotionFacts:
     first_distance_frames: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class PoseTable:
-    """Columns of the poses of successive set points, one row per set point.
+class KnownPosition(NamedTuple):
+    """A position of the robot that the controller reported before the slave-mode session."""
 
-    Attributes:
-        commanded: Commanded pose of each set point; NaN if the pose is unreadable.
-        returned: Pose in the reply to each set point; NaN if no pose was returned.
-        times: Time of each set point's first request, ns since 1970.
-    """
-
-    commanded: Floats
-    readable: Bools
-    returned: Floats
-    has_returned: Bools
-    frames: NDArray[np.int64]
-    times: NDArray[np.int64]
+    pose_type: PoseType
+    values: tuple[float, ...]
+    known_by: Message
+    frames: tuple[int, ...]
 
 
-class StartDistance(NamedTuple):
-    """Distance of the first set point from the position of the robot.
-
-    Attributes:
-        distance: Distance of each axis in degrees or mm; () if unknown.
-        known_by: Message that says how the robot's position is known; None if the position is unknown.
-        frames: Numbers of the frames that prove the distance; () if the distance is unknown.
-    """
-
+class _StartDistance(NamedTuple):
     distance: tuple[float, ...] = ()
     known_by: Message | None = None
     frames: tuple[int, ...] = ()
 
 
-class _LargestByAxis:
-    """The largest value of a figure for each axis, and the number of the frame in which it occurs."""
+class _FigureByAxis:
+    """The distribution of a figure for each axis, its largest value, and the frame with the largest value."""
 
     def __init__(self, axes: int) -> None:
-        self.values = np.full(axes, -1.0)
-        self.frames = np.zeros(axes, np.int64)
+        self._histograms = [Histogram() for _ in range(axes)]
+        self._largest = np.full(axes, -1.0)
+        self._frames = np.zeros(axes, np.int64)
 
     def add(self, values: Floats, frames: NDArray[np.int64]) -> None:
         if not len(values):
             return
         rows = values.argmax(axis=0)
         found = values[rows, np.arange(values.shape[1])]
-        better = found > self.values
-        self.values[better] = found[better]
-        self.frames[better] = frames[rows][better]
+        better = found > self._largest
+        self._largest[better] = found[better]
+        self._frames[better] = frames[rows][better]
+        for histogram, column in zip(self._histograms, values.T, strict=True):
+            histogram.add(column)
+
+    def distribution(self, axis: int) -> DistributionSummary | None:
+        return self._histograms[axis].distribution()
 
     def peak(self, axis: int, factor: float = 1.0) -> Peak | None:
-        value = float(self.values[axis])
-        return Peak(value * factor, int(self.frames[axis])) if value >= 0 else None
+        value = float(self._largest[axis])
+        return Peak(value * factor, int(self._frames[axis])) if value >= 0 else None
 
 
 class MotionModel:
-    """Computes facts about motion from the poses of a slave-mode session. The caller must add the poses in
-    order.
-    """
+    """Computes facts about motion from the poses of a slave-mode session, which must be added in order."""
 
-    def __init__(self, axes: Sequence[Axis], pose_type: PoseType | None, guessed: bool) -> None:
+    def __init__(
+        self,
+        axes: Sequence[Axis],
+        pose_type: PoseType | None,
+        guessed: bool,
+        position: KnownPosition | None = None,
+    ) -> None:
         self._axes = axes
+        self._pose_type = pose_type
+        self._position = position
+        self._start: _StartDistance | None = None
         count = len(axes)
         self._guessed = guessed
         self._figure = next((index for index, axis in enumerate(axes) if axis.name == _FIGURE), None)
@@ -235,34 +234,53 @@ class MotionModel:
         self._measured = [index for index, axis in enumerate(axes) if axis.unit]
         self._jumps: dict[JumpKind, list[Jump]] = {kind: [] for kind in JumpKind}
         self._least, self._most = np.full(count, np.inf), np.full(count, -np.inf)
-        self._steps = [Histogram() for _ in axes]
-        self._changes = [Histogram() for _ in axes]
-        self._differences = [Histogram() for _ in axes]
-        self._largest_step, self._largest_change = _LargestByAxis(count), _LargestByAxis(count)
-        self._largest_difference = _LargestByAxis(count)
+        self._steps, self._changes, self._differences = (_FigureByAxis(count) for _ in range(3))
         self._lag = AxisLag(count)
         # The last four set points that were added; the search for jumps needs the steps around a jump.
         self._tail = np.empty((0, count))
         self._tail_frames = self._tail_times = np.empty(0, np.int64)
 
-    def add(self, poses: PoseTable) -> None:
-        finite: Bools = np.logical_and.reduce(np.isfinite(poses.commanded), axis=1)
-        good = poses.readable & finite
-        self._count_bad(poses, finite)
+    def add(self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns) -> None:
+        if self._start is None:
+            self._start = self._start_distance(rows, commanded, returned)
+        readable = commanded.has_pose & bool(self._axes) & (rows.codes != E_SLAVE_OVERFLOW)
+        finite: Bools = np.logical_and.reduce(np.isfinite(commanded.poses), axis=1)
+        good = readable & finite
+        self._unread += int((~readable).sum())
+        self._list_not_finite(rows.frames[readable & ~finite].tolist())
         self._read += int(good.sum())
-        commanded, frames, times = poses.commanded[good], poses.frames[good], poses.times[good]
-        if not len(commanded):
+        poses, frames, times = commanded.poses[good], rows.frames[good], rows.origin + rows.times[good]
+        if not len(poses):
             return
-        self._least = np.minimum(self._least, commanded.min(axis=0))
-        self._most = np.maximum(self._most, commanded.max(axis=0))
-        self._compare_returned(commanded, poses.returned[good], poses.has_returned[good], frames)
-        self._add_steps(commanded, frames, times)
+        self._least = np.minimum(self._least, poses.min(axis=0))
+        self._most = np.maximum(self._most, poses.max(axis=0))
+        answered = (returned.has_pose & rows.answered)[good]
+        self._compare_returned(poses, returned.poses[good], answered, frames)
+        self._add_steps(poses, frames, times)
 
-    def _count_bad(self, poses: PoseTable, finite: Bools) -> None:
-        self._unread += int((~poses.readable).sum())
-        odd = poses.frames[poses.readable & ~finite].tolist()
-        self._not_finite_count += len(odd)
-        self._not_finite += odd[: MAX_LISTED - len(self._not_finite)]
+    def _start_distance(
+        self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns
+    ) -> _StartDistance:
+        """Return the first set point's distance from the pose in its reply or, without it, from the known
+        position.
+        """
+        first, position, axes = commanded.poses[0], self._position, len(self._axes)
+        if not axes or not np.isfinite(first).all():
+            return _StartDistance()
+        if returned.has_pose[0] and np.isfinite(returned.poses[0]).all():
+            frames = int(rows.frames[0]), int(rows.reply_frames[0])
+            distance = (first - returned.poses[0]).tolist()
+            return _StartDistance(tuple(distance), Message("position-by.reply"), frames)
+        if position and position.pose_type is self._pose_type and len(position.values) >= axes:
+            actual = np.array(position.values[:axes])
+            if np.isfinite(actual).all():
+                evidence = *position.frames, int(rows.frames[0])
+                return _StartDistance(tuple((first - actual).tolist()), position.known_by, evidence)
+        return _StartDistance()
+
+    def _list_not_finite(self, frames: list[int]) -> None:
+        self._not_finite_count += len(frames)
+        self._not_finite += frames[: MAX_LISTED - len(self._not_finite)]
 
     def _compare_returned(
         self, commanded: Floats, returned: Floats, answered: Bools, frames: NDArray[np.int64]
@@ -271,9 +289,7 @@ class MotionModel:
         self._returned += int(answered.sum())
         self._lag.add(commanded, returned, answered)
         off = np.abs(self._shortest(commanded[answered] - returned[answered]))
-        self._largest_difference.add(off, frames[answered])
-        for histogram, column in zip(self._differences, off.T, strict=True):
-            histogram.add(column)
+        self._differences.add(off, frames[answered])
 
     def _add_steps(self, commanded: Floats, frames: NDArray[np.int64], times: NDArray[np.int64]) -> None:
         old = len(self._tail)
@@ -284,11 +300,8 @@ class MotionModel:
         sizes = np.abs(steps)
         changes = np.abs(np.diff(steps, axis=0))
         new_steps, new_changes = max(old - 1, 0), max(old - 2, 0)
-        self._largest_step.add(sizes[new_steps:], frames[1:][new_steps:])
-        self._largest_change.add(changes[new_changes:], frames[2:][new_changes:])
-        for axis in range(len(self._axes)):
-            self._steps[axis].add(sizes[new_steps:, axis])
-            self._changes[axis].add(changes[new_changes:, axis])
+        self._steps.add(sizes[new_steps:], frames[1:][new_steps:])
+        self._changes.add(changes[new_changes:], frames[2:][new_changes:])
         moves: Bools = np.logical_or.reduce(sizes > 0, axis=1)
         self._repeated += int((~moves[new_steps:]).sum())
         if self._figure is not None:
@@ -298,9 +311,7 @@ class MotionModel:
         self._tail, self._tail_frames, self._tail_times = points[-4:], frames[-4:], times[-4:]
 
     def _find_stutters(self, moves: Bools, frames: NDArray[np.int64], new: int) -> None:
-        """Find repeated set points in the middle of a motion. The steps before index `new` have already been
-        examined.
-        """
+        """Find repeated set points in the middle of a motion. The steps before `new` were examined."""
         first = max(new - 2, 0)
         still = ~moves[1:-1] & moves[:-2] & moves[2:]
         found = frames[2:-1][first:][still[first:]].tolist()
@@ -310,7 +321,7 @@ class MotionModel:
     def _find_jumps(
         self, steps: Floats, frames: NDArray[np.int64], times: NDArray[np.int64], new: int
     ) -> None:
-        """Find jumps of each kind. The steps before index `new` have already been examined."""
+        """Find jumps of each kind. The steps before index `new` were examined."""
         sizes = np.abs(steps[:, self._measured])
         absurd = sizes > LARGEST_STEP
         counted = np.logical_or.reduce(absurd, axis=1)  # no row counts twice
@@ -337,16 +348,15 @@ class MotionModel:
                 found.append(Jump(int(frames[row + 1]), int(times[row + 1]), name, step, kind))
 
     def _shortest(self, steps: Floats) -> Floats:
-        """Return the steps, corrected for angles that wrap: from 179 to -179 degrees, the step is 2
-        degrees.
-        """
+        """Return the steps without wraps of angles: from 179 to -179 degrees, the step is 2 degrees."""
         if self._turns.any():
             turning = steps[:, self._turns]
             steps[:, self._turns] = turning - _TURN * np.rint(turning / _TURN)
         return steps
 
-    def facts(self, grid_ms: float, start: StartDistance) -> MotionFacts:
+    def facts(self, grid_ms: float) -> MotionFacts:
         """Return the facts so far, computed as if the client sent one set point every `grid_ms`."""
+        start = self._start or _StartDistance()
         return MotionFacts(
             read=self._read,
             unread=self._unread,
@@ -370,7 +380,7 @@ class MotionModel:
         )
 
     def _axis(self, index: int, per_second: float) -> AxisMotion:
-        step, change = self._steps[index].distribution(), self._changes[index].distribution()
+        step, change = self._steps.distribution(index), self._changes.distribution(index)
         return AxisMotion(
             name=self._axes[index].name,
             unit=self._axes[index].unit,
@@ -379,11 +389,11 @@ class MotionModel:
             step=step,
             velocity=step and step.scaled(per_second),
             acceleration=change and change.scaled(per_second * per_second),
-            largest_step=self._largest_step.peak(index),
-            largest_velocity=self._largest_step.peak(index, per_second),
-            largest_acceleration=self._largest_change.peak(index, per_second * per_second),
-            difference=self._differences[index].distribution(),
-            largest_difference=self._largest_difference.peak(index),
+            largest_step=self._steps.peak(index),
+            largest_velocity=self._steps.peak(index, per_second),
+            largest_acceleration=self._changes.peak(index, per_second * per_second),
+            difference=self._differences.distribution(index),
+            largest_difference=self._differences.peak(index),
             lag_cycles=self._lag.of_axis(index),
         )
 

@@ -19,9 +19,7 @@ LONGEST_CYCLE_MS = 8.0 * PERIOD_MS
 """Longest cycle in ms that counts for the pace. A longer cycle is a pause."""
 
 PROMPT_MS = 1.0
-"""If a client waits only for the reply, it sends the next set point within this time in ms after the
-reply.
-"""
+"""If a client waits only for the reply, its next set point follows the reply within this time in ms."""
 
 _SKIPPED = 1.5
 _PROMPT_SHARE = 0.8
@@ -56,8 +54,7 @@ class MotionPaceModel:
         self._last_reply = np.nan
 
     def add(self, rows: SetPointTable, cycles: Floats, in_motion: Bools, grid_ms: float) -> None:
-        """Add set points. `cycles` has the cycle time before each set point in ms, or NaN if the time is
-        unknown.
+        """Add set points. `cycles` has the cycle time before each set point in ms, or NaN if it is unknown.
 
         Args:
             in_motion: For each set point, whether the robot moves in the cycle before it.

@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 from bcapscope.analysis.statistics.distribution import Floats
 
 MAX_SAMPLES = 2048
-"""Maximum number of samples of a slave-mode session. Even on a large screen, a plot is narrower than this
-number of pixels.
-"""
+"""Maximum number of samples of a slave-mode session: more than a plot has pixels in a row."""
 
 # Columns before the poses of a sample: time and frame of its first set point, number of set points, extremes.
 _TIME, _FRAME, _POINTS, _CYCLE_LEAST, _CYCLE_MOST, _LATENCY_MOST, _SLACK_LEAST = range(7)
@@ -23,13 +21,11 @@ class PlotSample(NamedTuple):
     """Summary of successive set points for plots.
 
     Attributes:
-        frame: Number of the request frame of the sample's first set point.
         cycle_least: Shortest cycle time in the sample, in ms; NaN if no cycle time is known.
         cycle_most: Longest cycle time in the sample, in ms; NaN if no cycle time is known.
         latency_most: Longest latency in the sample, ms; NaN if no reply was captured.
         slack_least: Smallest slack in the sample, ms (see `BufferFacts.smallest_slack_ms`); NaN for the very
             first set point.
-        commanded: Commanded pose of the sample's first set point; NaN if the pose is unreadable.
         returned: Pose in the reply to the sample's first set point; NaN if no pose was returned.
     """
 
@@ -45,14 +41,9 @@ class PlotSample(NamedTuple):
 
 
 class PlotSampler:
-    """Summarises successive set points as samples. When there are too many samples, the sampler joins each
-    two successive samples into one.
-    """
+    """Summarises successive set points as samples; joins each two samples if there are too many."""
 
     def __init__(self, axes: int, origin: int) -> None:
-        """Create a sampler for poses with `axes` axes. The times of all set points are relative to `origin`,
-        which is in ns since 1970.
-        """
         self._axes = axes
         self._origin = origin
         self._runs = np.empty((0, _HEAD + 2 * axes))
@@ -66,11 +57,8 @@ class PlotSampler:
         figures: tuple[Floats, Floats, Floats],
         poses: tuple[Floats, Floats],
     ) -> None:
-        """Add set points.
-
-        Args:
-            times: Times of the set points in ns since `origin`.
-            figures: Cycle times, latencies and slacks of the set points in ms; NaN where a value is missing.
+        """Add set points. `times` are in ns since `origin`. `figures` are the cycle times, latencies and
+        slacks in ms; NaN where a value is missing.
         """
         cycles, latencies, slacks = figures
         ones = np.ones(len(times))

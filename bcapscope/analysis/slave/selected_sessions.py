@@ -13,9 +13,7 @@ from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 
 class SelectedSlaveSessions(PipelineSubscriber):
-    """Finds the slave-mode sessions that contain selected set points. Calls that are not selected can still
-    begin or end a session.
-    """
+    """Finds the sessions with selected set points. Other calls can still begin or end a session."""
 
     def __init__(
         self,
@@ -26,10 +24,8 @@ class SelectedSlaveSessions(PipelineSubscriber):
         """Create a detector of selected slave-mode sessions.
 
         Args:
-            is_selected: Function that returns whether a set point is selected; None to select all slave-mode
-                sessions, even sessions without set points.
-            on_slave_session: Function that receives each slave-mode session when it is complete. The method
-                `remaining_sessions` returns the sessions that are not complete.
+            is_selected: Function that tests set points; None to select all sessions, even without set points.
+            on_slave_session: Function that receives each complete session.
         """
         self._is_selected = is_selected
         self._on_slave_session = on_slave_session
@@ -46,9 +42,7 @@ class SelectedSlaveSessions(PipelineSubscriber):
             self._report(self._detector.add_set_points(calls))
 
     def remaining_sessions(self, ended_at: int = 0) -> list[SlaveSession]:
-        """Return the slave-mode sessions that were not yet passed to `on_slave_session`, as if the traffic
-        ended now.
-        """
+        """Return the sessions not yet passed to `on_slave_session`, as if the traffic ended now."""
         return self._chosen(self._detector.remaining_sessions(ended_at))
 
     def _report(self, sessions: Sequence[SlaveSession]) -> None:

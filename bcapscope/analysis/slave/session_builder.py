@@ -9,16 +9,15 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from bcapscope.analysis.slave.column_templates import PoseColumns
-from bcapscope.analysis.slave.session_models import KnownPosition, SessionModels, SlaveSetup
+from bcapscope.analysis.slave.motion_model import KnownPosition
+from bcapscope.analysis.slave.session_models import SessionModels, SlaveSetup
 from bcapscope.analysis.slave.set_point_batch import SetPointBatch
 from bcapscope.analysis.slave.set_point_table import SetPointTable, table_of
 from bcapscope.analysis.slave.slave_session import CallFact, FrameTime, SessionExit, SlaveSession
 from bcapscope.traffic.observation import Conversation
 
 BATCH_SIZE = 4096
-"""Maximum number of set points that are processed together. Larger batches need more than 2 MB of memory and
-are not faster.
-"""
+"""Set points that are processed together. Larger batches need more than 2 MB and are not faster."""
 
 _FAILURES = 0x80000000
 _I4_ARGUMENT, _I4_SIZE = b"\x0a\x00\x00\x00\x03\x00", 14
@@ -27,25 +26,17 @@ SessionKey: TypeAlias = "tuple[Conversation, bytes]"
 """The conversation of a client, and the robot's handle as the bytes that the client sends."""
 
 SetPointHandler: TypeAlias = "Callable[[SetPointChunk], None]"
-"""Function that receives the set points of all slave-mode sessions, up to `BATCH_SIZE` set points at a
-time.
-"""
+"""Function that receives the set points of all sessions, up to `BATCH_SIZE` at a time."""
 
 
 class SlaveSessionBuilder:
     """Builds the facts of a slave-mode session, even while the session continues.
 
     Attributes:
-        key: Conversation and robot handle of the client that sends the set points. Until the first set point
-            arrives, they are those of the client that entered slave mode.
-        mode: Number of the slave mode, and how this number is known.
-        entry_call: The slvChangeMode call that began the session; None if the call was not captured.
-        position: Position of the robot before the first set point; None if unknown.
+        key: Conversation and robot handle of the client that sends the set points; until the first set point
+            arrives, of the client that entered slave mode.
         entered_at: Time of the reply to `entry_call`, ns since 1970.
-        models: Models that have processed the session's set points; None before the first set point is
-            processed.
-        error_exit: End of the session, if an error ended it; None if no error occurred, or if a later set
-            point was accepted.
+        error_exit: End of the session, if an error ended it and no later set point was accepted.
         after_end: Number of set points that were refused or unanswered because the session had ended.
         last_accepted: Time when the latest accepted set point was first sent, ns since 1970; None if no
             processed set point was accepted.
@@ -94,9 +85,9 @@ class SlaveSessionBuilder:
 
     @property
     def last_activity(self) -> int:
-        """Time of the reply to the latest set point, in ns since 1970; if there is no reply, the time of the
-        set point's request; 0 if unknown. The result is at least `entered_at`: a client that does not wait
-        for the reply to slvChangeMode can send set points before `entered_at`.
+        """Time of the latest reply or, without a reply, of the latest set point, ns since 1970; 0 if unknown.
+        It is at least `entered_at`, because a client that does not wait for the reply to slvChangeMode can
+        send set points earlier.
         """
         last = max(self.batch[-1].time, self.batch[-1].reply_time) if self.batch else self._last_activity
         return max(last, self.entered_at or 0)
@@ -110,15 +101,13 @@ class SlaveSessionBuilder:
         return self.batch[0].time if self.batch else ended_at
 
     def process_batch(self, slave_setup: SlaveSetup) -> None:
-        """Process the set points that wait in the batch. `slave_setup` is used only for the first batch of
-        the session.
-        """
+        """Process the waiting set points. Only the first batch of the session uses `slave_setup`."""
         if self.batch:
             self._process(self.batch, slave_setup)
             self.batch.clear()
 
     def processed(self, slave_setup: SlaveSetup) -> SlaveSessionBuilder:
-        """Return a copy of this builder. The copy has processed the set points in the batch."""
+        """Return a copy of this builder that has processed the set points in the batch."""
         if not self.batch:
             return self
         processed = copy.copy(self)
@@ -150,9 +139,7 @@ class SlaveSessionBuilder:
     def session(
         self, exit_: SessionExit, slave_setup: SlaveSetup, other_calls: tuple[CallFact, ...]
     ) -> SlaveSession:
-        """Return the slave-mode session with the end `exit_`. The session does not include set points that
-        wait to be processed.
-        """
+        """Return the session with the end `exit_`, without the set points that wait to be processed."""
         models = self.models or SessionModels(
             self.conversation.transport, slave_setup, SetPointBatch(), self._window
         )
@@ -175,7 +162,7 @@ class SlaveSessionBuilder:
             pace=models.pace.facts(),
             buffer=models.buffer.facts(),
             clock=models.clock.facts(),
-            motion=models.motion.facts(models.timing.grid.ms, models.start_distance) if first else None,
+            motion=models.motion.facts(models.timing.grid.ms) if first else None,
             refused_set_points=tuple(models.refused_list),
             forbidden_retry_frames=tuple(models.forbidden_retries),
             other_calls=other_calls,
@@ -189,10 +176,8 @@ class SetPointChunk(NamedTuple):
     """Successive set points of one slave-mode session, including refused set points.
 
     Attributes:
-        models: Models of the slave-mode session, which have already processed these set points.
-        commanded: Poses in the requests, one row per set point.
-        returned: Poses and time stamps in the replies, one row per set point; the poses have the same type as
-            in the requests.
+        models: Models of the session, which have already processed these set points.
+        returned: Poses and time stamps in the replies; the poses have the same type as in the requests.
     """
 
     builder: SlaveSessionBuilder

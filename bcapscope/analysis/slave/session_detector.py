@@ -39,9 +39,7 @@ detector may still get the call of another client that ended the session.
 """
 
 SILENCE_NS = 1_000_000_000
-"""If a client sends no set point during this time (in ns) before the end of the capture, bcapscope assumes
-that the client has stopped.
-"""
+"""A client that sends no set point during this time before the end of the capture counts as stopped."""
 
 SUSPECT_WITHIN_NS = 2_000_000_000
 """Maximum time in ns from a failed call of any client until a reply shows that slave mode is off. An earlier
@@ -55,19 +53,13 @@ its path.
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
-"""A slave-mode session lists calls that are not set points, from `BEFORE_NS` ns before its start to
-`AFTER_NS` ns after its end.
-"""
+"""A session lists other calls from `BEFORE_NS` before its start to `AFTER_NS` after its end."""
 
 MAX_SESSIONS = 64
-"""Maximum number of open slave-mode sessions. Beyond this number, the detector ends the session that has been
-silent longest.
-"""
+"""Maximum number of open sessions. Beyond it, the detector ends the session that was silent longest."""
 
 MAX_HELD_BACK = 256
-"""Maximum number of ended slave-mode sessions that are held back. If there are more, the detector returns the
-oldest of these sessions without waiting longer.
-"""
+"""Maximum number of ended sessions that are held back. Beyond it, the oldest are returned at once."""
 
 MAX_CONTROLLERS = 64
 
@@ -76,9 +68,7 @@ _HANDLE = slice(15, 29)
 
 
 class _EndedSession(NamedTuple):
-    """A slave-mode session that has ended, but that the detector has not returned yet (see
-    `HOLD_BACK_NS`).
-    """
+    """A session that has ended, but that the detector has not returned yet (see `HOLD_BACK_NS`)."""
 
     builder: SlaveSessionBuilder
     exit: SessionExit
@@ -86,11 +76,9 @@ class _EndedSession(NamedTuple):
 
 
 class SlaveSessionDetector:
-    """Finds slave-mode sessions in calls. The caller must add the calls in the order in which a tracker
-    completes them.
+    """Finds slave-mode sessions in calls, which must be added in the order in which a tracker completes them.
 
-    The memory that the detector uses depends on the number of open slave-mode sessions, not on their
-    duration.
+    The memory use depends on the number of open sessions, not on their duration.
     """
 
     def __init__(self, window: int | None = None, on_set_points: SetPointHandler | None = None) -> None:
@@ -98,7 +86,7 @@ class SlaveSessionDetector:
 
         Args:
             window: Length in ns of the time slices for which figures are computed; None for no slices.
-            on_set_points: Function that receives each batch of set points after the models have processed it.
+            on_set_points: Function that receives each batch of set points after the models processed it.
         """
         self._window = window
         self._on_set_points = on_set_points
@@ -121,9 +109,7 @@ class SlaveSessionDetector:
         return self._on_time(call)
 
     def add_set_points(self, calls: Sequence[Call]) -> Sequence[SlaveSession]:
-        """Add the set points that `PipelineSubscriber.on_set_points` received; return the slave-mode sessions
-        that are now complete.
-        """
+        """Add set points of `PipelineSubscriber.on_set_points`; return the sessions that are now complete."""
         self._remaining = None
         first = calls[0]
         builder = self._active.get((first.conversation, first.request.item.raw[_HANDLE]))
@@ -141,12 +127,11 @@ class SlaveSessionDetector:
         return finished
 
     def _on_time(self, call: Call) -> Sequence[SlaveSession]:
-        """Return each ended slave-mode session that was held back long enough at the time of `call`."""
         self._latest_time = max(self._latest_time, call.last_activity)
         return self._release_ended(self._latest_time - HOLD_BACK_NS) if self._held_back else ()
 
     def close_conversation(self, conversation: Conversation) -> tuple[SlaveSession, ...]:
-        """End and return the slave-mode sessions of a closed conversation, and forget that conversation."""
+        """End and return the sessions of a closed conversation, and forget the conversation."""
         self._remaining = None
         for builder in [each for each in self._unfinished if each.conversation is conversation]:
             self._end_session(builder, _silent_exit(builder))
@@ -177,13 +162,13 @@ class SlaveSessionDetector:
         return self._remaining[1]
 
     def process_waiting(self) -> None:
-        """Process all set points that are still in batches. This also passes them to `on_set_points`."""
+        """Process all set points that are still in batches, which also passes them to `on_set_points`."""
         for builder in (*self._unfinished, *(ended.builder for ended in self._held_back)):
             self._process_batch(builder)
 
     @property
     def _unfinished(self) -> Sequence[SlaveSessionBuilder]:
-        """Slave-mode sessions that have not ended; sessions with set points come first."""
+        """Sessions that have not ended; sessions with set points come first."""
         waiting = (
             builder for known in self._controllers.values() for builder in known.pending_sessions.values()
         )
@@ -214,9 +199,7 @@ class SlaveSessionDetector:
             self._process_batch(builder)
 
     def _is_outside_session(self, key: SessionKey, call: Call, failed: bool) -> bool:
-        """Return whether a set point is outside all slave-mode sessions: it belongs to none, and begins
-        none.
-        """
+        """Return whether a set point belongs to no slave-mode session, and begins none."""
         if self._controller(call).pending_sessions or not (failed or call.reply is None):
             return False
         ended = self._recently_ended.get(key)
@@ -321,9 +304,7 @@ class SlaveSessionDetector:
             builder.mode = controller.reported_mode
 
     def _on_disconnect(self, call: Call, handle: bytes | None) -> None:
-        """End all slave-mode sessions of the client that made `call`; if `handle` is given, end only the
-        sessions of the robot with this handle.
-        """
+        """End the sessions of the call's client; with `handle`, only those of the robot with this handle."""
         pending = self._controller(call).pending_sessions
         for builder in (*self._active.values(), *pending.values()):
             if builder.conversation is call.conversation and handle in (None, builder.handle):
@@ -332,9 +313,7 @@ class SlaveSessionDetector:
     # ends
 
     def _end_session(self, builder: SlaveSessionBuilder, exit_: SessionExit) -> None:
-        """End a slave-mode session. If an error ended the session earlier, the session keeps this error as
-        its end.
-        """
+        """End a session. If an error ended it earlier, the error stays its end."""
         controller = self._controller_of(builder)
         if self._active.pop(builder.key, None) is not None:
             controller.position = None
@@ -347,7 +326,7 @@ class SlaveSessionDetector:
         self._held_back.append(_EndedSession(builder, builder.error_exit or exit_, slave_setup))
 
     def _ended_with_traffic(self, builder: SlaveSessionBuilder, ended_at: int) -> _EndedSession:
-        """Return an open session as if the traffic had ended at `ended_at`. The session itself stays open."""
+        """Return an open session as if the traffic had ended at `ended_at`. The session stays open."""
         last = builder.last_activity
         reason = ExitReason.SILENT if ended_at - last > SILENCE_NS else ExitReason.CAPTURE_ENDED
         exit_ = builder.error_exit or SessionExit(reason, last, (), None, None)
@@ -355,7 +334,6 @@ class SlaveSessionDetector:
         return _EndedSession(builder.processed(slave_setup), exit_, slave_setup)
 
     def _release_ended(self, before: int) -> list[SlaveSession]:
-        """Return the held-back slave-mode sessions that ended at the time `before` or earlier."""
         sessions = []
         ended = self._held_back
         while ended and (ended[0].exit.time <= before or len(ended) > MAX_HELD_BACK):
@@ -405,9 +383,7 @@ def _call_frames(call: Call) -> tuple[int, ...]:
 
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
-    """Return why and when a slave-mode session ended. If the set points do not show why, search the other
-    calls for a cause.
-    """
+    """Return why and when a session ended. If its set points do not show why, search the other calls."""
     builder, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
         return exit_
@@ -431,12 +407,10 @@ def _silent_exit(builder: SlaveSessionBuilder) -> SessionExit:
 
 
 def _exit_by_call(reason: ExitReason, call: Call, frames: tuple[int, ...] = ()) -> SessionExit:
-    """Return the end of a session that `call` ended. The frames of `call` and the other `frames` prove it."""
     return SessionExit(reason, _call_end(call), (*_call_frames(call), *frames), call.hresult, call_fact(call))
 
 
 def _switches_off(call: Call, builder: SlaveSessionBuilder) -> bool:
-    """Return whether a call of another client switches slave mode off."""
     foreign = call.conversation is not builder.conversation
     return foreign and call.hresult is not None and not is_failure(call.hresult) and requested_mode(call) == 0
 

@@ -5,19 +5,19 @@ counts of set points.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bcapscope.analysis.slave.buffer_model import BufferBehaviour, BufferModel, SetPointArrivals
-from bcapscope.analysis.slave.column_templates import ColumnReader, NumberPicker, PickedNumbers, PoseColumns
+from bcapscope.analysis.slave.buffer_model import BufferBehaviour, BufferModel
+from bcapscope.analysis.slave.column_templates import ColumnReader, PickedNumbers, PoseColumns
 from bcapscope.analysis.slave.controller_clock import ControllerClock
 from bcapscope.analysis.slave.generation_clues import GenerationClue
-from bcapscope.analysis.slave.motion_model import MotionModel, PoseTable, StartDistance
+from bcapscope.analysis.slave.motion_model import KnownPosition, MotionModel
 from bcapscope.analysis.slave.motion_pace import MotionPaceModel
-from bcapscope.analysis.slave.notable_set_points import MAX_LISTED, SetPointFact, set_point_fact
+from bcapscope.analysis.slave.notable_set_points import MAX_LISTED, SetPointFact
 from bcapscope.analysis.slave.plot_samples import PlotSampler
 from bcapscope.analysis.slave.session_slices import SessionSlice, SessionSlicer
 from bcapscope.analysis.slave.set_point_batch import SetPointBatch
@@ -25,23 +25,20 @@ from bcapscope.analysis.slave.set_point_table import SetPointTable
 from bcapscope.analysis.slave.slave_session import AcceptedFormat, KnownMode, SetPointCounts
 from bcapscope.analysis.slave.timing_model import TimingModel
 from bcapscope.analysis.statistics.distribution import Floats
-from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.slave_mode.formats import ReceiveFormat, SendFormat
 from bcapscope.protocol.slave_mode.modes import Generation, PoseType, pose_type_of_mode, slave_mode_by_number
 from bcapscope.protocol.slave_mode.poses import Axis, Pose
 from bcapscope.protocol.slave_mode.slvmove_values import parse_feedback, parse_set_point
-from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, S_BUF_FULL, is_failure
+from bcapscope.protocol.tables.hresult import S_BUF_FULL, is_failure
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.observation import Transport
 from bcapscope.traffic.slave_mode_tracker import execute_parameter
 
 MAX_CODES = 256
-"""Maximum number of different HRESULTs of refused set points that are counted separately. All further
-HRESULTs are counted together, as HRESULT 0.
-"""
+"""Maximum number of HRESULTs that are counted separately. All others count as HRESULT 0."""
 
 _PARAMETER = 2
 _RESULT = 0
@@ -49,21 +46,9 @@ _UNKNOWN = -1
 _STEP = 1
 _SERIALS = 1 << 16
 _MOST_UNCAPTURED = 1000
-"""If a client skips at most this many serials, they count as attempts that were not captured. If a client
-skips more serials, it evidently does not number its requests one by one.
-"""
+"""A client that skips more serials than this does not number its requests one by one."""
 _TINY_STEP = 0.02
-"""A step of an axis counts as motion only if it is larger than this share of the axis's largest step so far.
-"""
-
-
-class KnownPosition(NamedTuple):
-    """A position of the robot that the controller reported before the slave-mode session."""
-
-    pose_type: PoseType
-    values: tuple[float, ...]
-    known_by: Message
-    frames: tuple[int, ...]
+"""A step counts as motion only if it is larger than this share of the axis's largest step so far."""
 
 
 class SlaveSetup(NamedTuple):
@@ -82,7 +67,6 @@ class SlaveSetup(NamedTuple):
 
 
 def known_mode(slave_setup: SlaveSetup, pose_type: PoseType | None) -> KnownMode:
-    """Return the slave mode and, if known, its meaning on this controller."""
     value, generation = slave_setup.mode_value, slave_setup.generation_clue.generation
     meaning = None if value is None else slave_mode_by_number(value, generation or Generation.RC8)
     return KnownMode(
@@ -96,23 +80,6 @@ def known_mode(slave_setup: SlaveSetup, pose_type: PoseType | None) -> KnownMode
     )
 
 
-class _PosePicker:
-    """Finds the pose in a set point, and the pose and the time stamp in its reply."""
-
-    def __init__(self, slave_setup: SlaveSetup, pose_type: PoseType | None) -> None:
-        self._send, self._receive = _formats(slave_setup)
-        self._pose_type = pose_type
-
-    def command(self, parameter: Variant) -> PickedNumbers:
-        pose = parse_set_point(parameter, self._pose_type, self._send, self._receive).pose
-        return (pose.values if pose and pose.type is self._pose_type else ()), None
-
-    def result(self, result: Variant) -> PickedNumbers:
-        feedback = parse_feedback(result, self._pose_type, self._receive)
-        fitting = (pose.values for pose in feedback.poses if pose.type is self._pose_type)
-        return next(fitting, ()), feedback.timestamp
-
-
 class SessionModels:
     """Passes the set points of one slave-mode session to all its models."""
 
@@ -121,12 +88,14 @@ class SessionModels:
     ) -> None:
         self.slave_setup = slave_setup
         self.origin = batch[0].time if batch else 0
-        pose = next(_poses_in(batch, slave_setup), None)
-        self._pose_type = pose.type if pose else _pose_type(slave_setup)
+        send, receive = _formats(slave_setup)
+        mode = slave_setup.mode_value
+        pose_type = None if mode is None else pose_type_of_mode(mode)
+        pose = _first_pose(batch, pose_type, send, receive)
+        pose_type = pose.type if pose else pose_type
         self.axes: tuple[Axis, ...] = pose.axes if pose else ()
-        self.mode = known_mode(slave_setup, self._pose_type)
+        self.mode = known_mode(slave_setup, pose_type)
         rules = BufferBehaviour.of_mode(self.mode.meaning, self.mode.guessed)
-        self._replies_pace = rules.replies_pace
         self.forbids_retries = rules.overwrites and transport is Transport.UDP
         self.timing = TimingModel(self.mode.meaning, transport, rules.slots)
         self.pace = MotionPaceModel()
@@ -134,17 +103,14 @@ class SessionModels:
         self.clock = ControllerClock(
             None if slave_setup.receive_format is None else slave_setup.receive_format.microseconds
         )
-        self.motion = MotionModel(self.axes, self._pose_type, pose.guessed if pose else False)
+        guessed = pose.guessed if pose else False
+        self.motion = MotionModel(self.axes, pose_type, guessed, slave_setup.position)
         self.sampler = PlotSampler(len(self.axes), self.origin)
-        self.start_distance = StartDistance()
         self.refused_list: list[SetPointFact] = []
         self.forbidden_retries: list[int] = []
         self._slicer = SessionSlicer(window, self.origin) if window else None
-        self._axes = len(self.axes)
-        self._has_set_points = False
-        picker = _PosePicker(slave_setup, self._pose_type)
-        self._command_columns = ColumnReader(NumberPicker(_PARAMETER, picker.command))
-        self._result_columns = ColumnReader(NumberPicker(_RESULT, picker.result))
+        self._command_columns = ColumnReader(_PARAMETER, partial(_pick_command, pose_type, send, receive))
+        self._result_columns = ColumnReader(_RESULT, partial(_pick_result, pose_type, receive))
         self._last_poses = np.full((2, len(self.axes)), np.nan)  # the last two commanded poses
         self._largest_steps = np.zeros(len(self.axes))
         # serial of the last set point's first attempt, and number of retries of this set point
@@ -156,16 +122,18 @@ class SessionModels:
         self._refused: Counter[int] = Counter()
 
     def add(self, rows: SetPointTable, batch: SetPointBatch) -> tuple[PoseColumns, PoseColumns]:
-        commanded = self._command_columns.read(batch.requests, len(batch), self._axes)
-        returned = self._result_columns.read(batch.results, len(batch), self._axes)
+        commanded = self._command_columns.read(batch.requests, len(batch), len(self.axes))
+        returned = self._result_columns.read(batch.results, len(batch), len(self.axes))
         cycles = self.timing.add(rows)
         steps = self._steps(commanded)
         seen = self._uncaptured(rows, batch) == 0
-        slacks = self._add_to_buffer(rows, np.where(seen, steps[:-1], _UNKNOWN))
+        slacks = self.buffer.add(rows, np.where(seen, steps[:-1], _UNKNOWN)) / 1e6
+        if not self._sent:
+            slacks[0] = np.nan
         in_motion = (steps[:-1] == _STEP) & (steps[1:] == _STEP) & seen
         self.pace.add(rows, cycles, in_motion, self.timing.grid.ms)
         self._count(rows, cycles)
-        self._add_motion(rows, commanded, returned)
+        self.motion.add(rows, commanded, returned)
         stamped = np.flatnonzero(~np.isnan(returned.stamps))
         self.clock.add(returned.stamps[stamped], rows.replies[stamped])
         latencies = np.where(rows.answered, rows.latencies, np.nan)
@@ -200,9 +168,7 @@ class SessionModels:
         return self._slicer.slices()
 
     def _uncaptured(self, rows: SetPointTable, batch: SetPointBatch) -> NDArray[np.int64]:
-        """For each set point, count the attempts just before it that were not captured. Skipped serials show
-        these attempts.
-        """
+        """Count the attempts before each set point that were not captured, as skipped serials show."""
         serials = batch.requests.serials(len(batch))
         last_serial, last_retries = self._last_sent
         before = np.concatenate(((last_serial,), serials[:-1]))
@@ -214,11 +180,11 @@ class SessionModels:
         return np.where((before >= 0) & (skipped > 0) & (skipped <= _MOST_UNCAPTURED), skipped, 0)
 
     def _steps(self, commanded: PoseColumns) -> NDArray[np.int64]:
-        """For each set point, return 1 if the robot moves to it, 0 if the robot stands still, and -1 if this
-        is unknown.
+        """For each set point, return 1 if the robot moves to it, 0 if the robot stands still, and -1 if
+        unknown.
 
         The first value belongs to the last set point before `commanded`. A step that is tiny compared with
-        the largest step so far does not count as motion, because a smooth motion ends with tiny steps.
+        the largest step so far does not count, because a smooth motion ends with tiny steps.
         """
         points = np.vstack((self._last_poses, commanded.poses))
         known = ~np.isnan(points).any(axis=1)
@@ -226,17 +192,7 @@ class SessionModels:
         largest = np.fmax.accumulate(np.vstack((self._largest_steps, sizes)), axis=0)
         moves = (sizes > _TINY_STEP * largest[1:]).any(axis=1)
         self._last_poses, self._largest_steps = points[-2:], largest[-1]
-        return np.where(known[1:] & known[:-1] & (self._axes > 0), moves, _UNKNOWN)
-
-    def _add_to_buffer(self, rows: SetPointTable, moving: NDArray[np.int64]) -> Floats:
-        entered = np.maximum(rows.arrivals, rows.replies) if self._replies_pace else rows.arrivals
-        slacks = self.buffer.add(
-            SetPointArrivals(rows.arrivals, entered, rows.codes, rows.frames, rows.reply_frames, moving)
-        )
-        found = slacks / 1e6
-        if not self._has_set_points:
-            found[0] = np.nan
-        return found
+        return np.where(known[1:] & known[:-1] & bool(self.axes), moves, _UNKNOWN)
 
     def _count(self, rows: SetPointTable, cycles: Floats) -> None:
         sent = len(rows.calls)
@@ -252,7 +208,7 @@ class SessionModels:
                 refused += 1
                 self._refused[code if code in self._refused or len(self._refused) < MAX_CODES else 0] += 1
                 if len(self.refused_list) < MAX_LISTED:
-                    self.refused_list.append(set_point_fact(rows, row, cycles))
+                    self.refused_list.append(rows.fact(row, cycles))
             elif code == S_BUF_FULL:
                 self._buffer_full += 1
         self._accepted += sent - without_reply - refused
@@ -271,46 +227,6 @@ class SessionModels:
             self.forbidden_retries += [request.number for request in call.attempts[call.first_attempt_seen :]]
             del self.forbidden_retries[MAX_LISTED:]
 
-    def _add_motion(self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns) -> None:
-        accepted = returned.has_pose & rows.answered
-        if not self._has_set_points:
-            self._has_set_points = True
-            self.start_distance = self._start_distance(rows, commanded, returned)
-        self.motion.add(
-            PoseTable(
-                commanded=commanded.poses,
-                readable=commanded.has_pose & (self._axes > 0) & (rows.codes != E_SLAVE_OVERFLOW),
-                returned=returned.poses,
-                has_returned=accepted,
-                frames=rows.frames,
-                times=rows.origin + rows.times,
-            )
-        )
-
-    def _start_distance(
-        self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns
-    ) -> StartDistance:
-        """Return the distance of the first set point from the pose in its reply. If the reply has no pose,
-        return the distance from the position that the controller reported before.
-        """
-        commanded_pose, position = commanded.poses[0], self.slave_setup.position
-        if not self._axes or not np.isfinite(commanded_pose).all():
-            return StartDistance()
-        if returned.has_pose[0] and np.isfinite(returned.poses[0]).all():
-            frames = int(rows.frames[0]), int(rows.reply_frames[0])
-            known_by = Message("position-by.reply")
-            return StartDistance(_distance(commanded_pose, returned.poses[0]), known_by, frames)
-        if position and position.pose_type is self._pose_type and len(position.values) >= self._axes:
-            actual = np.array(position.values[: self._axes])
-            if np.isfinite(actual).all():
-                evidence = *position.frames, int(rows.frames[0])
-                return StartDistance(_distance(commanded_pose, actual), position.known_by, evidence)
-        return StartDistance()
-
-
-def _distance(commanded_pose: Floats, actual: Floats) -> tuple[float, ...]:
-    return tuple((commanded_pose - actual).tolist())
-
 
 def _formats(slave_setup: SlaveSetup) -> tuple[SendFormat | None, ReceiveFormat | None]:
     send, receive = slave_setup.send_format, slave_setup.receive_format
@@ -320,19 +236,27 @@ def _formats(slave_setup: SlaveSetup) -> tuple[SendFormat | None, ReceiveFormat 
     )
 
 
-def _pose_type(slave_setup: SlaveSetup) -> PoseType | None:
-    return None if slave_setup.mode_value is None else pose_type_of_mode(slave_setup.mode_value)
+def _pick_command(
+    pose_type: PoseType | None, send: SendFormat | None, receive: ReceiveFormat | None, parameter: Variant
+) -> PickedNumbers:
+    pose = parse_set_point(parameter, pose_type, send, receive).pose
+    return (pose.values if pose and pose.type is pose_type else ()), None
 
 
-def _poses_in(batch: SetPointBatch, slave_setup: SlaveSetup) -> Iterator[Pose]:
-    """Yield the poses of the first 16 set points; leave out poses that are unreadable or have an unknown
-    type.
-    """
-    send, receive = _formats(slave_setup)
-    pose_type = _pose_type(slave_setup)
+def _pick_result(pose_type: PoseType | None, receive: ReceiveFormat | None, result: Variant) -> PickedNumbers:
+    feedback = parse_feedback(result, pose_type, receive)
+    fitting = (pose.values for pose in feedback.poses if pose.type is pose_type)
+    return next(fitting, ()), feedback.timestamp
+
+
+def _first_pose(
+    batch: SetPointBatch, pose_type: PoseType | None, send: SendFormat | None, receive: ReceiveFormat | None
+) -> Pose | None:
+    """Return the first readable pose of a known type in the first 16 set points."""
     for place in range(min(len(batch), 16)):
         parameter = execute_parameter(Frame(batch.requests[place]))
         if parameter is not None:
             pose = parse_set_point(parameter, pose_type, send, receive).pose
             if pose is not None and pose.type is not None:
-                yield pose
+                return pose
+    return None

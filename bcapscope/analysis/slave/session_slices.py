@@ -13,9 +13,7 @@ from bcapscope.analysis.statistics.distribution_summary import DistributionSumma
 from bcapscope.protocol.tables.hresult import is_failure
 
 MAX_SLICES = 10_000
-"""Maximum number of slices of one slave-mode session: nearly three hours in slices of one second. Further
-slices are counted, but not kept.
-"""
+"""Maximum number of kept slices: nearly three hours in slices of one second. Further ones are counted."""
 
 
 class SessionSlice(NamedTuple):
@@ -49,12 +47,9 @@ class _OpenSlice:
 
 
 class SessionSlicer:
-    """Divides a slave-mode session into slices of equal length. The first slice starts at the `origin`."""
+    """Divides a slave-mode session into slices of `window` ns. The first slice starts at `origin`."""
 
     def __init__(self, window: int, origin: int) -> None:
-        """Create a slicer. `window` is the length of each slice, and `origin` is the start of the first
-        slice; both are in ns.
-        """
         self._left_off = 0
         self._window = window
         self._origin = origin
@@ -62,8 +57,8 @@ class SessionSlicer:
         self._open: _OpenSlice | None = None
 
     def add(self, rows: SetPointTable, cycles: Floats, slacks: Floats) -> None:
-        """Add set points. `cycles` and `slacks` are in ms; a missing value is NaN. A set point that is
-        earlier than the latest slice counts in the latest slice.
+        """Add set points. `cycles` and `slacks` are in ms, or NaN. A set point that is earlier than the
+        latest slice counts in the latest slice.
         """
         numbers = np.maximum.accumulate(rows.times // self._window)
         if self._open is not None:
@@ -75,9 +70,7 @@ class SessionSlicer:
             self._fill(self._open, rows, np.flatnonzero(numbers == number), cycles, slacks)
 
     def slices(self) -> tuple[tuple[SessionSlice, ...], int]:
-        """Return all slices that have set points, and the number of slices that were left off because there
-        were too many. The latest slice, which may still get set points, is included.
-        """
+        """Return all slices with set points, including the latest, and how many slices were left off."""
         if self._open is None:
             return tuple(self._finished), self._left_off
         if len(self._finished) >= MAX_SLICES:

@@ -14,9 +14,7 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call import Call
 
 LARGE_FRAME = 2048
-"""A frame with more bytes than this is stored separately; the frame of a set point has about a tenth of this
-size.
-"""
+"""A frame with more bytes is stored separately; the frame of a set point has about a tenth of them."""
 
 LATEST_TIME = (1 << 62) - 1
 """Latest time that can be stored, in ns since 1970; it is in the year 2116. The difference of two times up to
@@ -32,7 +30,6 @@ class FrameBytes:
     Attributes:
         size: The common size in bytes of the frames in `data`; 0 while `data` has no frame.
         data: Bytes of all frames that have the common size; for each frame of another size, `data` has zeros.
-        odd_sized: Frames of another size, with their index as the key; b"" for a missing frame.
     """
 
     def __init__(self, raws: Iterable[bytes] = ()) -> None:
@@ -43,9 +40,7 @@ class FrameBytes:
             self.add(place, raw)
 
     def add(self, index: int, raw: bytes) -> None:
-        """Add a frame with the index `index`. The size of the first frame that is not large becomes the
-        common size.
-        """
+        """Add a frame. The size of the first frame that is not large becomes the common size."""
         if not self.size and 0 < len(raw) <= LARGE_FRAME:
             self.size = len(raw)
             self.data += bytes(self.size * index)
@@ -76,12 +71,7 @@ class FrameBytes:
 
 
 class SetPointRow(NamedTuple):
-    """Call number, frame numbers and times of a set point.
-
-    Attributes:
-        time: Time of the set point's first request, ns since 1970-01-01 UTC.
-        reply_time: Time of the accepted reply, ns since 1970-01-01 UTC; equal to `time` if there is no reply.
-    """
+    """Call number, frame numbers and times of a set point. Without a reply, `reply_time` equals `time`."""
 
     call: int
     frame: int
@@ -120,9 +110,7 @@ class SetPointBatch:
         return SetPointRow(*_ROW.unpack_from(self.row_data, start))
 
     def add_other_call(self, call: Call) -> None:
-        """Count the attempts of a call that is not a set point. The client of the set points made this
-        call.
-        """
+        """Count the attempts of another call of the set points' client."""
         self._attempts_since += len(call.attempts)
 
     def _note_other_attempts(self) -> None:
@@ -175,7 +163,6 @@ class SetPointBatch:
         )
 
     def columns(self) -> NDArray[np.int64]:
-        """Return five arrays: call numbers, request frames, request times, reply frames and reply times."""
         rows = np.frombuffer(self.row_data, np.int64).reshape(-1, len(SetPointRow._fields))
         return rows.T.copy()
 

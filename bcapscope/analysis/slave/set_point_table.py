@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bcapscope.analysis.slave.notable_set_points import SetPointFact
 from bcapscope.analysis.slave.set_point_batch import LATEST_TIME, SetPointBatch
 from bcapscope.analysis.statistics.distribution import Bools, Floats
 from bcapscope.traffic.call import Call
@@ -47,18 +49,27 @@ class SetPointTable:
 
     @property
     def latencies(self) -> Floats:
-        """For each set point, the time from the first request to the reply, in ms; infinity if no reply was
-        captured.
-        """
+        """Time from the first request to the reply of each set point, ms; infinity without a reply."""
         taken: Floats = (self.replies - self.times) / 1e6
         taken[~self.answered] = np.inf
         return taken
 
+    def fact(self, row: int, cycles: Floats) -> SetPointFact:
+        """Return the facts about one set point. `cycles` has the cycle times in ms; NaN for the first one."""
+        answered, cycle = bool(self.answered[row]), float(cycles[row])
+        return SetPointFact(
+            call=self.calls[row],
+            request_frame=int(self.frames[row]),
+            time=self.origin + int(self.times[row]),
+            reply_frame=int(self.reply_frames[row]) if answered else None,
+            hresult=int(self.codes[row]) if answered else None,
+            latency_ms=int(self.replies[row] - self.times[row]) / 1e6 if answered else None,
+            cycle_ms=None if math.isnan(cycle) else cycle,
+        )
+
 
 def table_of(batch: SetPointBatch, origin: int) -> SetPointTable:
-    """Return the columns of a batch, with times relative to `origin`. The batch must contain at least one set
-    point.
-    """
+    """Return the columns of a batch, which must not be empty, with times relative to `origin`."""
     calls, frames, times, reply_frames, replied = batch.columns()
     count = len(calls)
     rows = SetPointTable(

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcapscope.analysis.slave.buffer_model import slack_ms
-from bcapscope.analysis.slave.notable_set_points import MAX_LISTED, SetPointFact, set_point_fact
+from bcapscope.analysis.slave.notable_set_points import MAX_LISTED, SetPointFact
 from bcapscope.analysis.slave.set_point_table import SetPointTable
 from bcapscope.analysis.statistics.distribution import Floats, Histogram
 from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
@@ -18,9 +18,7 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, ModeKind, SlaveMode
 from bcapscope.traffic.observation import Transport
 
 FAST_GRID_MS = 1
-"""Recommended period in ms in modes where a new set point replaces the set point in the buffer (DENSO Wave
-2009, How to use the Slave mode).
-"""
+"""Recommended period in ms where a new set point replaces the waiting one (DENSO Wave 2009)."""
 
 FAST_BELOW_MS = 3.0
 """Limit in ms, about the geometric mean of 1 ms and 8 ms. A session whose median cycle time is shorter has a
@@ -95,45 +93,27 @@ class TimingFacts:
 
 
 class _RecommendedTimeout(NamedTuple):
-    """A recommended time-out.
-
-    Attributes:
-        timeout_ms: Time-out of one attempt, ms.
-        tries: Maximum number of attempts, including the first.
-    """
-
     name: Message
     timeout_ms: float
     tries: int
-    kinds: frozenset[ModeKind]
+    kinds: tuple[ModeKind, ...]
     udp_only: bool
     source: str
 
 
-def _ros_timeout(case: str, timeout_ms: float, kinds: frozenset[ModeKind]) -> _RecommendedTimeout:
+def _ros_timeout(case: str, timeout_ms: float, *kinds: ModeKind) -> _RecommendedTimeout:
     name = Message(f"timeout.{case}", timeout=Quantity(timeout_ms, "ms"), attempts=Count(3, "attempt"))
     return _RecommendedTimeout(name, timeout_ms, 3, kinds, False, _DRIVER)
 
 
+_SYNC = Message("timeout.sync", timeout=Quantity(2, "ms"), retries=Count(7, "retry"))
+_ASYNC = Message("timeout.async", timeout=Quantity(2, "ms"))
+
 RECOMMENDED_TIMEOUTS = (
-    _RecommendedTimeout(
-        Message("timeout.sync", timeout=Quantity(2, "ms"), retries=Count(7, "retry")),
-        2.0,
-        8,
-        frozenset({ModeKind.SYNC}),
-        True,
-        _GUIDE,
-    ),
-    _RecommendedTimeout(
-        Message("timeout.async", timeout=Quantity(2, "ms")),
-        2.0,
-        1,
-        frozenset({ModeKind.ASYNC, ModeKind.MODE_1}),
-        True,
-        _GUIDE,
-    ),
-    _ros_timeout("ros-mode-2", 16.0, frozenset({ModeKind.MODE_2})),
-    _ros_timeout("ros-modes-0-1", 8.0, frozenset({ModeKind.MODE_0, ModeKind.MODE_1})),
+    _RecommendedTimeout(_SYNC, 2.0, 8, (ModeKind.SYNC,), True, _GUIDE),
+    _RecommendedTimeout(_ASYNC, 2.0, 1, (ModeKind.ASYNC, ModeKind.MODE_1), True, _GUIDE),
+    _ros_timeout("ros-mode-2", 16.0, ModeKind.MODE_2),
+    _ros_timeout("ros-modes-0-1", 8.0, ModeKind.MODE_0, ModeKind.MODE_1),
 )
 """Recommended time-outs for slvMove."""
 
@@ -179,9 +159,7 @@ class TimingModel:
         self._gaps: list[SetPointFact] = []
 
     def add(self, rows: SetPointTable) -> Floats:
-        """Add set points. For each of them, return the time in ms since the previous set point; NaN for the
-        very first set point.
-        """
+        """Add set points. Return the cycle time in ms before each of them; NaN for the very first."""
         cycles = np.diff(rows.times, prepend=self._last) / 1e6
         if self._first is None:
             self._first = int(rows.times[0])
@@ -220,7 +198,7 @@ class TimingModel:
         slow = np.flatnonzero(known > least)
         if len(slow):
             slow = slow[np.argsort(-known[slow], kind="stable")][:MAX_SLOWEST]
-            found = [(float(known[row]), set_point_fact(rows, row, cycles)) for row in slow.tolist()]
+            found = [(float(known[row]), rows.fact(row, cycles)) for row in slow.tolist()]
             merged = sorted((*self._slowest, *found), key=lambda each: -each[0])
             self._slowest = merged[:MAX_SLOWEST]
 
@@ -228,7 +206,7 @@ class TimingModel:
         gaps = np.flatnonzero(cycles > self._slack_ms)
         self._gap_count += len(gaps)
         for row in gaps[: MAX_LISTED - len(self._gaps)].tolist():
-            self._gaps.append(set_point_fact(rows, row, cycles))
+            self._gaps.append(rows.fact(row, cycles))
 
     def facts(self) -> TimingFacts:
         return TimingFacts(

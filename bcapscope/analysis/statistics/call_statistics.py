@@ -34,14 +34,10 @@ tracker keeps the call open for 180 s (`pairing_windows.EXECUTION_NS`).
 """
 
 OTHER_KINDS = CallKind(0, None)
-"""Stands for all kinds of call that are not counted separately, because `MAX_KINDS` was reached. No function
-has the id 0.
-"""
+"""All kinds of call beyond `MAX_KINDS`. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, SERVER_PORT)
-"""Represents all clients that appear after the statistics hold twice `MAX_KINDS` pairs of client and call
-kind.
-"""
+"""All clients beyond twice `MAX_KINDS` pairs of client and call kind."""
 
 _FLUSH_AT = 512
 _MILLISECOND = 1_000_000
@@ -124,8 +120,8 @@ class Statistics:
 
 
 class _CallTally:
-    """Counts calls of one kind. For speed, plain successes (nearly all calls) are first collected and then
-    counted together.
+    """Counts calls of one kind. For speed, plain successes (nearly all calls) are collected and counted
+    together.
     """
 
     def __init__(self) -> None:
@@ -168,7 +164,6 @@ class _CallTally:
             self.codes[code] += 1
 
     def flush(self) -> None:
-        """Count the plain successes collected so far, and move all latencies to the histogram."""
         self.calls += len(self.smooth_latencies)
         self.outcomes[Outcome.ANSWERED] += len(self.smooth_latencies)
         latencies = self.smooth_latencies + self.other_latencies
@@ -177,7 +172,7 @@ class _CallTally:
         self.smooth_latencies, self.other_latencies = [], []
 
     def merge(self, other: _CallTally) -> None:
-        """Flush `other`, then add its counts to this tally."""
+        """Add the counts of `other`, which must be flushed."""
         for name in ("calls", "retries", "retried", "late", "executing", "request_bytes", "waited"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.outcomes.update(other.outcomes)
@@ -209,14 +204,9 @@ class _CallTally:
 
 
 class StatisticsBuilder(PipelineSubscriber):
-    """Counts completed calls. The memory for the counts grows with the number of call kinds, not with the
-    number of calls.
-    """
+    """Counts completed calls. The memory grows with the number of call kinds, not of calls."""
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
-        """Create a builder that counts the calls for which `is_selected` returns True. By default, it counts
-        all calls.
-        """
         self._is_selected = is_selected
         self._tallies: dict[tuple[Conversation, CallKind], _CallTally] = {}
         self._conversation: Conversation | None = None
@@ -247,43 +237,32 @@ class StatisticsBuilder(PipelineSubscriber):
         places.add_call(call)
 
     def add_call(self, call: Call) -> None:
-        """Count a call if it is selected."""
         self.on_call(call, None)
 
     def statistics(self, start: int | None = None, end: int | None = None) -> Statistics | None:
-        """Return the figures so far; None if no call was counted.
-
-        Args:
-            start: Start of the period for rates and shares, ns since 1970; by default the time of the first
-                request.
-            end: End of the period, ns since 1970; by default the time of the last frame of a call.
+        """Return the figures so far, for the period from `start` to `end` (by default the time of the
+        captured calls), both in ns since 1970; None if no call was counted.
         """
         if self._start is None:
             return None
         start, end = self._start if start is None else start, self._end if end is None else end
         span = end - start
         commands = [StatisticsRow(*key, tally.figures(span)) for key, tally in self._tallies.items()]
-        clients: dict[Conversation, _CallTally] = {}
-        kinds: dict[CallKind, _CallTally] = {}
-        total = _CallTally()
+        wholes: dict[tuple[Conversation | None, CallKind | None], _CallTally] = {}
         for (conversation, kind), tally in self._tallies.items():
-            for whole in (
-                clients.setdefault(conversation, _CallTally()),
-                kinds.setdefault(kind, _CallTally()),
-                total,
-            ):
-                whole.merge(tally)
-        by_client = [
-            StatisticsRow(conversation, None, tally.figures(span)) for conversation, tally in clients.items()
-        ]
-        by_kind = [StatisticsRow(None, kind, tally.figures(span)) for kind, tally in kinds.items()]
+            for group in ((conversation, None), (None, kind), (None, None)):
+                wholes.setdefault(group, _CallTally()).merge(tally)
+        total = StatisticsRow(None, None, wholes.pop((None, None)).figures(span))
+        rows = [StatisticsRow(*group, tally.figures(span)) for group, tally in wholes.items()]
+        clients = [row for row in rows if row.call_kind is None]
+        kinds = [row for row in rows if row.call_kind is not None]
         return Statistics(
             start,
             end,
-            StatisticsRow(None, None, total.figures(span)),
-            tuple(sorted(by_client, key=lambda row: -row.figures.calls)),
+            total,
+            tuple(sorted(clients, key=lambda row: -row.figures.calls)),
             tuple(sorted(commands, key=_time_taken)),
-            tuple(sorted(by_kind, key=_time_taken)),
+            tuple(sorted(kinds, key=_time_taken)),
             tuple(places.figures() for places in self._places.values()),
         )
 

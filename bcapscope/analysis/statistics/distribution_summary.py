@@ -43,8 +43,7 @@ class DistributionSummary:
     bins: tuple[Bin, ...] = ()
 
     def scaled(self, factor: float) -> DistributionSummary:
-        """Return the summary in another unit: all values are multiplied by `factor`, and the bins are left
-        out."""
+        """Return the summary with all values multiplied by `factor`, and without bins."""
         points = (self.mean, self.least, self.most, self.p50, self.p90, self.p99, self.p999)
         mean, least, most, p50, p90, p99, p999 = (point * factor for point in points)
         return DistributionSummary(self.count, mean, least, most, p50, p90, p99, p999)

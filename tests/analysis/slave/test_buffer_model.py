@@ -15,11 +15,12 @@ from bcapscope.analysis.slave.buffer_model import (
     BufferBehaviour,
     BufferFacts,
     BufferModel,
-    SetPointArrivals,
 )
 from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
+from bcapscope.analysis.slave.set_point_table import SetPointTable
 from bcapscope.protocol.slave_mode.modes import Generation, slave_mode_by_number
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL
+from tests.analysis.slave.set_points import set_points
 
 MS = 1_000_000
 PERIOD = 8 * MS
@@ -34,22 +35,19 @@ def arrivals(
     times: Sequence[float],
     replies: Sequence[float] = (),
     codes: dict[int, int] | None = None,
-    moving: int = 1,
-) -> SetPointArrivals:
+) -> SetPointTable:
     """Make set points of milliseconds; frames are 1, 3, 5, their replies one more."""
-    count = len(times)
-    frames = np.arange(count) * 2 + 1
     sent = np.array([round(time * MS) for time in times], np.int64)
     entered = np.array([round(time * MS) for time in replies], np.int64) if replies else sent
-    results = np.zeros(count, np.int64)
+    results = np.zeros(len(times), np.int64)
     for index, code in (codes or {}).items():
         results[index] = code
-    return SetPointArrivals(sent, entered, results, frames, frames + 1, np.full(count, moving))
+    return set_points(sent, entered, results)
 
 
-def after(rows: SetPointArrivals, how: BufferBehaviour) -> BufferFacts:
+def after(rows: SetPointTable, how: BufferBehaviour, moving: int = 1) -> BufferFacts:
     model = BufferModel(how, ORIGIN)
-    model.add(rows)
+    model.add(rows, np.full(len(rows.times), moving))
     return model.facts()
 
 
@@ -76,10 +74,8 @@ def ticking(times: Sequence[int]) -> list[tuple[int, int]]:
 def test_without_a_limit_the_model_is_a_controller_that_ticks(gaps: list[int]) -> None:
     times = np.cumsum([0, *gaps])
     endless = BufferBehaviour(10_000, overwrites=False, replies_pace=False, assumptions=())
-    frames = np.arange(len(times)) + 1
-    zeros = np.zeros(len(times), np.int64)
     model = BufferModel(endless, ORIGIN)
-    model.add(SetPointArrivals(times, times, zeros, frames, frames, zeros))
+    model.add(set_points(times), np.zeros(len(times), np.int64))
     facts = model.facts()
     played = ticking(times.tolist())
     assert facts.possible_underflows == sum(missed == 1 for _, missed in played)
@@ -90,33 +86,32 @@ def test_without_a_limit_the_model_is_a_controller_that_ticks(gaps: list[int]) -
 
 
 @st.composite
-def traffic(draw: st.DrawFn) -> SetPointArrivals:
+def traffic(draw: st.DrawFn) -> tuple[list[int], list[int]]:
+    """Return the times of set points and of their replies."""
     count = draw(st.integers(1, 50))
     pace = draw(st.sampled_from([0, MS, 7 * MS, PERIOD, PERIOD + MS]))
     jitter = draw(st.lists(st.integers(0, 3 * MS), min_size=count, max_size=count))
     times = np.cumsum(np.array(jitter, np.int64) + pace)
     waits = draw(st.lists(st.integers(0, PERIOD), min_size=count, max_size=count))
-    frames = np.arange(count) + 1
-    zeros = np.zeros(count, np.int64)
-    return SetPointArrivals(times, times + np.array(waits, np.int64), zeros, frames, frames, zeros)
+    return times.tolist(), (times + np.array(waits, np.int64)).tolist()
 
 
 MODES = st.sampled_from([rules(0x002), rules(0x102), rules(0x202), rules(0x002, Generation.RC7)])
 
 
 @given(traffic(), MODES, st.integers(0, 50))
-def test_many_at_once_and_one_by_one_agree(rows: SetPointArrivals, how: BufferBehaviour, cut: int) -> None:
+def test_many_at_once_and_one_by_one_agree(
+    times: tuple[list[int], list[int]], how: BufferBehaviour, cut: int
+) -> None:
     models = BufferModel(how, ORIGIN), BufferModel(how, ORIGIN)
-    pieces = (
-        SetPointArrivals(*(column[:cut] for column in rows)),
-        SetPointArrivals(*(column[cut:] for column in rows)),
-    )
     slacks: list[list[int]] = [[], []]
-    for piece in pieces:
-        if len(piece.times):
-            slacks[0] += models[0].add(piece).tolist()
+    for part in (slice(cut), slice(cut, None)):
+        sent, replied = (np.array(each[part], np.int64) for each in times)
+        if len(sent):
+            piece, still = set_points(sent, replied), np.zeros(len(sent), np.int64)
+            slacks[0] += models[0].add(piece, still).tolist()
             with patch.object(BufferModel, "_add_at_once", return_value=None):
-                slacks[1] += models[1].add(piece).tolist()
+                slacks[1] += models[1].add(piece, still).tolist()
     assert slacks[0] == slacks[1]
     assert models[0].facts() == models[1].facts()
 
@@ -145,7 +140,7 @@ def test_a_pause_is_told_with_the_frames_on_both_sides() -> None:
 
 @pytest.mark.parametrize(("moving", "told", "counted"), [(1, True, 1), (0, False, 0), (-1, None, 1)])
 def test_running_empty_matters_in_motion(moving: int, told: bool | None, counted: int) -> None:
-    facts = after(arrivals([0, 8, 80], moving=moving), rules(0x202))
+    facts = after(arrivals([0, 8, 80]), rules(0x202), moving)
     assert (facts.underflows, facts.underflows_in_motion, facts.underflow_list[0].moving) == (
         1,
         counted,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from bcapscope.analysis.slave.column_templates import (
     MAX_NUMBERS,
     MAX_TEMPLATES,
     ColumnReader,
-    NumberPicker,
     PickedNumbers,
     PoseColumns,
 )
@@ -26,6 +26,7 @@ from bcapscope.protocol.slave_mode.slvmove_values import parse_feedback, parse_s
 
 R8S, R4S = ARRAY | VT.R8, ARRAY | VT.R4
 EXECUTE = 64
+Pick = Callable[[Variant], PickedNumbers]
 
 
 def pick_command(parameter: Variant) -> PickedNumbers:
@@ -68,10 +69,10 @@ results = st.one_of(
 )
 
 
-def expected(picker: NumberPicker, raws: list[bytes], variants: list[Variant], axes: int) -> PoseColumns:
+def expected(pick: Pick, raws: list[bytes], variants: list[Variant], axes: int) -> PoseColumns:
     columns = PoseColumns(len(raws), axes)
     for row, (raw, variant) in enumerate(zip(raws, variants, strict=True)):
-        pose, stamp = picker.pick(variant) if raw else ((), None)
+        pose, stamp = pick(variant) if raw else ((), None)
         if len(pose) >= axes:
             columns.poses[row], columns.has_pose[row] = pose[:axes], True
         if stamp is not None:
@@ -92,12 +93,11 @@ def test_set_points_are_read_as_one_by_one(variants: list[Variant], axes: int, c
         encode_frame(n, n % 3, EXECUTE, (i4(2), Variant(VT.BSTR, "slvMove"), variant))
         for n, variant in enumerate(variants)
     ]
-    picker = NumberPicker(2, pick_command)
-    forms = ColumnReader(picker)
+    forms = ColumnReader(2, pick_command)
     for part in (slice(cut), slice(cut, None)):
         assert_equal(
             forms.read(FrameBytes(raws[part]), len(raws[part]), axes),
-            expected(picker, raws[part], variants[part], axes),
+            expected(pick_command, raws[part], variants[part], axes),
         )
 
 
@@ -106,18 +106,17 @@ def test_set_points_are_read_as_one_by_one(variants: list[Variant], axes: int, c
 def test_results_are_read_as_one_by_one(replies: list[tuple[Variant, bool]]) -> None:
     variants = [variant for variant, _ in replies]
     raws = [encode_frame(n, 0, 0, (variant,)) if there else b"" for n, (variant, there) in enumerate(replies)]
-    picker = NumberPicker(0, pick_result)
-    assert_equal(read(picker, raws), expected(picker, raws, variants, 8))
+    assert_equal(read(0, pick_result, raws), expected(pick_result, raws, variants, 8))
 
 
-def read(picker: NumberPicker, raws: list[bytes]) -> PoseColumns:
-    return ColumnReader(picker).read(FrameBytes(raws), len(raws), 8)
+def read(argument: int, pick: Pick, raws: list[bytes]) -> PoseColumns:
+    return ColumnReader(argument, pick).read(FrameBytes(raws), len(raws), 8)
 
 
 def test_a_handle_belongs_to_the_form() -> None:
     pose = Variant.array(VT.R8, tuple(map(float, range(8))))
     raws = [encode_frame(n, 0, EXECUTE, (i4(n % 2), Variant(VT.BSTR, "slvMove"), pose)) for n in range(6)]
-    assert read(NumberPicker(2, pick_command), raws).has_pose.all()
+    assert read(2, pick_command, raws).has_pose.all()
 
 
 def test_more_forms_than_are_kept() -> None:
@@ -126,7 +125,7 @@ def test_more_forms_than_are_kept() -> None:
         encode_frame(n, 0, EXECUTE, (i4(n), Variant(VT.BSTR, "slvMove"), pose))
         for n in range(MAX_TEMPLATES * 3)
     ]
-    columns = read(NumberPicker(2, pick_command), raws)
+    columns = read(2, pick_command, raws)
     assert columns.has_pose.all()
     assert (columns.poses == np.arange(8)).all()
 
@@ -136,20 +135,20 @@ def test_other_framings_are_read_on_their_own(framing: Framing) -> None:
     pose = Variant.array(VT.R8, tuple(map(float, range(8))))
     reserved = 0 if framing is Framing.SERIAL_LINE else 1
     raws = [encode_frame(n, reserved, EXECUTE, (i4(1), EMPTY, pose), framing) for n in range(3)]
-    columns = read(NumberPicker(2, pick_command), raws)
+    columns = read(2, pick_command, raws)
     assert (columns.poses == np.arange(8)).all()
 
 
 def test_very_many_numbers() -> None:
     row = tuple(map(float, range(MAX_NUMBERS + 1)))
     raw = encode_frame(1, 0, EXECUTE, (i4(1), EMPTY, Variant.array(VT.R8, row)))
-    columns = read(NumberPicker(2, lambda variant: (pose_numbers(variant) or (), None)), [raw, raw])
+    columns = read(2, lambda variant: (pose_numbers(variant) or (), None), [raw, raw])
     assert (columns.poses == np.arange(8)).all()
 
 
 @given(st.lists(st.binary(max_size=40).map(lambda tail: struct.pack("<BIHHIH", 1, 99, 0, 0, 64, 3) + tail)))
 def test_no_bytes_break_it(raws: list[bytes]) -> None:
-    columns = read(NumberPicker(2, pick_command), raws)
+    columns = read(2, pick_command, raws)
     assert len(columns.poses) == len(raws)
 
 
@@ -159,5 +158,5 @@ def test_a_damaged_frame_among_sound_ones(position: int, byte: int) -> None:
     sound = encode_frame(1, 0, EXECUTE, (i4(1), Variant(VT.BSTR, "slvMove"), pose))
     damaged = bytearray(sound)
     damaged[position % len(sound)] = byte
-    columns = read(NumberPicker(2, pick_command), [sound, bytes(damaged), sound])
+    columns = read(2, pick_command, [sound, bytes(damaged), sound])
     assert (columns.poses[[0, 2]] == np.arange(8)).all()

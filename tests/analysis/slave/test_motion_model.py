@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from bcapscope.analysis.slave.column_templates import PoseColumns
 from bcapscope.analysis.slave.motion_model import (
     JUMP_TIMES,
     LARGEST_STEP,
@@ -18,12 +19,11 @@ from bcapscope.analysis.slave.motion_model import (
     JumpKind,
     MotionFacts,
     MotionModel,
-    PoseTable,
-    StartDistance,
 )
 from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, Axis
+from tests.analysis.slave.set_points import set_points
 
 JOINTS = AXES[PoseType.J][:2]
 NAN = float("nan")
@@ -40,20 +40,20 @@ def followed(
 ) -> MotionFacts:
     """Follow points whose frames are 1, 3, 5 and so on, in pieces that end at `cuts`."""
     count, width = len(points), len(axes)
-    commanded = np.array(points, np.float64).reshape(count, width)
-    back = np.full((count, width), np.nan)
-    for row, pose in enumerate(returned):
-        if pose is not None:
-            back[row] = pose
-    answered = np.array([pose is not None for pose in returned] + [False] * (count - len(returned)))
-    readable = np.array([row not in unreadable for row in range(count)], np.bool_)
+    poses = np.array(points, np.float64).reshape(count, width)
     model = MotionModel(axes, pose_type, guessed=False)
     for part in np.split(np.arange(count), sorted(cuts)):
+        if not len(part):
+            continue
+        commanded, back = PoseColumns(len(part), width), PoseColumns(len(part), width)
+        for row, at in enumerate(part.tolist()):
+            commanded.poses[row], commanded.has_pose[row] = poses[at], at not in unreadable
+            pose = returned[at] if at < len(returned) else None
+            if pose is not None:
+                back.poses[row], back.has_pose[row] = pose, True
         frames = part * 2 + 1
-        model.add(
-            PoseTable(commanded[part], readable[part], back[part], answered[part], frames, frames * 1_000_000)
-        )
-    return model.facts(8.0, StartDistance())
+        model.add(set_points(frames * 1_000_000, frames=frames), commanded, back)
+    return model.facts(8.0)
 
 
 VALUES = st.sampled_from([0.0, 0.01, 0.5, 1.0, 3.0, 90.0, -120.0])
