@@ -126,7 +126,7 @@ class Capture:
 
     def _read_frames(self, wanted: Filter | None) -> Iterator[AnnotatedFrame]:
         source, problems = self._start()
-        kind_of, comments = RecentRequests().kind_of, source.comments
+        kind_of, comments = RecentRequests().kind_of, source.decoder.comments
         frames: Iterator[AnnotatedFrame] = (
             AnnotatedFrame(seen, kind_of(seen), comments.get(seen.packet, ()) if comments else ())
             for seen in source.observations()
@@ -163,7 +163,7 @@ class Capture:
         for _ in read_items(source, source.pipeline(diagnosis), []):
             pass
         totals = diagnosis.totals(source.ended_at)
-        find_frame = source.find_frame if len(source.paths) > 1 else None
+        find_frame = source.find_frame if len(source.captures.paths) > 1 else None
         for number, finding in enumerate(diagnosis.findings(source.ended_at), 1):
             yield reported_finding(number, finding, totals, find_frame)
         problems.raise_first()

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from heapq import heappop, heappush
 from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from bcapscope.capture.capture_file import CaptureFile
 from bcapscope.capture.packet import Packet
@@ -193,13 +193,23 @@ def capture_names(paths: Sequence[str]) -> dict[str, str]:
     return {path: name if count[name := Path(path).name] == 1 else path for path in paths}
 
 
-class PacketOrigins(Protocol):
-    """Knows where packets are found."""
+class FrameOrigins:
+    """Finds the packet that completed a frame. A decoder adds the packets."""
 
-    def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return the capture that holds a packet, and the packet's number there; None if not known. `packet`
-        is the packet's number among the packets of all captures.
+    def __init__(self, origin_of_packet: Callable[[int], PacketOrigin | None]) -> None:
+        self._packets_of_frames = RunTable()
+        self._origin_of_packet = origin_of_packet
+
+    def add(self, frame: int, packet: int) -> None:
+        """Remember in which packet a frame is. The next frame is in the next packet, and so on, until this
+        method is called again.
         """
+        self._packets_of_frames.add(frame, 0, packet)
+
+    def origin_of(self, frame: int) -> PacketOrigin | None:
+        """Return the capture and the packet that hold the frame with this number; None if not known."""
+        found = self._packets_of_frames.find(frame)
+        return None if found is None else self._origin_of_packet(found[1])
 
 
 def _add_next(reading: list[_Reading], index: int, packets: Iterator[Packet]) -> None:

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from bcapscope.capture import run_table
 from bcapscope.capture.capture_file import open_capture
-from bcapscope.capture.capture_sequence import CaptureSequence, PacketOrigin, capture_names
-from bcapscope.capture.frame_origins import FrameOrigins
+from bcapscope.capture.capture_sequence import CaptureSequence, FrameOrigins, PacketOrigin, capture_names
 from bcapscope.capture.packet import Interface
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.errors import CaptureError
@@ -69,7 +68,7 @@ def test_a_frame_has_the_origin_of_the_packet_that_completed_it(tmp_path: Path) 
     other.write_bytes(pcap_header() + pcap_record(b"no IP at all", 1_700_000_005))
     paths = [*sequence.paths, str(other)]
     sequence = CaptureSequence(paths, capture_names(paths), open_capture, lambda path, error: None)
-    origins = FrameOrigins(sequence)
+    origins = FrameOrigins(sequence.origin_of)
     decoder = PacketDecoder()
     decoder.note_packet = origins.add
     assert len(list(decoder.decode(sequence))) == 4
