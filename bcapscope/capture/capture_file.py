@@ -60,10 +60,7 @@ class CaptureFile:
             CaptureError: The stream is not a capture, or is damaged or incomplete. Before this error, the
                 iterator yields all packets that precede the damage.
         """
-        source = ByteSource(self._read_chunk)
-        if source.ensure_bytes(2) and source.data.startswith(GZIP_MAGIC):
-            source = ByteSource(GzipReader(self._read_chunk, source.data))
-        source.ensure_bytes(4)
+        source = _open_source(self._read_chunk)
         return _reader_for(source.data)(source)
 
     def _read_chunk(self, size: int) -> bytes:
@@ -96,15 +93,21 @@ def is_capture(path: str) -> bool:
     """
     try:
         with Path(path).open("rb", buffering=0) as stream:
-            source = ByteSource(stream.read)
-            if source.ensure_bytes(2) and source.data.startswith(GZIP_MAGIC):
-                source = ByteSource(GzipReader(stream.read, source.data))
-            source.ensure_bytes(4)
+            head = _open_source(stream.read).data[:4]
     except OSError:
         return True
     except CaptureError:
         return False
-    return source.data[:4] in MAGICS or source.data[:4] == MAGIC
+    return head in MAGICS or head == MAGIC
+
+
+def _open_source(read: ChunkReader) -> ByteSource:
+    """Read the first four bytes or more, after decompression if the stream is compressed."""
+    source = ByteSource(read)
+    if source.ensure_bytes(2) and source.data.startswith(GZIP_MAGIC):
+        source = ByteSource(GzipReader(read, source.data))
+    source.ensure_bytes(4)
+    return source
 
 
 def _reader_for(head: bytes) -> _FormatReader:
