@@ -69,9 +69,6 @@ def _decode_packet(packet: HexPacket) -> Frame | Malformed:
 
 
 def _lone_argument_problems(data: bytes) -> Iterator[Problem]:
-    """Yield a problem if the bytes are only one argument of a frame, such as an argument copied from a table
-    of fields.
-    """
     size = (SMALLEST_FRAME + len(data)).to_bytes(4, "little")
     frame = Frame(bytes((SOH,)) + size + bytes(8) + b"\1\0" + data + bytes((EOT,)))
     if not frame.problems:
@@ -80,7 +77,6 @@ def _lone_argument_problems(data: bytes) -> Iterator[Problem]:
 
 
 def _command_problem(request: Frame) -> Problem | None:
-    """Return a problem if the command of a request is unknown but resembles a known command; else None."""
     name = command_name(request.code, [argument.variant for argument in request.arguments])
     near = similar_command(request.code, name) if find_command(request.code, name) is None else None
     if near is None:

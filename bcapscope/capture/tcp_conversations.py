@@ -159,9 +159,6 @@ class TcpConversations:
         return tracked.conversation.release_items()
 
     def _reset_as_not_bcap(self, tracked: _TrackedConnection) -> None:
-        """Count the connection's segments as not b-CAP, and start to detect the connection's protocol
-        anew.
-        """
         self._counts.not_bcap += tracked.unconfirmed_segments
         tracked.connection.close(0, 0)
         tracked.conversation, tracked.unconfirmed_segments = None, 0

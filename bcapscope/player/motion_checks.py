@@ -242,7 +242,6 @@ def _check_axis_limits(
 
 
 def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Check how fast the direction vectors of T type turn."""
     if context.step is None:
         return
     points, most = context.trajectory.points, MAX_ARM_SPEED[_DIRECTIONS.unit]
