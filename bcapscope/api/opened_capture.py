@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from bcapscope.api.data_tables import CALL_COLUMNS, FRAME_COLUMNS, Records, TableRecords
 from bcapscope.api.word_choice import choose
-from bcapscope.capture.capture_file import open_capture
-from bcapscope.capture.capture_folder import expand_folders
+from bcapscope.capture.capture_file import expand_folders, open_capture
 from bcapscope.capture.capture_input import CaptureInput, read_items
 from bcapscope.errors import CaptureError, InputError
 from bcapscope.messages import Message

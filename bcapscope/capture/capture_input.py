@@ -8,8 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from functools import partial
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from bcapscope.capture.capture_file import CaptureFile, open_capture
-from bcapscope.capture.capture_folder import expand_folders
+from bcapscope.capture.capture_file import CaptureFile, expand_folders, open_capture
 from bcapscope.capture.capture_sequence import CaptureSequence, FrameOrigins, capture_names
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import PacketDecoder
