@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import stat
+from array import array
+from bisect import bisect_right
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from heapq import heappop, heappush
@@ -12,11 +14,15 @@ from typing import NamedTuple, TypeAlias
 
 from bcapscope.capture.capture_file import CaptureFile
 from bcapscope.capture.packet import Packet
-from bcapscope.capture.run_table import RunTable
 from bcapscope.errors import CaptureError
 
 STDIN = "-"
 """Path of standard input."""
+
+MAX_RUNS = 2_000_000
+"""Maximum number of runs in a table; a table of this size takes 40 MB. If the table is full, the sources of
+later packets and frames are unknown.
+"""
 
 _NEVER = 1 << 64  # a time later than that of any packet, ns since 1970
 
@@ -156,7 +162,10 @@ class CaptureSequence:
         while waiting or reading:
             while waiting and (not reading or waiting[0][1] <= reading[0][0]):
                 index, _ = waiting.popleft()
-                _add_next(reading, index, self._packets_of(index))
+                packets = self._packets_of(index)
+                first = next(packets, None)
+                if first is not None:
+                    heappush(reading, (first[0], index, first, packets))
             if not reading:
                 continue
             _, index, packet, packets = heappop(reading)
@@ -193,6 +202,45 @@ def capture_names(paths: Sequence[str]) -> dict[str, str]:
     return {path: name if count[name := Path(path).name] == 1 else path for path in paths}
 
 
+class RunTable:
+    """A table of runs. Each run maps successive numbers to successive numbers in one source, such as a
+    capture.
+    """
+
+    def __init__(self) -> None:
+        self._starts = array("Q")
+        self._sources = array("I")
+        self._numbers = array("Q")
+
+    def add(self, start: int, source: int, number: int) -> None:
+        """Begin a run: `start` corresponds to `number` in `source`, `start` + 1 to `number` + 1, and so on.
+
+        If the new run begins at the same number as the latest run, the new run replaces the latest run. If
+        the new run only continues the latest run, the table does not change.
+        """
+        if len(self._starts) > MAX_RUNS:
+            return
+        if self._starts:
+            same_distance = number - start == self._numbers[-1] - self._starts[-1]
+            if same_distance and source == self._sources[-1]:
+                return
+            if start == self._starts[-1]:
+                self._sources[-1], self._numbers[-1] = source, number
+                return
+        self._starts.append(start)
+        self._sources.append(source)
+        self._numbers.append(number)
+
+    def find(self, number: int) -> tuple[int, int] | None:
+        """Return the source of a number, and the corresponding number in this source; None if no run has the
+        number.
+        """
+        at = bisect_right(self._starts, number) - 1
+        if at < 0 or at == MAX_RUNS:
+            return None
+        return self._sources[at], self._numbers[at] + number - self._starts[at]
+
+
 class FrameOrigins:
     """Finds the packet that completed a frame. A decoder adds the packets."""
 
@@ -210,12 +258,6 @@ class FrameOrigins:
         """Return the capture and the packet that hold the frame with this number; None if not known."""
         found = self._packets_of_frames.find(frame)
         return None if found is None else self._origin_of_packet(found[1])
-
-
-def _add_next(reading: list[_Reading], index: int, packets: Iterator[Packet]) -> None:
-    packet = next(packets, None)
-    if packet is not None:
-        heappush(reading, (packet[0], index, packet, packets))
 
 
 def _file_size(path: str) -> int | None:

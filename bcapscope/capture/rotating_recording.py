@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from bcapscope.capture.append_log import write_all
 from bcapscope.capture.pcapng_writer import is_packet_block
 from bcapscope.capture.socket_recording import SocketRecording
 from bcapscope.messages import Message
@@ -176,9 +177,7 @@ class RotatingRecording(io.RawIOBase):
             OSError: The file cannot be written, and no file can be removed.
         """
         try:
-            rest = memoryview(data)
-            while rest:
-                rest = rest[self._file.write(rest) :]
+            write_all(self._file, data)
         except OSError as error:
             with suppress(OSError):
                 self._file.truncate(self._size)

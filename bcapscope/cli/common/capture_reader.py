@@ -22,8 +22,7 @@ from bcapscope.capture.capture_input import CaptureInput
 from bcapscope.capture.capture_sequence import STDIN, CaptureSequence, PacketOrigin
 from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.packet import Packet
-from bcapscope.capture.pasted_text import PastedText
-from bcapscope.capture.text_lines import text_lines
+from bcapscope.capture.pasted_text import PastedText, text_lines
 from bcapscope.cli.common.data_output import DataOutput
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.progress_bar import ReadProgressBar
