@@ -10,11 +10,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from heapq import heappop, heappush
 from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from bcapscope.capture.capture_file import CaptureFile
 from bcapscope.capture.packet import Packet
 from bcapscope.errors import CaptureError
+
+if TYPE_CHECKING:
+    from bcapscope.traffic.joining.clock_estimate import ClockEstimate
 
 STDIN = "-"
 """Path of standard input."""
@@ -78,6 +81,7 @@ class CaptureSequence:
         names: Mapping[str, str],
         open_file: Callable[[str], CaptureFile],
         on_problem: Callable[[str, CaptureError], None],
+        clocks: Mapping[str, ClockEstimate] = {},
     ) -> None:
         """Prepare to read captures.
 
@@ -86,11 +90,14 @@ class CaptureSequence:
             open_file: Function that opens the capture with a given path.
             on_problem: Function that receives the path and the error of a capture that cannot be read to its
                 end. Reading continues with the next capture.
+            clocks: Clocks of captures whose times are converted to the clock at the client's side; the key is
+                the path.
         """
         self.paths = list(paths)
         self.size: int | None = None
         self._open_file = open_file
         self._on_problem = on_problem
+        self._clocks = clocks
         self._open: dict[int, CaptureFile] = {}
         self._bytes_finished = 0
         self._counts: list[int] = []
@@ -145,7 +152,7 @@ class CaptureSequence:
                 continue
             try:
                 with self._open_file(each.path) as file:
-                    first = next(iter(file), None)
+                    first = next(self._timed(each.path, file), None)
             except CaptureError as error:
                 self._on_problem(each.path, error)
                 continue
@@ -186,12 +193,19 @@ class CaptureSequence:
         try:
             with self._open_file(path) as file:
                 self._open[index] = file
-                yield from file
+                yield from self._timed(path, file)
         except CaptureError as error:
             self._on_problem(path, error)
         finally:
             opened = self._open.pop(index, None)
             self._bytes_finished += opened.position if opened is not None else 0
+
+    def _timed(self, path: str, file: CaptureFile) -> Iterator[Packet]:
+        clock = self._clocks.get(path)
+        if clock is None:
+            return iter(file)
+        convert = clock.to_client_clock
+        return ((convert(packet[0]), *packet[1:]) for packet in file)
 
 
 def capture_names(paths: Sequence[str]) -> dict[str, str]:
