@@ -69,7 +69,6 @@ class CaptureInput:
         self.on_first_time: Callable[[int], object] = lambda time: None
         self.first_time = 0
         self.plans: list[PlacePlan] = []
-        self._packets_of = packets_of
         self._side = side
         self._taken_at = taken_at
         self._joiner: Joiner | None = None
@@ -77,28 +76,23 @@ class CaptureInput:
         expanded = list(expand_folders(paths, on_problem))
         names = capture_names(expanded)
         open_sequence = partial(CaptureSequence, names=names, open_file=open_file, on_problem=on_problem)
-        self._sequence = open_sequence(expanded)
-        self._packet_decoder = PacketDecoder(known_ports)
-        self._places: PlaceDecoder | None = None
+        captures = open_sequence(expanded)
+        decoder = PacketDecoder(known_ports)
+        self.captures: CaptureSequence | PlaceDecoder = captures
+        self.decoder: PacketDecoder | PlaceDecoder = decoder
+        self._read = lambda: decoder.decode(packets_of(captures))
         if len(expanded) > 1:
-            self._places = self._plan_places(expanded, known_ports, open_sequence)
-        self.decoder: PacketDecoder | PlaceDecoder = self._places or self._packet_decoder
-        self.captures: CaptureSequence | PlaceDecoder = self._places or self._sequence
+            from bcapscope.capture.place_decoder import PlaceDecoder  # noqa: PLC0415 - only several captures need it
+            from bcapscope.capture.place_plan import plan_places  # noqa: PLC0415 - as above
+
+            self.plans = plan_places(expanded, known_ports)
+            if self.plans:
+                places = PlaceDecoder(expanded, self.plans, known_ports, open_sequence)
+                self.captures = self.decoder = places
+                self._read = places.observations
         self.frame_origins = FrameOrigins(self.captures.origin_of)
         if len(expanded) > 1:
             self.remember_origins()
-
-    def _plan_places(
-        self,
-        paths: Sequence[str],
-        ports: Collection[int],
-        open_sequence: Callable[[Sequence[str]], CaptureSequence],
-    ) -> PlaceDecoder | None:
-        from bcapscope.capture.place_decoder import PlaceDecoder  # noqa: PLC0415 - only for several captures
-        from bcapscope.capture.place_plan import plan_places  # noqa: PLC0415 - as above
-
-        self.plans = plan_places(paths, ports)
-        return PlaceDecoder(paths, self.plans, ports, open_sequence) if self.plans else None
 
     def observations(self) -> Iterator[Observation]:
         """Yield all frames of the input, or only the frames captured at the side given to `__init__`.
@@ -109,10 +103,7 @@ class CaptureInput:
         return observations if self._side is None else self._of_side(observations, self._side)
 
     def _all_observations(self) -> Iterator[Observation]:
-        if self._places is not None:
-            observations = self._places.observations()
-        else:
-            observations = self._packet_decoder.decode(self._packets_of(self._sequence))
+        observations = self._read()
         for first in observations:
             self.first_time = first.time
             self.on_first_time(first.time)

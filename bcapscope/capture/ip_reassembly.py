@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import accumulate
 from typing import NamedTuple
 
+from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.link_layer import IPPacket
 
 REASSEMBLY_TIMEOUT = 30 * 1_000_000_000
@@ -88,13 +89,11 @@ class _PartialPacket:
 class IpReassembly:
     """Reassembles IP packets from their fragments, and keeps the fragments of packets that are still
     incomplete.
-
-    Attributes:
-        packets_lost: Number of packets dropped because fragments were missing or contradictory.
     """
 
-    def __init__(self) -> None:
-        self.packets_lost = 0
+    def __init__(self, counts: CaptureCounts) -> None:
+        """`counts` counts packets that are dropped because fragments were missing or contradictory."""
+        self._counts = counts
         self._incomplete: dict[bytes, _PartialPacket] = {}
         self._cost = 0
 
@@ -124,7 +123,7 @@ class IpReassembly:
         return ReassembledPacket(IPPacket(parts.protocol, packet.addresses, payload, 0, None), parts.began)
 
     def close(self) -> None:
-        self.packets_lost += len(self._incomplete)
+        self._counts.fragments_lost += len(self._incomplete)
         self._incomplete.clear()
         self._cost = 0
 
@@ -139,5 +138,5 @@ class IpReassembly:
             key, oldest = next(iter(self._incomplete.items()))
             if oldest.began + REASSEMBLY_TIMEOUT > time and self._cost <= MEMORY_LIMIT:
                 return
-            self.packets_lost += 1
+            self._counts.fragments_lost += 1
             self._remove(key)

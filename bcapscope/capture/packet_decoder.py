@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from sys import getsizeof
 
 from bcapscope.capture.capture_counts import CaptureCounts
-from bcapscope.capture.ip_reassembly import IpReassembly, ReassembledPacket
+from bcapscope.capture.ip_reassembly import IpReassembly
 from bcapscope.capture.link_layer import ETHERNET, IP_OFFSET_FINDERS, NOT_IP, IPPacket, find_ip, read_ip
 from bcapscope.capture.packet import Interface, Packet
 from bcapscope.capture.role_detection import BCAP_PORTS
@@ -83,7 +83,7 @@ class PacketDecoder:
         self._templates = FrameTemplates()
         self._udp = UdpConversations(ports, self.counts, self._templates)
         self._tcp = TcpConversations(ports, self.counts, self._templates)
-        self._fragments = IpReassembly()
+        self._fragments = IpReassembly(self.counts)
 
     @property
     def conversations(self) -> tuple[Conversation, ...]:
@@ -186,12 +186,12 @@ class PacketDecoder:
         ip = self._find_ip_packet(data, interface.linktype)
         if ip is None:
             return []
-        whole = self._reassemble(ip, time)
+        whole = self._fragments.add(ip, time)
         for _ in range(DEEPEST_TUNNEL):
             carried = None if whole is None else packet_in_tunnel(whole.packet)
             if carried is None:
                 break
-            whole = self._reassemble(carried, time)
+            whole = self._fragments.add(carried, time)
         if whole is None:
             return []
         ip, began = whole
@@ -201,11 +201,6 @@ class PacketDecoder:
             return self._decode_udp(ip, cut, TimedItem(began, time, packet, _NO_ITEM))
         self.counts.not_bcap += 1
         return []
-
-    def _reassemble(self, ip: IPPacket, time: int) -> ReassembledPacket | None:
-        whole = self._fragments.add(ip, time)
-        self.counts.fragments_lost = self._fragments.packets_lost
-        return whole
 
     def _find_ip_packet(self, data: bytes, linktype: int) -> IPPacket | None:
         if linktype not in IP_OFFSET_FINDERS:
@@ -240,7 +235,6 @@ class PacketDecoder:
     def _flush(self, time: int, packet: int) -> list[tuple[Flow, TimedItem]]:
         found = self._udp.close() + self._tcp.close(time, packet)
         self._fragments.close()
-        self.counts.fragments_lost = self._fragments.packets_lost
         self.counts.contradictions = self._tcp.contradictions
         return found
 
