@@ -147,7 +147,9 @@ class PacketDecoder:
         finally:
             counts.packets = packet
             counts.items = number
-        for flow, sighting in self._flush(time, packet):
+        rest = self._udp.close() + self._tcp.close(time, packet)
+        self._fragments.close()
+        for flow, sighting in rest:
             counts.items += 1
             note(counts.items, sighting.packet)
             yield self._make_observation(counts.items, flow, sighting)
@@ -231,12 +233,6 @@ class PacketDecoder:
             self.counts.broken += 1
             return []
         return self._tcp.receive(ip.addresses + ip.payload[:4], segment, time, packet)
-
-    def _flush(self, time: int, packet: int) -> list[tuple[Flow, TimedItem]]:
-        found = self._udp.close() + self._tcp.close(time, packet)
-        self._fragments.close()
-        self.counts.contradictions = self._tcp.contradictions
-        return found
 
 
 def _truncation_problem(there: int, size: int, cut: bool) -> Problem:

@@ -333,10 +333,6 @@ class TcpConnection:
         self.streams = (TcpStream(budget, templates), TcpStream(budget, templates))
         self.server: int | None = None
 
-    @property
-    def contradictions(self) -> int:
-        return self.streams[0].contradictions + self.streams[1].contradictions
-
     def is_reopened_by(self, sender: int, segment: TcpSegment) -> bool:
         """Return whether a segment begins a new connection between the same ports."""
         own, other = self.streams[sender], self.streams[1 - sender]
