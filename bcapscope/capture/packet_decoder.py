@@ -38,7 +38,6 @@ dropped, but never the comments of the latest packet.
 
 _TCP, _UDP = 6, 17
 _UDP_HEADER_SIZE = 8
-_NO_ITEM = Malformed(b"", ())
 
 _UDP_IN_ETHERNET = struct.Struct(">12xHBxHxxHxBxx12sH")
 """Header fields of a UDP packet over Ethernet: Ethernet type; IPv4 version and header size, length,
@@ -200,7 +199,7 @@ class PacketDecoder:
         if ip.protocol == _TCP:
             return self._decode_tcp(ip, time, packet)
         if ip.protocol == _UDP:
-            return self._decode_udp(ip, cut, TimedItem(began, time, packet, _NO_ITEM))
+            return self._decode_udp(ip, cut, (began, time, packet))
         self.counts.not_bcap += 1
         return []
 
@@ -216,7 +215,9 @@ class PacketDecoder:
         self.counts.broken += ip is None
         return ip
 
-    def _decode_udp(self, ip: IPPacket, cut: bool, timed_item: TimedItem) -> list[tuple[Flow, TimedItem]]:
+    def _decode_udp(
+        self, ip: IPPacket, cut: bool, arrival: tuple[int, int, int]
+    ) -> list[tuple[Flow, TimedItem]]:
         there = len(ip.payload) + ip.missing
         # the length is 0 if the network card fills it in later
         size = int.from_bytes(ip.payload[4:6]) or there
@@ -225,7 +226,7 @@ class PacketDecoder:
             return []
         segment = ip.payload[:size]
         note = _truncation_problem(len(segment), size, cut) if len(segment) < size else None
-        return self._udp.receive(ip.addresses, segment, timed_item, note)
+        return self._udp.receive(ip.addresses, segment, arrival, note)
 
     def _decode_tcp(self, ip: IPPacket, time: int, packet: int) -> list[tuple[Flow, TimedItem]]:
         segment = read_segment(ip.payload, ip.missing)
