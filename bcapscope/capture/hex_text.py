@@ -103,7 +103,8 @@ def _read_blocks(lines: Iterable[str]) -> Iterator[HexBlock]:
     reader = _BlockReader()
     for number, line in enumerate(lines, 1):
         reader.add_line(number, parse_line(line))
-        yield from reader.pop_finished()
+        yield from reader.finished
+        reader.finished.clear()
     if reader.last is not None:
         yield reader.last
 
@@ -113,7 +114,7 @@ class _BlockReader:
 
     def __init__(self) -> None:
         self.last: HexBlock | None = None
-        self._finished: list[HexBlock] = []
+        self.finished: list[HexBlock] = []
         self._open: HexBlock | None = None
         self._caption = ""
         self._direction: Direction | None = None
@@ -135,11 +136,6 @@ class _BlockReader:
                 self._add_end_offset(number, piece.digits)
             elif self._open is not None:
                 self._open.asterisk_bytes = min(LARGEST_REPEAT, self._repeat_budget)
-
-    def pop_finished(self) -> list[HexBlock]:
-        """Return the blocks that became complete since the previous `pop_finished`."""
-        complete, self._finished = self._finished, []
-        return complete
 
     def _add_words(self, number: int, words: str) -> None:
         stated = caption_direction(words)
@@ -204,7 +200,7 @@ class _BlockReader:
 
     def _set_last_block(self, block: HexBlock) -> None:
         if self.last is not None:
-            self._finished.append(self.last)
+            self.finished.append(self.last)
         self.last = self._open = block
 
     def _add_end_offset(self, number: int, digits: str) -> None:

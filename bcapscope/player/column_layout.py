@@ -99,9 +99,7 @@ _FILLERS = frozenset(("value", "pos", "position", "angle", "値", "位置", "角
 _WORD = re.compile(r"[a-z]+\d*|\d+|[°µμ]s?|[^\W\da-z_]+")
 _LONGEST = 80
 
-_NAMES = {
-    name.casefold(): name for name in (TIME, COUNTER, *(axis.name for kind in AXES.values() for axis in kind))
-}
+_NAMES = {TIME: TIME, COUNTER: COUNTER, **_AXIS}
 _PAIR = re.compile(r"\s*(\w+)(?:\.\.(\w+))?\s*=\s*([0-9]{1,4})(?:\.\.([0-9]{1,4}))?\s*")
 _PREFERENCE = (PoseType.J, PoseType.P, PoseType.T)
 _HALF_TURN = 180.0
