@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from bcapscope.api.data_tables import CALL_COLUMNS, FRAME_COLUMNS, Records, TableRecords
 from bcapscope.api.word_choice import choose
-from bcapscope.capture.capture_file import open_capture
-from bcapscope.capture.capture_folder import expand_folders
+from bcapscope.capture.capture_file import expand_folders, open_capture
 from bcapscope.capture.capture_input import CaptureInput, read_items
 from bcapscope.errors import CaptureError, InputError
 from bcapscope.messages import Message
@@ -126,7 +125,7 @@ class Capture:
 
     def _read_frames(self, wanted: Filter | None) -> Iterator[AnnotatedFrame]:
         source, problems = self._start()
-        kind_of, comments = RecentRequests().kind_of, source.comments
+        kind_of, comments = RecentRequests().kind_of, source.decoder.comments
         frames: Iterator[AnnotatedFrame] = (
             AnnotatedFrame(seen, kind_of(seen), comments.get(seen.packet, ()) if comments else ())
             for seen in source.observations()
@@ -163,7 +162,7 @@ class Capture:
         for _ in read_items(source, source.pipeline(diagnosis), []):
             pass
         totals = diagnosis.totals(source.ended_at)
-        find_frame = source.find_frame if len(source.paths) > 1 else None
+        find_frame = source.find_frame if len(source.captures.paths) > 1 else None
         for number, finding in enumerate(diagnosis.findings(source.ended_at), 1):
             yield reported_finding(number, finding, totals, find_frame)
         problems.raise_first()

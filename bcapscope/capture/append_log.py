@@ -43,11 +43,7 @@ class AppendLogWriter:
         self.count += 1
 
     def flush(self) -> None:
-        """Make all records visible to readers. Records are written before their index entries.
-
-        Raises:
-            OSError: A file cannot be written, such as on a full disk.
-        """
+        """Make all records visible to readers, or raise OSError. Records come before their index entries."""
         if self._offsets:
             write_all(self._file, self._pending)
             write_all(self._index, self._offsets)
@@ -59,11 +55,7 @@ class AppendLogWriter:
 
 
 def write_all(file: BinaryIO | RawIOBase, data: bytes | bytearray) -> None:
-    """Write all of `data`, since one write to an unbuffered file may accept only a part.
-
-    Raises:
-        OSError: The file cannot be written, such as on a full disk.
-    """
+    """Write all of `data`, or raise OSError. One write to an unbuffered file may accept only a part."""
     written = file.write(data) or 0
     while written < len(data):
         written += file.write(memoryview(data)[written:]) or 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping
 from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple, cast
 
@@ -26,16 +27,29 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.joining.joined_observation import JoinedObservation, join_sightings
 from bcapscope.traffic.observation import Conversation, Flow
-from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
+from bcapscope.traffic.reserved_field import ReservedFieldUsage
 
 _CALLS, _ROW_BY_FRAME = "calls", "links"
 _ROW_NUMBER = struct.Struct("<I")
-_ROLES = tuple(FrameRole)
-_CONVENTIONS = tuple(ReservedConvention)
-_RESERVED = tuple(ReplyReserved)
-_CLASSES = tuple(ObjectClass)
 
-_ObjectRecord = tuple[int, int, bytes, bytes, int, bool]
+_STATE_FIELDS = (
+    "last_activity",
+    "abandoned_at",
+    "no_reply_expected",
+    "skipped_handles",
+    "gave_up_inferred",
+    "reply_missed",
+    "crossing_ns",
+    "may_go_on",
+    "sure_until",
+    "is_at_controller",
+    "was_overtaken",
+)
+"""Attributes of a call that a record holds unchanged."""
+
+_state_of = attrgetter(*_STATE_FIELDS)
+
+_ObjectRecord = tuple[ObjectClass, int, bytes, bytes, int, bool]
 _JoinedRecord = tuple[int, int, int, bool, bool, bytes]
 """A frame that was captured at two places. Fields: the frame's number, the numbers of its sightings at the
 client's side and at the controller's side (0 if there is no sighting), `is_missed`, `is_relayed`, `note`.
@@ -52,27 +66,16 @@ class _Record(msgspec.Struct, array_like=True):
 
     number: int
     request: int
-    last_attempt: int = 0
     reply: int = 0
-    other_frames: list[tuple[int, int]] = []
-    last_activity: int = 0
-    abandoned_at: int = 0
-    no_reply_expected: bool = False
     evicted: bool = False
-    skipped_handles: int = 0
-    convention: int = 0
-    reply_reserved: int = 0
-    subject: _ObjectRecord | None = None
+    last_attempt: int = 0
+    state: tuple[int | bool | None, ...] = ()
     unseen_serials: tuple[int, ...] = ()
-    gave_up_inferred: bool = False
-    reply_missed: bool = False
-    joined: list[_JoinedRecord] = []
-    crossing_ns: int = 0
-    may_go_on: bool = False
-    sure_until: int | None = None
+    other_frames: list[tuple[FrameRole, int]] = []
     stray_replies: list[int] = []
-    is_at_controller: bool = False
-    was_overtaken: bool = False
+    joined: list[_JoinedRecord] = []
+    reserved_usage: ReservedFieldUsage = ReservedFieldUsage()
+    subject: _ObjectRecord | None = None
 
 
 _encode = msgspec.msgpack.encode
@@ -125,11 +128,7 @@ class CallStoreWriter:
         self._new_rows.update((number, self._calls.count) for number in frames if number)
 
     def flush(self) -> None:
-        """Make all added rows visible to readers.
-
-        Raises:
-            OSError: The files cannot be written, such as on a full disk.
-        """
+        """Make all added rows visible to readers, or raise OSError."""
         self._calls.flush()
         frames = sorted(self._new_rows)
         for _, run in groupby(enumerate(frames), lambda each: each[1] - each[0]):  # frames without a gap
@@ -147,32 +146,20 @@ def _record_of(call: Call, subject: TrackedObject | None) -> _Record:
     thing: _ObjectRecord | None = None
     if subject is not None:
         name, parent = encode_text(subject.name), encode_text(subject.parent)
-        kind = _CLASSES.index(subject.kind)
-        thing = (kind, subject.handle, name, parent, subject.created_by_call, subject.known_to_client)
+        thing = (subject.kind, subject.handle, name, parent, subject.created_by_call, subject.known_to_client)
     return _Record(
         call.number,
         call.request.number,
-        call.last_attempt.number,
         0 if call.reply is None else call.reply.number,
-        [(_ROLES.index(role), seen.number) for role, seen in call.other_frames],
-        call.last_activity,
-        call.abandoned_at,
-        call.no_reply_expected,
         call.evicted,
-        call.skipped_handles,
-        _CONVENTIONS.index(call.reserved_usage.convention),
-        _RESERVED.index(call.reserved_usage.reply_reserved),
-        thing,
+        call.last_attempt.number,
+        _state_of(call),
         call.unseen_serials,
-        call.gave_up_inferred,
-        call.reply_missed,
-        [_joined_record(seen) for seen in call.joined_frames],
-        call.crossing_ns,
-        call.may_go_on,
-        call.sure_until,
+        [(role, seen.number) for role, seen in call.other_frames],
         [seen.number for seen in call.stray_replies],
-        call.is_at_controller,
-        call.was_overtaken,
+        [_joined_record(seen) for seen in call.joined_frames],
+        call.reserved_usage,
+        thing,
     )
 
 
@@ -185,11 +172,7 @@ class CallStore:
     """Reads the files of a `CallStoreWriter`, even while the writer adds rows."""
 
     def __init__(self, folder: Path, observations: ObservationStore) -> None:
-        """Open the files of a `CallStoreWriter` in a folder.
-
-        Raises:
-            OSError: The folder holds no files of a `CallStoreWriter`.
-        """
+        """Open the files of a `CallStoreWriter` in a folder, or raise OSError."""
         self._observations = observations
         self._records = AppendLogReader(folder / _CALLS)
         self._row_by_frame = CachedFileReader(folder / _ROW_BY_FRAME)
@@ -216,25 +199,20 @@ class CallStore:
         kind = annotated.call_kind or CallKind(signed_function_id(request.item.code), None)
         frames = {record.request: request, **self._joined_frames(record, request.flow.conversation)}
         request = frames[record.request]
-        usage = ReservedFieldUsage(_CONVENTIONS[record.convention], _RESERVED[record.reply_reserved])
-        call = Call(record.number, request.flow.conversation, kind, request, usage)
+        call = Call(record.number, request.flow.conversation, kind, request, record.reserved_usage)
         call.last_attempt = self._read_frame(record.last_attempt, frames)
         call.reply = self._read_frame(record.reply, frames) if record.reply else None
         call.other_frames = [
-            CallFrame(_ROLES[role], self._read_frame(number, frames)) for role, number in record.other_frames
+            CallFrame(role, self._read_frame(number, frames)) for role, number in record.other_frames
         ]
-        call.last_activity, call.abandoned_at = record.last_activity, record.abandoned_at
-        call.no_reply_expected, call.skipped_handles = record.no_reply_expected, record.skipped_handles
-        call.unseen_serials, call.gave_up_inferred = record.unseen_serials, record.gave_up_inferred
-        call.reply_missed, call.crossing_ns = record.reply_missed, record.crossing_ns
-        call.may_go_on, call.sure_until = record.may_go_on, record.sure_until
         call.stray_replies = tuple(self._read_frame(number, frames) for number in record.stray_replies)
-        call.is_at_controller, call.was_overtaken = record.is_at_controller, record.was_overtaken
+        for name, value in zip(_STATE_FIELDS, record.state, strict=True):
+            setattr(call, name, value)
+        call.unseen_serials = record.unseen_serials
         call.state = CallState.EVICTED if record.evicted else CallState.SETTLED
         return StoredCall(call, None if record.subject is None else _object_from_record(record.subject))
 
     def _joined_frames(self, record: _Record, conversation: Conversation) -> dict[int, FrameObservation]:
-        """Return the frames of a call that were captured at two places; the keys are frame numbers."""
         frames: dict[int, FrameObservation] = {}
         for number, near, far, is_missed, is_relayed, note in record.joined:
             direction = self._observations.read_frame(number).observation.flow.direction
@@ -272,4 +250,4 @@ class CallStore:
 
 def _object_from_record(record: _ObjectRecord) -> TrackedObject:
     kind, handle, name, parent, created, known = record
-    return TrackedObject(_CLASSES[kind], handle, decode_text(name), decode_text(parent), created, known)
+    return TrackedObject(kind, handle, decode_text(name), decode_text(parent), created, known)

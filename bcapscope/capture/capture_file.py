@@ -1,12 +1,14 @@
-"""Open capture files and detect their format."""
+"""Open capture files, detect their format, and find the captures in folders."""
 
 from __future__ import annotations
 
+import io
 import os
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import BinaryIO, TypeAlias
+from threading import Event
+from typing import BinaryIO, TypeAlias, cast
 
 from bcapscope.capture.byte_source import GZIP_MAGIC, ByteSource, ChunkReader, GzipReader
 from bcapscope.capture.packet import Packet
@@ -17,6 +19,12 @@ from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 
 _FormatReader: TypeAlias = Callable[[ByteSource], Iterator[Packet]]
+
+POLL_INTERVAL = 0.02
+"""Time in s between two checks for new data. Users do not notice such a short time. Polling is necessary,
+because not every operating system can report that a file has grown.
+"""
+
 
 _OTHER_FORMATS = {
     b"\xa1\xb2\xcd\x34": "kuznetzov",
@@ -60,10 +68,7 @@ class CaptureFile:
             CaptureError: The stream is not a capture, or is damaged or incomplete. Before this error, the
                 iterator yields all packets that precede the damage.
         """
-        source = ByteSource(self._read_chunk)
-        if source.ensure_bytes(2) and source.data.startswith(GZIP_MAGIC):
-            source = ByteSource(GzipReader(self._read_chunk, source.data))
-        source.ensure_bytes(4)
+        source = _open_source(self._read_chunk)
         return _reader_for(source.data)(source)
 
     def _read_chunk(self, size: int) -> bytes:
@@ -77,34 +82,116 @@ class CaptureFile:
         return data
 
 
+class _GrowingFile(io.RawIOBase):
+    """A file whose `read` waits for more bytes at the end of the file, until the capture has ended."""
+
+    def __init__(self, file: io.FileIO, ended: Event, on_idle: Callable[[], None]) -> None:
+        self._file = file
+        self._ended = ended
+        self._on_idle = on_idle
+
+    def read(self, size: int = -1) -> bytes:
+        """Return up to `size` bytes; b"" only when the capture has ended."""
+        while True:
+            over = self._ended.is_set()  # check this before the read, so that no byte is missed
+            data = self._file.read(size)
+            if data or over:
+                return data or b""
+            self._on_idle()
+            self._ended.wait(POLL_INTERVAL)
+
+    def close(self) -> None:
+        self._file.close()
+        super().close()
+
+
 def open_capture(path: str | os.PathLike[str]) -> CaptureFile:
     """Open a capture file, which may be compressed with gzip. The content of the file shows its format.
 
     Raises:
         CaptureError: The file cannot be opened.
     """
+    return CaptureFile(_open_file(path))
+
+
+def follow_capture(path: Path, ended: Event, on_idle: Callable[[], None]) -> CaptureFile:
+    """Open a capture that another program still writes, until the caller sets `ended`.
+
+    The reader calls `on_idle` whenever it waits for new data.
+
+    Raises:
+        CaptureError: The file cannot be opened.
+    """
+    return CaptureFile(cast(BinaryIO, _GrowingFile(_open_file(path), ended, on_idle)))
+
+
+def _open_file(path: str | os.PathLike[str]) -> io.FileIO:
     try:
-        return CaptureFile(Path(path).open("rb", buffering=0))
+        return Path(path).open("rb", buffering=0)
     except OSError as error:
         raise CaptureError(Message("capture.cannot-open", reason=os_reason(error))) from error
 
 
-def is_capture(path: str) -> bool:
+def expand_folders(paths: Sequence[str], on_problem: Callable[[str, CaptureError], None]) -> Iterator[str]:
+    """Yield the paths, with each folder replaced by the paths of the captures in it.
+
+    A capture that is given both by its own path and by its folder is yielded once. `on_problem` receives each
+    folder that has no capture or cannot be read.
+    """
+    named = {os.path.realpath(path) for path in paths}
+    for path in paths:
+        if not os.path.isdir(path):
+            yield path
+            continue
+        try:
+            found = _captures_in(path)
+        except CaptureError as error:
+            on_problem(path, error)
+            continue
+        yield from (each for each in found if os.path.realpath(each) not in named)
+
+
+def _captures_in(folder: str) -> list[str]:
+    """Return the paths of the captures in a folder, without subfolders and hidden files, sorted by name.
+
+    Programs such as rsync give a file a hidden name while they copy it.
+
+    Raises:
+        CaptureError: The folder cannot be read, or has no capture.
+    """
+    try:
+        names = sorted(os.listdir(folder))
+    except OSError as error:
+        raise CaptureError(Message("capture.cannot-open", reason=os_reason(error))) from error
+    paths = [os.path.join(folder, name) for name in names if not name.startswith(".")]
+    found = [path for path in paths if Path(path).is_file() and _is_capture(path)]
+    if not found:
+        raise CaptureError(Message("capture.folder-without-captures"))
+    return found
+
+
+def _is_capture(path: str) -> bool:
     """Return whether a file begins like a readable capture. The file may be compressed with gzip.
 
     A file that cannot be opened counts as a capture, so that the user gets an error.
     """
     try:
         with Path(path).open("rb", buffering=0) as stream:
-            source = ByteSource(stream.read)
-            if source.ensure_bytes(2) and source.data.startswith(GZIP_MAGIC):
-                source = ByteSource(GzipReader(stream.read, source.data))
-            source.ensure_bytes(4)
+            head = _open_source(stream.read).data[:4]
     except OSError:
         return True
     except CaptureError:
         return False
-    return source.data[:4] in MAGICS or source.data[:4] == MAGIC
+    return head in MAGICS or head == MAGIC
+
+
+def _open_source(read: ChunkReader) -> ByteSource:
+    """Read the first four bytes or more, after decompression if the stream is compressed."""
+    source = ByteSource(read)
+    if source.ensure_bytes(2) and source.data.startswith(GZIP_MAGIC):
+        source = ByteSource(GzipReader(read, source.data))
+    source.ensure_bytes(4)
+    return source
 
 
 def _reader_for(head: bytes) -> _FormatReader:

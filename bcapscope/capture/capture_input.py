@@ -8,17 +8,14 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from functools import partial
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from bcapscope.capture.capture_counts import CaptureCounts
-from bcapscope.capture.capture_file import CaptureFile, open_capture
-from bcapscope.capture.capture_folder import expand_folders
-from bcapscope.capture.capture_sequence import CaptureSequence, PacketOrigin, capture_names
-from bcapscope.capture.frame_origins import FrameOrigins
+from bcapscope.capture.capture_file import CaptureFile, expand_folders, open_capture
+from bcapscope.capture.capture_sequence import CaptureSequence, FrameOrigins, capture_names
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.capture.role_detection import BCAP_PORTS
 from bcapscope.errors import CaptureError
 from bcapscope.traffic.joining.joined_observation import CapturePlace
-from bcapscope.traffic.observation import Conversation, Observation
+from bcapscope.traffic.observation import Observation
 
 if TYPE_CHECKING:
     from bcapscope.capture.place_decoder import PlaceDecoder
@@ -41,6 +38,9 @@ class CaptureInput:
         frame_origins: Finds the capture and the packet of a frame, if there are several captures or
             `remember_origins` was called.
         plans: Pairs of captures that hold the same conversations.
+        decoder: Turns the packets into observations. It has the counts, the comments and the conversations so
+            far.
+        captures: The captures without folders. It has their paths, their size and the position reached.
     """
 
     def __init__(
@@ -69,7 +69,6 @@ class CaptureInput:
         self.on_first_time: Callable[[int], object] = lambda time: None
         self.first_time = 0
         self.plans: list[PlacePlan] = []
-        self._packets_of = packets_of
         self._side = side
         self._taken_at = taken_at
         self._joiner: Joiner | None = None
@@ -77,31 +76,23 @@ class CaptureInput:
         expanded = list(expand_folders(paths, on_problem))
         names = capture_names(expanded)
         open_sequence = partial(CaptureSequence, names=names, open_file=open_file, on_problem=on_problem)
-        self._sequence = open_sequence(expanded)
-        self._packet_decoder = PacketDecoder(known_ports)
-        self._places: PlaceDecoder | None = None
+        captures = open_sequence(expanded)
+        decoder = PacketDecoder(known_ports)
+        self.captures: CaptureSequence | PlaceDecoder = captures
+        self.decoder: PacketDecoder | PlaceDecoder = decoder
+        self._read = lambda: decoder.decode(packets_of(captures))
         if len(expanded) > 1:
-            self._places = self._plan_places(expanded, known_ports, open_sequence)
-        self._decoder: PacketDecoder | PlaceDecoder = self._places or self._packet_decoder
-        self._captures: CaptureSequence | PlaceDecoder = self._places or self._sequence
-        self.frame_origins = FrameOrigins(self._captures)
+            from bcapscope.capture.place_decoder import PlaceDecoder  # noqa: PLC0415 - only several captures need it
+            from bcapscope.capture.place_plan import plan_places  # noqa: PLC0415 - as above
+
+            self.plans = plan_places(expanded, known_ports)
+            if self.plans:
+                places = PlaceDecoder(expanded, self.plans, known_ports, open_sequence)
+                self.captures = self.decoder = places
+                self._read = places.observations
+        self.frame_origins = FrameOrigins(self.captures.origin_of)
         if len(expanded) > 1:
             self.remember_origins()
-
-    def _plan_places(
-        self,
-        paths: Sequence[str],
-        ports: Collection[int],
-        open_sequence: Callable[[Sequence[str]], CaptureSequence],
-    ) -> PlaceDecoder | None:
-        """Find out which captures hold the same conversation, and prepare to decode these captures
-        together.
-        """
-        from bcapscope.capture.place_decoder import PlaceDecoder  # noqa: PLC0415 - only for several captures
-        from bcapscope.capture.place_plan import plan_places  # noqa: PLC0415 - as above
-
-        self.plans = plan_places(paths, ports)
-        return PlaceDecoder(paths, self.plans, ports, open_sequence) if self.plans else None
 
     def observations(self) -> Iterator[Observation]:
         """Yield all frames of the input, or only the frames captured at the side given to `__init__`.
@@ -112,10 +103,7 @@ class CaptureInput:
         return observations if self._side is None else self._of_side(observations, self._side)
 
     def _all_observations(self) -> Iterator[Observation]:
-        if self._places is not None:
-            observations = self._places.observations()
-        else:
-            observations = self._packet_decoder.decode(self._packets_of(self._sequence))
+        observations = self._read()
         for first in observations:
             self.first_time = first.time
             self.on_first_time(first.time)
@@ -147,7 +135,9 @@ class CaptureInput:
         from bcapscope.traffic.joining.joiner import Joiner  # noqa: PLC0415 - `decode` needs no pipeline
         from bcapscope.traffic.pipeline import Pipeline  # noqa: PLC0415 - as above
 
-        self._joiner = Joiner(self.comments if comments is None else comments) if self._side is None else None
+        self._joiner = (
+            Joiner(self.decoder.comments if comments is None else comments) if self._side is None else None
+        )
         return Pipeline(*subscribers, handles=handles, joiner=self._joiner, taken_at=self._taken_at)
 
     @property
@@ -163,47 +153,11 @@ class CaptureInput:
 
         This property is valid after all observations were read.
         """
-        return self._decoder.end_time
-
-    @property
-    def paths(self) -> Sequence[str]:
-        """Paths of the captures, in the order of reading. Folders are not included."""
-        return self._captures.paths
-
-    @property
-    def comments(self) -> Mapping[int, tuple[str, ...]]:
-        """Comments of the latest packets that have comments; the key is the packet number."""
-        return self._decoder.comments
-
-    @property
-    def counts(self) -> CaptureCounts:
-        """Numbers of packets and observations so far."""
-        return self._decoder.counts
-
-    @property
-    def conversations(self) -> Collection[Conversation]:
-        """The conversations so far."""
-        return self._decoder.conversations
-
-    @property
-    def position(self) -> int:
-        """Number of bytes read so far."""
-        return self._captures.position
-
-    @property
-    def size(self) -> int | None:
-        """Size of all captures in bytes; None if it is not known."""
-        return self._captures.size
+        return self.decoder.end_time
 
     def remember_origins(self) -> None:
         """Make `frame_origins` remember the packet of each frame. Call this method before reading."""
-        self._decoder.note_packet = self.frame_origins.add
-
-    def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return the capture that holds a packet of the input, and the packet's number there; None if not
-        known.
-        """
-        return self._captures.origin_of(packet)
+        self.decoder.note_packet = self.frame_origins.add
 
     def find_frame(self, frame: int) -> tuple[str, int] | None:
         """Return the name of the capture that holds a frame, and the number of the frame's packet in this

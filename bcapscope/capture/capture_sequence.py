@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 import stat
+from array import array
+from bisect import bisect_right
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from heapq import heappop, heappush
 from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from bcapscope.capture.capture_file import CaptureFile
 from bcapscope.capture.packet import Packet
-from bcapscope.capture.run_table import RunTable
 from bcapscope.errors import CaptureError
+
+if TYPE_CHECKING:
+    from bcapscope.traffic.joining.clock_estimate import ClockEstimate
 
 STDIN = "-"
 """Path of standard input."""
+
+MAX_RUNS = 2_000_000
+"""Maximum number of runs in a table; a table of this size takes 40 MB. If the table is full, the sources of
+later packets and frames are unknown.
+"""
 
 _NEVER = 1 << 64  # a time later than that of any packet, ns since 1970
 
@@ -72,6 +81,7 @@ class CaptureSequence:
         names: Mapping[str, str],
         open_file: Callable[[str], CaptureFile],
         on_problem: Callable[[str, CaptureError], None],
+        clocks: Mapping[str, ClockEstimate] = {},
     ) -> None:
         """Prepare to read captures.
 
@@ -80,11 +90,14 @@ class CaptureSequence:
             open_file: Function that opens the capture with a given path.
             on_problem: Function that receives the path and the error of a capture that cannot be read to its
                 end. Reading continues with the next capture.
+            clocks: Clocks of captures whose times are converted to the clock at the client's side; the key is
+                the path.
         """
         self.paths = list(paths)
         self.size: int | None = None
         self._open_file = open_file
         self._on_problem = on_problem
+        self._clocks = clocks
         self._open: dict[int, CaptureFile] = {}
         self._bytes_finished = 0
         self._counts: list[int] = []
@@ -139,7 +152,7 @@ class CaptureSequence:
                 continue
             try:
                 with self._open_file(each.path) as file:
-                    first = next(iter(file), None)
+                    first = next(self._timed(each.path, file), None)
             except CaptureError as error:
                 self._on_problem(each.path, error)
                 continue
@@ -156,7 +169,10 @@ class CaptureSequence:
         while waiting or reading:
             while waiting and (not reading or waiting[0][1] <= reading[0][0]):
                 index, _ = waiting.popleft()
-                _add_next(reading, index, self._packets_of(index))
+                packets = self._packets_of(index)
+                first = next(packets, None)
+                if first is not None:
+                    heappush(reading, (first[0], index, first, packets))
             if not reading:
                 continue
             _, index, packet, packets = heappop(reading)
@@ -177,12 +193,19 @@ class CaptureSequence:
         try:
             with self._open_file(path) as file:
                 self._open[index] = file
-                yield from file
+                yield from self._timed(path, file)
         except CaptureError as error:
             self._on_problem(path, error)
         finally:
             opened = self._open.pop(index, None)
             self._bytes_finished += opened.position if opened is not None else 0
+
+    def _timed(self, path: str, file: CaptureFile) -> Iterator[Packet]:
+        clock = self._clocks.get(path)
+        if clock is None:
+            return iter(file)
+        convert = clock.to_client_clock
+        return ((convert(packet[0]), *packet[1:]) for packet in file)
 
 
 def capture_names(paths: Sequence[str]) -> dict[str, str]:
@@ -193,19 +216,62 @@ def capture_names(paths: Sequence[str]) -> dict[str, str]:
     return {path: name if count[name := Path(path).name] == 1 else path for path in paths}
 
 
-class PacketOrigins(Protocol):
-    """Knows where packets are found."""
+class RunTable:
+    """A table of runs. Each run maps successive numbers to successive numbers in one source, such as a
+    capture.
+    """
 
-    def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return the capture that holds a packet, and the packet's number there; None if not known. `packet`
-        is the packet's number among the packets of all captures.
+    def __init__(self) -> None:
+        self._starts = array("Q")
+        self._sources = array("I")
+        self._numbers = array("Q")
+
+    def add(self, start: int, source: int, number: int) -> None:
+        """Begin a run: `start` corresponds to `number` in `source`, `start` + 1 to `number` + 1, and so on.
+
+        If the new run begins at the same number as the latest run, the new run replaces the latest run. If
+        the new run only continues the latest run, the table does not change.
         """
+        if len(self._starts) > MAX_RUNS:
+            return
+        if self._starts:
+            same_distance = number - start == self._numbers[-1] - self._starts[-1]
+            if same_distance and source == self._sources[-1]:
+                return
+            if start == self._starts[-1]:
+                self._sources[-1], self._numbers[-1] = source, number
+                return
+        self._starts.append(start)
+        self._sources.append(source)
+        self._numbers.append(number)
+
+    def find(self, number: int) -> tuple[int, int] | None:
+        """Return the source of a number, and the corresponding number in this source; None if no run has the
+        number.
+        """
+        at = bisect_right(self._starts, number) - 1
+        if at < 0 or at == MAX_RUNS:
+            return None
+        return self._sources[at], self._numbers[at] + number - self._starts[at]
 
 
-def _add_next(reading: list[_Reading], index: int, packets: Iterator[Packet]) -> None:
-    packet = next(packets, None)
-    if packet is not None:
-        heappush(reading, (packet[0], index, packet, packets))
+class FrameOrigins:
+    """Finds the packet that completed a frame. A decoder adds the packets."""
+
+    def __init__(self, origin_of_packet: Callable[[int], PacketOrigin | None]) -> None:
+        self._packets_of_frames = RunTable()
+        self._origin_of_packet = origin_of_packet
+
+    def add(self, frame: int, packet: int) -> None:
+        """Remember in which packet a frame is. The next frame is in the next packet, and so on, until this
+        method is called again.
+        """
+        self._packets_of_frames.add(frame, 0, packet)
+
+    def origin_of(self, frame: int) -> PacketOrigin | None:
+        """Return the capture and the packet that hold the frame with this number; None if not known."""
+        found = self._packets_of_frames.find(frame)
+        return None if found is None else self._origin_of_packet(found[1])
 
 
 def _file_size(path: str) -> int | None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, insort
+from itertools import accumulate
 from typing import NamedTuple
 
+from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.link_layer import IPPacket
 
 REASSEMBLY_TIMEOUT = 30 * 1_000_000_000
@@ -38,13 +39,10 @@ class ReassembledPacket(NamedTuple):
 class _PartialPacket:
     """The fragments of one incomplete packet that have arrived so far."""
 
-    __slots__ = ("_content", "_held_bytes", "_is_contradictory", "_offsets", "_size", "began", "protocol")
-
     def __init__(self, began: int) -> None:
         self.began = began
         self.protocol: int | None = None
-        self._offsets: list[int] = []
-        self._content: dict[int, bytes] = {}
+        self._payloads: dict[int, bytes] = {}
         self._held_bytes = 0
         self._size: int | None = None
         self._is_contradictory = False
@@ -52,64 +50,50 @@ class _PartialPacket:
     @property
     def cost(self) -> int:
         """Approximate memory use in bytes."""
-        return self._held_bytes + _PART_COST * (len(self._offsets) + 1)
+        return self._held_bytes + _PART_COST * (len(self._payloads) + 1)
 
     def add(self, offset: int, payload: bytes, more: bool) -> None:
         """Add a fragment. If two fragments contradict each other, the packet becomes invalid (RFC 5722, RFC
         8200 4.5).
         """
-        stop = offset + len(payload)
-        size = self._size if more else stop
-        if self._content.get(offset) == payload and size == self._size:
-            return
-        end = LARGEST_PAYLOAD if size is None else size
-        if (
-            max(stop, self._end_offset) > end
-            or self._size not in (None, size)
-            or self._overlaps(offset, stop)
-        ):
-            self._mark_contradictory()
         if self._is_contradictory:
             return
-        self._size = size
-        if payload:
-            insort(self._offsets, offset)
-            self._content[offset] = payload
+        stop = offset + len(payload)
+        known = self._payloads.get(offset)
+        if known not in (None, payload) or not (more or self._size in (None, stop)):
+            self._mark_contradictory()
+            return
+        if not more:
+            self._size = stop
+        if payload and known is None:
+            self._payloads[offset] = payload
             self._held_bytes += len(payload)
+        limit = LARGEST_PAYLOAD if self._size is None else self._size
+        if stop > LARGEST_PAYLOAD or self._held_bytes > limit:
+            self._mark_contradictory()
 
     def joined_payload(self) -> bytes | None:
-        """Return the payload of the whole packet; None while fragments are missing."""
+        """Return the payload of the whole packet; None if fragments are missing or overlap."""
         if self._held_bytes != self._size:
             return None
-        return b"".join(map(self._content.__getitem__, self._offsets))
-
-    @property
-    def _end_offset(self) -> int:
-        return self._offsets[-1] + len(self._content[self._offsets[-1]]) if self._offsets else 0
-
-    def _overlaps(self, offset: int, stop: int) -> bool:
-        place = bisect_left(self._offsets, offset)
-        if place < len(self._offsets) and self._offsets[place] < stop:
-            return True
-        before = self._offsets[place - 1] if place else 0
-        return place > 0 and before + len(self._content[before]) > offset
+        offsets = sorted(self._payloads)
+        payloads = [self._payloads[offset] for offset in offsets]
+        ends = accumulate(map(len, payloads), initial=0)
+        return b"".join(payloads) if offsets == list(ends)[:-1] else None
 
     def _mark_contradictory(self) -> None:
-        self._offsets.clear()
-        self._content.clear()
+        self._payloads.clear()
         self._held_bytes, self._size, self._is_contradictory = 0, None, True
 
 
 class IpReassembly:
     """Reassembles IP packets from their fragments, and keeps the fragments of packets that are still
     incomplete.
-
-    Attributes:
-        packets_lost: Number of packets dropped because fragments were missing or contradictory.
     """
 
-    def __init__(self) -> None:
-        self.packets_lost = 0
+    def __init__(self, counts: CaptureCounts) -> None:
+        """`counts` counts packets that are dropped because fragments were missing or contradictory."""
+        self._counts = counts
         self._incomplete: dict[bytes, _PartialPacket] = {}
         self._cost = 0
 
@@ -139,7 +123,7 @@ class IpReassembly:
         return ReassembledPacket(IPPacket(parts.protocol, packet.addresses, payload, 0, None), parts.began)
 
     def close(self) -> None:
-        self.packets_lost += len(self._incomplete)
+        self._counts.fragments_lost += len(self._incomplete)
         self._incomplete.clear()
         self._cost = 0
 
@@ -154,5 +138,5 @@ class IpReassembly:
             key, oldest = next(iter(self._incomplete.items()))
             if oldest.began + REASSEMBLY_TIMEOUT > time and self._cost <= MEMORY_LIMIT:
                 return
-            self.packets_lost += 1
+            self._counts.fragments_lost += 1
             self._remove(key)

@@ -100,10 +100,7 @@ def read_ip(data: bytes, offset: int) -> IPPacket | None:
 
 
 def _ip_after_type(data: bytes, offset: int) -> int:
-    """Return the offset of the IP header that follows the type field at `offset`, or `NOT_IP`.
-
-    The function skips VLAN tags, LLC with SNAP, and the header of a PPPoE session.
-    """
+    """Find the IP header after a type field. Skip VLAN tags, LLC with SNAP, and a PPPoE header."""
     kind = int.from_bytes(data[offset : offset + 2])
     while kind in _VLAN_TAGS:
         offset += 4
@@ -116,9 +113,7 @@ def _ip_after_type(data: bytes, offset: int) -> int:
 
 
 def _type_after_llc(data: bytes, offset: int) -> tuple[int, int]:
-    """Return the offset and the value of the type field after LLC and SNAP; the value is 0 if SNAP is
-    missing.
-    """
+    """Return the offset and the value of the type field after LLC and SNAP; value 0 if SNAP is missing."""
     if not data.startswith(_SNAP, offset):
         return offset, 0
     offset += len(_SNAP)

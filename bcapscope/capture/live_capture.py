@@ -154,12 +154,7 @@ class _SnifferProcess:
             raise
 
     def _wait_until_ready(self) -> int:
-        """Wait until the separate process has begun to capture; return the link type.
-
-        Raises:
-            PermissionError: The right to capture is missing.
-            CaptureError: The separate process cannot capture for another reason.
-        """
+        """Return the link type; raise PermissionError or CaptureError if the process cannot capture."""
         kind, linktype, data = self._read_record()
         if kind == SnifferRecordKind.FORBIDDEN:
             raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
@@ -169,7 +164,6 @@ class _SnifferProcess:
         return linktype
 
     def _read_record(self) -> tuple[int, int, bytes]:
-        """Read a record from the separate process; return an `ENDED` record if that process has ended."""
         assert self._process.stdout is not None
         head = self._process.stdout.read(RECORD_HEADER.size)
         if len(head) < RECORD_HEADER.size:

@@ -127,11 +127,7 @@ class ObservationStoreWriter:
         return number
 
     def flush(self) -> None:
-        """Make all added observations visible to readers.
-
-        Raises:
-            OSError: A file cannot be written, such as on a full disk.
-        """
+        """Make all added observations visible to readers, or raise OSError."""
         self._conversations.flush()
         self._frames.flush()
 
@@ -154,11 +150,7 @@ class ObservationStore:
     """Reads the files that an `ObservationStoreWriter` writes, even while the writer adds observations."""
 
     def __init__(self, folder: Path) -> None:
-        """Open the files of an `ObservationStoreWriter` in a folder.
-
-        Raises:
-            OSError: The folder holds no observations.
-        """
+        """Open the files of an `ObservationStoreWriter` in a folder, or raise OSError."""
         self._records = AppendLogReader(folder / _FRAMES)
         self._conversations = AppendLogReader(folder / _CONVERSATIONS)
         self._flows: dict[int, tuple[Flow, Flow]] = {}

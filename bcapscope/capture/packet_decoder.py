@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from sys import getsizeof
 
 from bcapscope.capture.capture_counts import CaptureCounts
-from bcapscope.capture.ip_reassembly import IpReassembly, ReassembledPacket
+from bcapscope.capture.ip_reassembly import IpReassembly
 from bcapscope.capture.link_layer import ETHERNET, IP_OFFSET_FINDERS, NOT_IP, IPPacket, find_ip, read_ip
 from bcapscope.capture.packet import Interface, Packet
 from bcapscope.capture.role_detection import BCAP_PORTS
@@ -38,7 +38,6 @@ dropped, but never the comments of the latest packet.
 
 _TCP, _UDP = 6, 17
 _UDP_HEADER_SIZE = 8
-_NO_ITEM = Malformed(b"", ())
 
 _UDP_IN_ETHERNET = struct.Struct(">12xHBxHxxHxBxx12sH")
 """Header fields of a UDP packet over Ethernet: Ethernet type; IPv4 version and header size, length,
@@ -83,7 +82,7 @@ class PacketDecoder:
         self._templates = FrameTemplates()
         self._udp = UdpConversations(ports, self.counts, self._templates)
         self._tcp = TcpConversations(ports, self.counts, self._templates)
-        self._fragments = IpReassembly()
+        self._fragments = IpReassembly(self.counts)
 
     @property
     def conversations(self) -> tuple[Conversation, ...]:
@@ -147,7 +146,9 @@ class PacketDecoder:
         finally:
             counts.packets = packet
             counts.items = number
-        for flow, sighting in self._flush(time, packet):
+        rest = self._udp.close() + self._tcp.close(time, packet)
+        self._fragments.close()
+        for flow, sighting in rest:
             counts.items += 1
             note(counts.items, sighting.packet)
             yield self._make_observation(counts.items, flow, sighting)
@@ -186,26 +187,21 @@ class PacketDecoder:
         ip = self._find_ip_packet(data, interface.linktype)
         if ip is None:
             return []
-        whole = self._reassemble(ip, time)
+        whole = self._fragments.add(ip, time)
         for _ in range(DEEPEST_TUNNEL):
             carried = None if whole is None else packet_in_tunnel(whole.packet)
             if carried is None:
                 break
-            whole = self._reassemble(carried, time)
+            whole = self._fragments.add(carried, time)
         if whole is None:
             return []
         ip, began = whole
         if ip.protocol == _TCP:
             return self._decode_tcp(ip, time, packet)
         if ip.protocol == _UDP:
-            return self._decode_udp(ip, cut, TimedItem(began, time, packet, _NO_ITEM))
+            return self._decode_udp(ip, cut, (began, time, packet))
         self.counts.not_bcap += 1
         return []
-
-    def _reassemble(self, ip: IPPacket, time: int) -> ReassembledPacket | None:
-        whole = self._fragments.add(ip, time)
-        self.counts.fragments_lost = self._fragments.packets_lost
-        return whole
 
     def _find_ip_packet(self, data: bytes, linktype: int) -> IPPacket | None:
         if linktype not in IP_OFFSET_FINDERS:
@@ -219,7 +215,9 @@ class PacketDecoder:
         self.counts.broken += ip is None
         return ip
 
-    def _decode_udp(self, ip: IPPacket, cut: bool, timed_item: TimedItem) -> list[tuple[Flow, TimedItem]]:
+    def _decode_udp(
+        self, ip: IPPacket, cut: bool, arrival: tuple[int, int, int]
+    ) -> list[tuple[Flow, TimedItem]]:
         there = len(ip.payload) + ip.missing
         # the length is 0 if the network card fills it in later
         size = int.from_bytes(ip.payload[4:6]) or there
@@ -228,7 +226,7 @@ class PacketDecoder:
             return []
         segment = ip.payload[:size]
         note = _truncation_problem(len(segment), size, cut) if len(segment) < size else None
-        return self._udp.receive(ip.addresses, segment, timed_item, note)
+        return self._udp.receive(ip.addresses, segment, arrival, note)
 
     def _decode_tcp(self, ip: IPPacket, time: int, packet: int) -> list[tuple[Flow, TimedItem]]:
         segment = read_segment(ip.payload, ip.missing)
@@ -236,13 +234,6 @@ class PacketDecoder:
             self.counts.broken += 1
             return []
         return self._tcp.receive(ip.addresses + ip.payload[:4], segment, time, packet)
-
-    def _flush(self, time: int, packet: int) -> list[tuple[Flow, TimedItem]]:
-        found = self._udp.close() + self._tcp.close(time, packet)
-        self._fragments.close()
-        self.counts.fragments_lost = self._fragments.packets_lost
-        self.counts.contradictions = self._tcp.contradictions
-        return found
 
 
 def _truncation_problem(there: int, size: int, cut: bool) -> Problem:

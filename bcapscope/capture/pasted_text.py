@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import codecs
+import io
 from collections.abc import Iterable, Iterator
 
+from bcapscope.capture.byte_source import CHUNK_SIZE, ChunkReader
 from bcapscope.capture.hex_text import HexPacket, read_hex_text
+from bcapscope.errors import CaptureError
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.messages.places import WireText
 from bcapscope.protocol.codec.arguments import Problem
@@ -21,6 +25,11 @@ from bcapscope.traffic.observation import (
     ServerEvidenceKind,
     Transport,
 )
+
+LONGEST_LINE = 256 * 1024
+"""Maximum number of characters in a line. The longest frames of real sessions have 10 KiB and take 60 KiB
+when written as `0x01, 0x02, …`.
+"""
 
 
 class PastedText:
@@ -69,9 +78,6 @@ def _decode_packet(packet: HexPacket) -> Frame | Malformed:
 
 
 def _lone_argument_problems(data: bytes) -> Iterator[Problem]:
-    """Yield a problem if the bytes are only one argument of a frame, such as an argument copied from a table
-    of fields.
-    """
     size = (SMALLEST_FRAME + len(data)).to_bytes(4, "little")
     frame = Frame(bytes((SOH,)) + size + bytes(8) + b"\1\0" + data + bytes((EOT,)))
     if not frame.problems:
@@ -80,7 +86,6 @@ def _lone_argument_problems(data: bytes) -> Iterator[Problem]:
 
 
 def _command_problem(request: Frame) -> Problem | None:
-    """Return a problem if the command of a request is unknown but resembles a known command; else None."""
     name = command_name(request.code, [argument.variant for argument in request.arguments])
     near = similar_command(request.code, name) if find_command(request.code, name) is None else None
     if near is None:
@@ -99,3 +104,38 @@ def _packet_comments(packet: HexPacket) -> tuple[Message, ...]:
     elif packet.is_direction_guessed:
         comments.append(Message(f"pasted.direction-by-bytes.{packet.direction.value}"))
     return (*comments, *packet.notes)
+
+
+def text_lines(read: ChunkReader) -> Iterator[str]:
+    """Yield the lines of a text without their line ends.
+
+    A text with a UTF-16 byte-order mark is decoded as UTF-16, any other text as UTF-8. Bytes that cannot be
+    decoded become U+FFFD.
+
+    Raises:
+        CaptureError: A line is longer than `LONGEST_LINE` characters. All earlier lines were yielded.
+    """
+    head = read(CHUNK_SIZE)
+    while len(head) < len(codecs.BOM_UTF8) and (more := read(CHUNK_SIZE)):
+        head += more
+    is_wide = head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    decoder = codecs.getincrementaldecoder("utf-16" if is_wide else "utf-8-sig")("replace")
+    newlines = io.IncrementalNewlineDecoder(decoder, translate=True)
+    number, begun, chunk, offset = 1, "", head, 0
+    while True:
+        *lines, begun = (begun + newlines.decode(chunk, final=not chunk)).split("\n")
+        for line in lines:
+            _check_length(line, number, offset)
+            yield line
+            number += 1
+        _check_length(begun, number, offset)
+        if not chunk:
+            yield begun
+            return
+        offset += len(chunk)
+        chunk = read(CHUNK_SIZE)
+
+
+def _check_length(line: str, number: int, offset: int) -> None:
+    if len(line) > LONGEST_LINE:
+        raise CaptureError(Message("capture.long-line", line=number, limit=LONGEST_LINE), offset)

@@ -48,8 +48,6 @@ class _InterfaceClock(NamedTuple):
 
 
 class _DamagedBlockError(Exception):
-    """A block is invalid."""
-
     def __init__(self, reason: Message) -> None:
         super().__init__(reason)
         self.reason = reason
@@ -110,9 +108,7 @@ def read_pcapng(source: ByteSource) -> Iterator[Packet]:
 
 
 class _Section:
-    """Parses the blocks of a pcapng section in the section's byte order, and keeps the interfaces of the
-    section.
-    """
+    """Parses the blocks of a section in its byte order, and keeps its interfaces."""
 
     def __init__(self) -> None:
         self.clocks: list[_InterfaceClock] = []
@@ -124,11 +120,6 @@ class _Section:
         self.packet_header = struct.Struct(order + "IIIIIII")
 
     def _unpack(self, form: str, data: bytes, position: int = 0) -> tuple[int, ...]:
-        """Unpack numbers.
-
-        Raises:
-            _DamagedBlockError: The block is too small to hold the numbers.
-        """
         try:
             return struct.unpack_from(self._order + form, data, position)
         except struct.error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterable, Mapping
 from io import RawIOBase
-from typing import BinaryIO, NamedTuple, TypeAlias
+from typing import BinaryIO, TypeAlias
 
 from bcapscope.capture.append_log import write_all
 from bcapscope.capture.packet import Interface, Packet
@@ -22,22 +22,6 @@ _END = struct.pack("<HH", 0, 0)
 _BEFORE, _SIZES = struct.Struct("<III"), struct.Struct("<II")
 _NANOSECONDS = b"\x09"
 _LONGEST_OPTION = 65535
-
-
-class PacketTemplate(NamedTuple):
-    """The common bytes of packet blocks that differ only in the time and in the end of the packet's data.
-
-    Attributes:
-        before_time: Bytes of the block before the time.
-        after_time: Bytes between the time and the varying data.
-        after_data: Bytes after the varying data.
-        data_size: Size in bytes of the varying data.
-    """
-
-    before_time: bytes
-    after_time: bytes
-    after_data: bytes
-    data_size: int
 
 
 PacketPairEncoder: TypeAlias = Callable[[int, int, bytes], bytes]
@@ -79,7 +63,7 @@ class PcapngWriter:
         write_all(self._file, b"".join((head, data, _PADDING[captured & 3], options, _SIZE.pack(size))))
 
     def write_blocks(self, blocks: bytes, count: int) -> None:
-        """Write the finished blocks of `count` packets. The blocks must come from templates of this writer.
+        """Write the finished blocks of `count` packets. A `pair_encoder` of this writer must have made them.
 
         Raises:
             OSError: The file cannot be written, such as on a full disk.
@@ -87,11 +71,44 @@ class PcapngWriter:
         self.packet_count += count
         write_all(self._file, blocks)
 
-    def packet_template(self, interface: Interface, head: bytes, size: int) -> PacketTemplate:
-        """Return a template for packets that consist of the bytes `head` and `size` varying bytes.
+    def pair_encoder(
+        self, first: tuple[Interface, bytes], second: tuple[Interface, bytes], size: int
+    ) -> PacketPairEncoder:
+        """Return a function that makes the blocks of two packets in one step. Two separate steps take
+        twice as long.
+
+        `first` and `second` are the interface and the first bytes of each packet. `size` is the number of
+        varying bytes that follow.
 
         Raises:
             OSError: The description of a new interface cannot be written, such as on a full disk.
+        """
+        before, between, end = self._constant_parts(*first, size)
+        begin, also, behind = self._constant_parts(*second, size)
+        joint = end + begin
+        form = f"<{len(before)}sII{len(between)}s{size}s{len(joint)}sII{len(also)}s{size}s{len(behind)}s"
+        pack = struct.Struct(form).pack
+
+        def make(time: int, later: int, data: bytes) -> bytes:
+            return pack(
+                before,
+                time >> 32 & _WORD,
+                time & _WORD,
+                between,
+                data,
+                joint,
+                later >> 32 & _WORD,
+                later & _WORD,
+                also,
+                data,
+                behind,
+            )
+
+        return make
+
+    def _constant_parts(self, interface: Interface, head: bytes, size: int) -> tuple[bytes, bytes, bytes]:
+        """Return the bytes of a block before the time, between the time and the varying bytes, and after
+        them.
         """
         number = self._interfaces.get(interface)
         if number is None:
@@ -99,9 +116,7 @@ class PcapngWriter:
         captured = len(head) + size
         whole = 32 + (captured + 3 & ~3)
         before = _BEFORE.pack(_PACKET_BLOCK, whole, number)
-        return PacketTemplate(
-            before, _SIZES.pack(captured, captured) + head, _PADDING[captured & 3] + _SIZE.pack(whole), size
-        )
+        return before, _SIZES.pack(captured, captured) + head, _PADDING[captured & 3] + _SIZE.pack(whole)
 
     def _write_interface(self, interface: Interface) -> int:
         name = _option(_NAME, interface.name) if interface.name else b""
@@ -110,36 +125,6 @@ class PcapngWriter:
         write_all(self._file, _block(_INTERFACE_BLOCK, body))
         number = self._interfaces[interface] = len(self._interfaces)
         return number
-
-
-def pair_encoder(first: PacketTemplate, second: PacketTemplate) -> PacketPairEncoder:
-    """Return a function that makes two blocks in one step, one from each template. Two separate steps take
-    twice as long.
-
-    `first` and `second` must have the same `data_size`.
-    """
-    joint = first.after_data + second.before_time
-    before, between, also, behind = first.before_time, first.after_time, second.after_time, second.after_data
-    size = first.data_size
-    form = f"<{len(before)}sII{len(between)}s{size}s{len(joint)}sII{len(also)}s{size}s{len(behind)}s"
-    pack = struct.Struct(form).pack
-
-    def make(time: int, later: int, data: bytes) -> bytes:
-        return pack(
-            before,
-            time >> 32 & _WORD,
-            time & _WORD,
-            between,
-            data,
-            joint,
-            later >> 32 & _WORD,
-            later & _WORD,
-            also,
-            data,
-            behind,
-        )
-
-    return make
 
 
 def write_annotated(packets: Iterable[Packet], notes: Mapping[int, str], file: BinaryIO | RawIOBase) -> int:

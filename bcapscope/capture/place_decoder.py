@@ -6,26 +6,17 @@ import heapq
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import fields
-from itertools import chain
 from operator import itemgetter
-from typing import NamedTuple
 
 from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.capture_sequence import CaptureSequence, PacketOrigin
-from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import COMMENTS_LIMIT, PacketDecoder, ignore_packet
-from bcapscope.capture.place_plan import PlaceFile, PlacePlan
+from bcapscope.capture.place_plan import PlacePlan
 from bcapscope.traffic.joining.captured_twins import CapturedTwins, CaptureSide
-from bcapscope.traffic.joining.clock_estimate import ClockEstimate
 from bcapscope.traffic.joining.frame_sample import ConversationEnds, ends_of
 from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.joining.place_merger import Coverage
 from bcapscope.traffic.observation import Conversation, Observation
-
-OpenSequence = Callable[[Sequence[str]], CaptureSequence]
-"""Function that opens several files, to be read as one sequence. If a file cannot be read, the sequence
-reports the error to the user.
-"""
 
 
 class PlaceDecoder:
@@ -46,23 +37,25 @@ class PlaceDecoder:
         paths: Sequence[str],
         plans: Sequence[PlacePlan],
         ports: Collection[int],
-        open_sequence: OpenSequence,
+        open_sequence: Callable[..., CaptureSequence],
     ) -> None:
+        """Prepare to decode captures. `open_sequence` opens files as a `CaptureSequence`."""
         self.comments: dict[int, tuple[str, ...]] = {}
         self.note_packet: Callable[[int, int], object] = ignore_packet
         self._sources: list[_Source] = []
-        planned: list[PlaceFile] = []
+        base = 0
         for group in _grouped(plans):
             sides = _sides_of(group)
             for place in CapturePlace:
-                base = sum(file.packets for file in planned)
-                parts = [_part(plan, place, open_sequence) for plan in group]
-                self._sources.append(_Source(PacketDecoder(ports), parts, base, sides[place]))
-                planned += [plan.files[place] for plan in group]
-        rest = [path for path in paths if path not in {file.path for file in planned}]
+                clocks = {plan.files[place].path: plan.clock for plan in group}
+                is_converted = place is CapturePlace.CONTROLLER_SIDE
+                sequence = open_sequence(list(clocks), clocks=clocks if is_converted else {})
+                self._sources.append(_Source(PacketDecoder(ports), sequence, base, sides[place]))
+                base += sum(plan.files[place].packets for plan in group)
+        planned = {file.path for plan in plans for file in plan.files}
+        rest = [path for path in paths if path not in planned]
         if rest:
-            base = sum(file.packets for file in planned)
-            self._sources.append(_Source(PacketDecoder(ports), [_Part(open_sequence(rest))], base, {}))
+            self._sources.append(_Source(PacketDecoder(ports), open_sequence(rest), base, {}))
 
     @property
     def counts(self) -> CaptureCounts:
@@ -85,26 +78,23 @@ class PlaceDecoder:
     @property
     def paths(self) -> Sequence[str]:
         """Paths of all captures. Captures that are named in the plans come first."""
-        return [path for sequence in self._sequences() for path in sequence.paths]
+        return [path for source in self._sources for path in source.sequence.paths]
 
     @property
     def position(self) -> int:
         """Number of bytes read so far."""
-        return sum(sequence.position for sequence in self._sequences())
+        return sum(source.sequence.position for source in self._sources)
 
     @property
     def size(self) -> int | None:
         """Size of all files in bytes; None if it is not known."""
-        sizes = [sequence.size for sequence in self._sequences()]
+        sizes = [source.sequence.size for source in self._sources]
         return None if None in sizes else sum(size or 0 for size in sizes)
 
     def origin_of(self, packet: int) -> PacketOrigin | None:
         """Return the capture that holds a packet, and the packet's number there; None if not known."""
         source = next(each for each in reversed(self._sources) if each.base < packet or not each.base)
-        return source.origin_of(packet - source.base)
-
-    def _sequences(self) -> Iterator[CaptureSequence]:
-        return (part.sequence for source in self._sources for part in source.parts)
+        return source.sequence.origin_of(packet - source.base)
 
     def observations(self) -> Iterator[Observation]:
         """Yield the observations of all captures.
@@ -125,58 +115,27 @@ class PlaceDecoder:
             del self.comments[next(iter(self.comments))]
 
 
-class _Part(NamedTuple):
-    """Files that one decoder reads. The times of the files are converted from `clock` to the clock at the
-    client's side.
-
-    `packets` is the number of packets in the files; 0 for the last part, because this number is not needed.
-    """
-
-    sequence: CaptureSequence
-    clock: ClockEstimate | None = None
-    packets: int = 0
-
-    def timed_packets(self) -> Iterator[Packet]:
-        if self.clock is None:
-            yield from self.sequence
-            return
-        convert = self.clock.to_client_clock
-        for time, data, length, interface, comments in self.sequence:
-            yield convert(time), data, length, interface, comments
-
-
 class _Source:
-    """The groups of files (`_Part`) that one decoder reads one after another."""
+    """The captures that one decoder reads. Packets of all sources are numbered together, here from `base`."""
 
     def __init__(
         self,
         decoder: PacketDecoder,
-        parts: Sequence[_Part],
+        sequence: CaptureSequence,
         base: int,
         sides: dict[ConversationEnds, CaptureSide],
     ) -> None:
         self.decoder = decoder
-        self.parts = parts
+        self.sequence = sequence
         self.base = base
         self._sides = sides
         self._known: set[Conversation] = set()
 
-    def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return the capture that holds a packet of this source, and the packet's number there."""
-        *first, last = self.parts
-        for part in first:
-            if packet <= part.packets:
-                return part.sequence.origin_of(packet)
-            packet -= part.packets
-        return last.sequence.origin_of(packet)
-
     def timed_observations(
         self, keep_comments: Callable[[int, tuple[str, ...]], object]
     ) -> Iterator[tuple[int, Observation]]:
-        """Yield the observations with their times. The packets of all sources are numbered together."""
         comments, base = self.decoder.comments, self.base
-        packets = chain.from_iterable(part.timed_packets() for part in self.parts)
-        for observation in self.decoder.decode(packets):
+        for observation in self.decoder.decode(self.sequence):
             conversation = observation.flow.conversation
             if conversation not in self._known:
                 self._known.add(conversation)
@@ -184,12 +143,6 @@ class _Source:
             if comments and observation.packet in comments:
                 keep_comments(base + observation.packet, comments[observation.packet])
             yield observation.time, observation._replace(packet=base + observation.packet)
-
-
-def _part(plan: PlacePlan, place: CapturePlace, open_sequence: OpenSequence) -> _Part:
-    file = plan.files[place]
-    clock = plan.clock if place is CapturePlace.CONTROLLER_SIDE else None
-    return _Part(open_sequence([file.path]), clock, file.packets)
 
 
 def _grouped(plans: Sequence[PlacePlan]) -> list[list[PlacePlan]]:

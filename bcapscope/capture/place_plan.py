@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import heapq
+from collections import deque
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import combinations, islice
 from pathlib import Path
 
@@ -79,7 +81,7 @@ def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]
     no pair, because a pipe can be read only once.
     """
     files = [path for path in dict.fromkeys(paths) if Path(path).is_file()]
-    samples = {path: _Sample.read(path, ports) for path in files} if len(files) <= MAX_FILES else {}
+    samples = {path: _Sample(path, ports) for path in files} if len(files) <= MAX_FILES else {}
     plans: list[PlacePlan] = []
     paired: set[str] = set()
     for one, other in combinations(samples, 2):
@@ -93,44 +95,31 @@ def plan_places(paths: Sequence[str], ports: Collection[int]) -> list[PlacePlan]
 
 
 class _Sample:
-    """A sample of a file: its first packets.
+    """The frames in the first packets of a file, from the time `begin` on.
 
     Attributes:
         begins: Time of the first packet of the sample, ns since 1970; 0 if the sample has no packets.
     """
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, ports: Collection[int], begin: int = 0) -> None:
         self.path = path
         self.frames = FrameSample()
-        self.begins = 0
-        self._ends: int | None = None
-
-    @classmethod
-    def read(cls, path: str, ports: Collection[int], begin: int = 0) -> _Sample:
-        """Read a sample of a file. The sample begins at the time `begin`."""
-        sample = cls(path)
+        start = PlaceFile(path)
         with suppress(CaptureError), open_capture(path) as capture:
-            packets = (packet for packet in capture if packet[0] >= begin)
-            for observation in PacketDecoder(ports).decode(sample._timed(islice(packets, SAMPLE_PACKETS))):
-                sample.frames.add(observation)
-                if sample.frames.count >= SAMPLE_FRAMES:
+            packets = islice((packet for packet in capture if packet[0] >= begin), SAMPLE_PACKETS)
+            for observation in PacketDecoder(ports).decode(_counted(packets, start)):
+                self.frames.add(observation)
+                if self.frames.count >= SAMPLE_FRAMES:
                     break
-        return sample
+        self.begins = start.begins
 
-    @property
+    @cached_property
     def ends(self) -> int:
         """Time of the last packet of the file, ns since 1970."""
-        if self._ends is None:
-            self._ends = self.begins
-            with suppress(CaptureError), open_capture(self.path) as capture:
-                for packet in capture:
-                    self._ends = max(self._ends, packet[0])
-        return self._ends
-
-    def _timed(self, packets: Iterable[Packet]) -> Iterator[Packet]:
-        for packet in packets:
-            self.begins = self.begins or packet[0]
-            yield packet
+        file = PlaceFile(self.path)
+        with suppress(CaptureError), open_capture(self.path) as capture:
+            deque(_counted(capture, file), maxlen=0)
+        return file.ends
 
 
 def _plan_pair(one: _Sample, other: _Sample, ports: Collection[int]) -> PlacePlan | None:
@@ -141,9 +130,10 @@ def _plan_pair(one: _Sample, other: _Sample, ports: Collection[int]) -> PlacePla
         return None
     first = max(shared, key=lambda each: each.request_offset is not None and each.reply_offset is not None)
     files = PlaceFile(one.path), PlaceFile(other.path)
+    offset = first.offset
     if not _is_at_client(first):
-        first, files = _reversed(first), (files[1], files[0])
-    measurement = _Measurement(files, first.offset, ports)
+        offset, files = -offset, (files[1], files[0])
+    measurement = _Measurement(files, offset, ports)
     clock = measurement.measure()
     if clock is None or not measurement.shared or not (first.is_sure or _overlap(*files)):
         return None
@@ -157,12 +147,11 @@ def _find_later(one: _Sample, other: _Sample, ports: Collection[int]) -> list[Sh
     earlier, later = (one, other) if one.begins <= other.begins else (other, one)
     if earlier.ends < later.begins:
         return []
-    middle = _Sample.read(earlier.path, ports, later.begins - JOIN_WITHIN_NS)
+    middle = _Sample(earlier.path, ports, later.begins - JOIN_WITHIN_NS)
     return find_shared(*((middle.frames, other.frames) if earlier is one else (one.frames, middle.frames)))
 
 
 def _overlap(one: PlaceFile, other: PlaceFile) -> bool:
-    """Return whether the times of two files overlap, each by the clock of its own file."""
     return one.begins <= other.ends and other.begins <= one.ends
 
 
@@ -176,16 +165,6 @@ def _is_at_client(shared: SharedConversation) -> bool:
     if shared.request_offset is None or shared.reply_offset is None:
         return True
     return shared.request_offset >= shared.reply_offset
-
-
-def _reversed(shared: SharedConversation) -> SharedConversation:
-    ends, request, reply = shared.ends, shared.request_offset, shared.reply_offset
-    return shared._replace(
-        ends=(ends[1], ends[0]),
-        offset=-shared.offset,
-        request_offset=None if request is None else -request,
-        reply_offset=None if reply is None else -reply,
-    )
 
 
 class _Measurement:
@@ -221,9 +200,7 @@ class _Measurement:
                 self.shared.append(ends)
 
     def _timed(self, place: CapturePlace) -> Iterator[tuple[int, CapturePlace, Observation]]:
-        """Yield the observations of a file, each with its approximate time by the clock at the client's
-        side.
-        """
+        """Yield the observations of a file, with approximate times by the clock at the client's side."""
         file = self._files[place]
         with suppress(CaptureError), open_capture(file.path) as capture:
             for observation in PacketDecoder(self._ports).decode(_counted(capture, file)):
@@ -248,7 +225,6 @@ class _Measurement:
 
     @staticmethod
     def _drop_old(waiting: dict[tuple[Direction, bytes], Observation], now: int) -> None:
-        """Drop the frames that were not captured at the other place within the permitted time."""
         while waiting:
             oldest = next(iter(waiting))
             if waiting[oldest].time + JOIN_WITHIN_NS >= now:
@@ -257,9 +233,7 @@ class _Measurement:
 
 
 def _counted(packets: Iterable[Packet], file: PlaceFile) -> Iterator[Packet]:
-    """Yield packets. Store in `file` how many packets there are, and the times of the first and the last
-    packet.
-    """
+    """Yield packets. Store their number and the times of the first and the last packet in `file`."""
     for packet in packets:
         file.packets += 1
         file.begins = file.begins or packet[0]

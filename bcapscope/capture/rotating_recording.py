@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from bcapscope.capture.append_log import write_all
 from bcapscope.capture.pcapng_writer import is_packet_block
 from bcapscope.capture.socket_recording import SocketRecording
 from bcapscope.messages import Message
@@ -176,9 +177,7 @@ class RotatingRecording(io.RawIOBase):
             OSError: The file cannot be written, and no file can be removed.
         """
         try:
-            rest = memoryview(data)
-            while rest:
-                rest = rest[self._file.write(rest) :]
+            write_all(self._file, data)
         except OSError as error:
             with suppress(OSError):
                 self._file.truncate(self._size)
@@ -204,11 +203,7 @@ class RotatingRecording(io.RawIOBase):
             self._files.popleft().unlink()
 
     def rotate_if_full(self) -> bool:
-        """Begin the next file of a ring if the current file is full; return whether a new file began.
-
-        Raises:
-            OSError: A file cannot be written.
-        """
+        """Begin the next file of a ring if the current file is full; return whether a new file began."""
         bounds = self._limits
         if bounds is None or not self._is_full(bounds):
             return False
@@ -292,11 +287,7 @@ def is_named_pipe(path: Path) -> bool:
 
 
 def _open_named_pipe(path: Path) -> io.FileIO:
-    """Open a named pipe for writing.
-
-    Raises:
-        OSError: No program reads the pipe, or the pipe cannot be opened.
-    """
+    """Open a named pipe for writing, or raise OSError. A program must already read the pipe."""
     if sys.platform == "win32":
         return io.FileIO(os.open(path, os.O_WRONLY | os.O_BINARY), "wb")
     try:

@@ -13,7 +13,7 @@ from io import RawIOBase
 from typing import BinaryIO
 
 from bcapscope.capture.packet import Interface, Packet
-from bcapscope.capture.pcapng_writer import PacketPairEncoder, PcapngWriter, pair_encoder
+from bcapscope.capture.pcapng_writer import PacketPairEncoder, PcapngWriter
 
 Address = tuple[str, int]
 """IP address as text, and port."""
@@ -37,13 +37,8 @@ _SEQUENCE_NS = 4000
 between the same ends therefore starts with a higher number (RFC 9293, 3.4.1).
 """
 
-_MAX_HOST_PAIRS = 4096
-"""The packet headers of at most this many pairs of hosts are cached. The same limit applies to pairs of
-address and port.
-"""
-
-_MAX_SIZES = 64
-"""For the same two ends, the headers of at most this many datagram sizes are cached."""
+_MAX_HEADERS = 4096
+"""Maximum number of cached datagram headers, and of cached IP headers."""
 
 _IPV4 = struct.Struct(">BBHHHBBH8s")
 _IPV6 = struct.Struct(">IHBB32s")
@@ -65,7 +60,7 @@ class SocketRecording:
         """
         self._sequence: dict[tuple[Address, Address], int] = {}
         self._ip_headers: dict[tuple[str, str], _IpHeaderTemplate] = {}
-        self._datagram_headers: dict[tuple[Address, Address], dict[int, bytes]] = {}
+        self._datagram_headers: dict[tuple[Address, Address, int], bytes] = {}
         self._writer = PcapngWriter(file)
 
     @property
@@ -90,9 +85,7 @@ class SocketRecording:
         interface: Interface = _UNNAMED_INTERFACE,
         comment: str = "",
     ) -> None:
-        headers = self._datagram_headers.get((source, target))
-        head = headers.get(len(data)) if headers is not None else None
-        packet = (head or self._datagram_header(source, target, len(data))) + data
+        packet = self._datagram_header(source, target, len(data)) + data
         self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
 
     def datagram_pair_encoder(self, incoming: Hop, outgoing: Hop, size: int) -> PacketPairEncoder:
@@ -101,10 +94,10 @@ class SocketRecording:
         `write_blocks` takes the encoded packets. Do not use the function after `continue_in` was called.
         """
         first, second = (
-            self._writer.packet_template(where, self._datagram_header(source, target, size), size)
+            (where, self._datagram_header(source, target, size))
             for source, target, where in (incoming, outgoing)
         )
-        return pair_encoder(first, second)
+        return self._writer.pair_encoder(first, second, size)
 
     def write_blocks(self, blocks: bytes, pairs: int) -> None:
         """Write blocks that a function from `datagram_pair_encoder` returned; `pairs` is the number of pairs
@@ -124,8 +117,7 @@ class SocketRecording:
     ) -> None:
         for start in range(0, len(data), _MAX_SEGMENT_BYTES):
             piece = data[start : start + _MAX_SEGMENT_BYTES]
-            packet = self._make_segment(source, target, _PUSH | _ACK, piece)
-            self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
+            self._write_tcp(source, target, _PUSH | _ACK, time, interface, comment, piece)
 
     def skip_bytes(self, source: Address, target: Address, size: int) -> None:
         """Leave out `size` bytes of a TCP connection. Programs that read the capture see a gap."""
@@ -136,9 +128,9 @@ class SocketRecording:
     ) -> None:
         first = time // _SEQUENCE_NS & 0xFFFFFFFF
         self._sequence[client, server] = self._sequence[server, client] = first
-        self._write_empty_segment(client, server, _SYN, time, interface)
-        self._write_empty_segment(server, client, _SYN | _ACK, time, interface)
-        self._write_empty_segment(client, server, _ACK, time, interface)
+        self._write_tcp(client, server, _SYN, time, interface)
+        self._write_tcp(server, client, _SYN | _ACK, time, interface)
+        self._write_tcp(client, server, _ACK, time, interface)
 
     def write_stream_end(
         self,
@@ -151,45 +143,45 @@ class SocketRecording:
         comment: str = "",
     ) -> None:
         """Record that one end closes a TCP connection: write a FIN, or a RST if `reset` is True."""
-        self._write_empty_segment(source, target, _ACK | (_RST if reset else _FIN), time, interface, comment)
+        self._write_tcp(source, target, _ACK | (_RST if reset else _FIN), time, interface, comment)
 
     def drop_connection(self, client: Address, server: Address) -> None:
-        """Drop the state of a closed TCP connection or of a UDP client."""
+        """Drop the state of a closed TCP connection."""
         for ends in ((client, server), (server, client)):
             self._sequence.pop(ends, None)
-            self._datagram_headers.pop(ends, None)
 
-    def _write_empty_segment(  # noqa: PLR0917 - internal; the public methods take keywords
-        self, source: Address, target: Address, flags: int, time: int, interface: Interface, comment: str = ""
+    def _write_tcp(  # noqa: PLR0917 - internal; the public methods take keywords
+        self,
+        source: Address,
+        target: Address,
+        flags: int,
+        time: int,
+        interface: Interface,
+        comment: str = "",
+        data: bytes = b"",
     ) -> None:
-        """Write a TCP segment without data. A SYN or FIN advances the sequence number by one."""
-        packet = self._make_segment(source, target, flags, b"")
-        self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
-        if flags & (_SYN | _FIN):
-            self._sequence[source, target] = self._sequence.get((source, target), 1) + 1 & 0xFFFFFFFF
-
-    def _make_segment(self, source: Address, target: Address, flags: int, data: bytes) -> bytes:
+        """Write a TCP segment. A SYN or FIN advances the sequence number by one."""
         sent = self._sequence.get((source, target), 1)
         acknowledged = self._sequence.get((target, source), 1) if flags & _ACK else 0
-        self._sequence[source, target] = (sent + len(data)) & 0xFFFFFFFF
+        self._sequence[source, target] = sent + len(data) + bool(flags & (_SYN | _FIN)) & 0xFFFFFFFF
         head = _SEGMENT.pack(source[1], target[1], sent, acknowledged, 5 << 12 | flags, 65535, 0, 0)
-        return b"".join((self._ip_header(source, target, _TCP, 20 + len(data)), head, data))
+        packet = b"".join((self._ip_header(source, target, _TCP, 20 + len(data)), head, data))
+        self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
 
     def _datagram_header(self, source: Address, target: Address, size: int) -> bytes:
-        """Return the IP and UDP header of a datagram with `size` bytes, and cache it for later datagrams."""
-        if len(self._datagram_headers) >= _MAX_HOST_PAIRS:
-            self._datagram_headers.clear()
-        headers = self._datagram_headers.setdefault((source, target), {})
-        if len(headers) >= _MAX_SIZES:
-            headers.clear()
-        udp = _DATAGRAM.pack(source[1], target[1], 8 + size & 0xFFFF, 0)
-        head = headers[size] = self._ip_header(source, target, _UDP, 8 + size) + udp
+        head = self._datagram_headers.get((source, target, size))
+        if head is None:
+            if len(self._datagram_headers) >= _MAX_HEADERS:
+                self._datagram_headers.clear()
+            udp = _DATAGRAM.pack(source[1], target[1], 8 + size & 0xFFFF, 0)
+            head = self._ip_header(source, target, _UDP, 8 + size) + udp
+            self._datagram_headers[source, target, size] = head
         return head
 
     def _ip_header(self, source: Address, target: Address, protocol: int, size: int) -> bytes:
         template = self._ip_headers.get((source[0], target[0]))
         if template is None:
-            if len(self._ip_headers) >= _MAX_HOST_PAIRS:
+            if len(self._ip_headers) >= _MAX_HEADERS:
                 self._ip_headers.clear()
             template = self._ip_headers[source[0], target[0]] = _IpHeaderTemplate(source[0], target[0])
         return template.header(protocol, size)

@@ -51,22 +51,15 @@ class TcpConversations:
     ) -> None:
         """Create an object that follows no connection yet.
 
-        An end whose port is in `ports` is a server; `counts` counts segments that are not b-CAP.
+        An end whose port is in `ports` is a server; `counts` counts contradictions, and segments that are not
+        b-CAP.
         """
         self._ports = ports
         self._counts = counts
         self._budget = ByteBudget()
         self._templates = templates
         self._connections: OrderedDict[bytes, tuple[_TrackedConnection, int]] = OrderedDict()
-        self._contradictions = 0
         self._most_recent: _TrackedConnection | None = None
-
-    @property
-    def contradictions(self) -> int:
-        of_open = (
-            tracked.connection.contradictions for tracked, sender in self._connections.values() if sender == 0
-        )
-        return self._contradictions + sum(of_open)
 
     def receive(
         self, key: bytes, segment: TcpSegment, time: int, packet: int
@@ -159,9 +152,6 @@ class TcpConversations:
         return tracked.conversation.release_items()
 
     def _reset_as_not_bcap(self, tracked: _TrackedConnection) -> None:
-        """Count the connection's segments as not b-CAP, and start to detect the connection's protocol
-        anew.
-        """
         self._counts.not_bcap += tracked.unconfirmed_segments
         tracked.connection.close(0, 0)
         tracked.conversation, tracked.unconfirmed_segments = None, 0
@@ -173,7 +163,7 @@ class TcpConversations:
         # both keys are equal if a forged packet has the same source and destination
         for key in set(tracked.keys):
             del self._connections[key]
-        self._contradictions += tracked.connection.contradictions
+        self._counts.contradictions += sum(each.contradictions for each in tracked.connection.streams)
         if tracked.conversation is None:
             return []
         items = tracked.connection.close(time, packet)

@@ -221,25 +221,18 @@ class TcpStream:
         self._keep_recent(part)
         self._marks.append(_ArrivalMark(start, stop, time, packet))
         if len(self._marks) > MARKS_LIMIT:
-            self._thin_marks()
+            # join the second mark and the third: an unfinished frame needs only its first and its last mark
+            begin = self._marks[1].start
+            del self._marks[1]
+            self._marks[1] = self._marks[1]._replace(start=begin)
         return self._with_times(self._splitter.feed(data), time, packet)
 
     def _keep_recent(self, part: _StreamPart) -> None:
-        """Keep delivered bytes for comparison with retransmissions. If a part is long, keep only its last
-        bytes.
-        """
+        """Keep the last bytes of a delivered part for comparison with retransmissions."""
         surplus = len(part.data) - _LONGEST_RECENT
         if surplus > 0:
             part = part._replace(start=part.start + surplus, data=part.data[surplus:])
         self._recent.append(part)
-
-    def _thin_marks(self) -> None:
-        """Merge each pair of adjacent arrival marks into one mark with the later time. The first mark stays
-        unchanged.
-        """
-        marks = list(self._marks)
-        kept = [b._replace(start=a.start) for a, b in zip(marks[1::2], marks[2::2], strict=False)]
-        self._marks = deque([marks[0], *kept, *marks[1 + 2 * len(kept) :]])
 
     def _drain_and_skip(self, time: int, packet: int) -> list[TimedItem]:
         """Deliver the held bytes that are now in order, and skip gaps that no further segment will fill."""
@@ -274,9 +267,6 @@ class TcpStream:
         return self._with_times(self._splitter.add_gap(missing), time, packet)
 
     def _hold_ahead(self, part: _StreamPart) -> None:
-        """Hold bytes that arrived too early, while bytes before them are missing. Bytes that are already held
-        are ignored.
-        """
         start, data, time, packet = part
         stop = start + len(data)
         ahead = self._ahead
@@ -298,9 +288,6 @@ class TcpStream:
         self._budget.held += cost
 
     def _count_contradiction(self, part: _StreamPart, known: deque[_StreamPart] | list[_StreamPart]) -> None:
-        """Count a retransmission as a contradiction if its content differs from the bytes that arrived
-        first.
-        """
         for other in known:
             if other.start >= part.start + len(part.data):
                 return
@@ -345,10 +332,6 @@ class TcpConnection:
     def __init__(self, budget: ByteBudget, templates: FrameTemplates | None = None) -> None:
         self.streams = (TcpStream(budget, templates), TcpStream(budget, templates))
         self.server: int | None = None
-
-    @property
-    def contradictions(self) -> int:
-        return self.streams[0].contradictions + self.streams[1].contradictions
 
     def is_reopened_by(self, sender: int, segment: TcpSegment) -> bool:
         """Return whether a segment begins a new connection between the same ports."""

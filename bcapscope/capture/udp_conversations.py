@@ -50,17 +50,17 @@ class UdpConversations:
         self._undecided: dict[bytes, tuple[UndecidedConversation, int]] = {}
 
     def receive(
-        self, addresses: bytes, segment: bytes, timed_item: TimedItem, note: Problem | None
+        self, addresses: bytes, segment: bytes, arrival: tuple[int, int, int], note: Problem | None
     ) -> list[tuple[Flow, TimedItem]]:
         """Accept a datagram with its 8-byte header, and return the items of conversations whose server is now
         known.
 
-        Of `timed_item`, only the times and the packet number are used. `note` is the reason why the datagram
+        `arrival` is the fields of `TimedItem` without the item. `note` is the reason why the datagram
         is incomplete; None for a whole datagram.
         """
         key = addresses + segment[:4]
         payload = segment[8:]
-        items = [timed_item._replace(item=item) for item in self._parse_items(payload, note)]
+        items = [TimedItem(*arrival, item) for item in self._parse_items(payload, note)]
         flow = self.flows.get(key)
         if flow is not None:
             return [(flow, item) for item in items]

@@ -99,9 +99,7 @@ _FILLERS = frozenset(("value", "pos", "position", "angle", "値", "位置", "角
 _WORD = re.compile(r"[a-z]+\d*|\d+|[°µμ]s?|[^\W\da-z_]+")
 _LONGEST = 80
 
-_NAMES = {
-    name.casefold(): name for name in (TIME, COUNTER, *(axis.name for kind in AXES.values() for axis in kind))
-}
+_NAMES = {TIME: TIME, COUNTER: COUNTER, **_AXIS}
 _PAIR = re.compile(r"\s*(\w+)(?:\.\.(\w+))?\s*=\s*([0-9]{1,4})(?:\.\.([0-9]{1,4}))?\s*")
 _PREFERENCE = (PoseType.J, PoseType.P, PoseType.T)
 _HALF_TURN = 180.0
@@ -182,22 +180,19 @@ def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayou
         return _layout_as_given(options, titles, len(titles))
     read = [read_title(title) for title in titles]
     for role in ColumnRole:
-        found = {kind: _axis_columns(kind, role, read) for kind in _PREFERENCE}
-        whole = [kind for kind, places in found.items() if places]
-        fitting = [kind for kind in whole if options.kind in (None, kind)]
-        if fitting:
-            kind = fitting[0]
-            others = [other for other in whole if other is not kind]
-            axes = AXES[kind][: len(found[kind])]
+        places = _axis_places(read, role)
+        found = {kind: axes for kind in _PREFERENCE if (axes := _leading_axes(kind, places))}
+        if len(found.get(PoseType.J, ())) < sum(name[0] == "J" for name in places):
+            found.pop(PoseType.J, None)  # a joint in between has no column
+        kind = next((kind for kind in found if options.kind in (None, kind)), None)
+        if kind is not None:
+            others = [other for other in found if other is not kind]
             return ColumnLayout(
                 kind=kind,
-                columns=tuple(
-                    _column(axis, place, titles[place], read[place], options)
-                    for axis, place in zip(axes, found[kind], strict=True)
-                ),
+                columns=tuple(_column(axis, places[axis.name], titles, options) for axis in found[kind]),
                 time=_extra_column(TIME, titles, read),
                 counter=_extra_column(COUNTER, titles, read) or _extra_column(NUMBER, titles, read),
-                notes=tuple(_layout_notes(kind, others, axes, role, read)),
+                notes=tuple(_layout_notes(kind, others, found[kind], role, read)),
             )
     return None
 
@@ -221,10 +216,7 @@ def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> 
         raise TrajectoryError(
             Message("trajectory.untitled-doubt", count=count, doubt=doubt, advice=advice), 1
         )
-    columns = tuple(
-        Column(axis.name, place, "", *_column_unit(axis, None, options))
-        for place, axis in enumerate(AXES[kind][:count], 1)
-    )
+    columns = tuple(_column(axis, place, (), options) for place, axis in enumerate(AXES[kind][:count], 1))
     note = Message("trajectory.note.untitled", count=count, first=columns[0].axis, last=columns[-1].axis)
     return ColumnLayout(kind, columns, notes=(note,))
 
@@ -244,31 +236,29 @@ def _ambiguity(rows: Sequence[Sequence[float]]) -> Message | None:
     return Message("trajectory.doubt.position") if far and posture else None
 
 
-def _axis_columns(kind: PoseType, role: ColumnRole, read: Sequence[ColumnTitle | None]) -> list[int]:
-    """Return the columns of a pose type's axes, up to the first axis without a column; [] if these are too
-    few.
-    """
-    by_name: dict[str, int] = {}
-    for place, title in enumerate(read):
+def _axis_places(read: Sequence[ColumnTitle | None], role: ColumnRole) -> dict[str, int]:
+    places: dict[str, int] = {}
+    for place, title in enumerate(read, 1):
         if title and title.role is role:
-            by_name.setdefault(title.axis, place)
-    places = [by_name[axis.name] for axis in takewhile(lambda axis: axis.name in by_name, AXES[kind])]
-    complete = kind is not PoseType.J or len(places) == sum(name[0] == "J" for name in by_name)
-    return places if len(places) >= MIN_COLUMNS[kind] and complete else []
+            places.setdefault(title.axis, place)
+    return places
 
 
-def _column(axis: Axis, place: int, name: str, title: ColumnTitle | None, options: ReadOptions) -> Column:
-    return Column(axis.name, place + 1, name, *_column_unit(axis, title.unit if title else None, options))
+def _leading_axes(kind: PoseType, places: Mapping[str, int]) -> tuple[Axis, ...]:
+    """Return the axes up to the first axis without a column; () if they are too few for the pose type."""
+    axes = tuple(takewhile(lambda axis: axis.name in places, AXES[kind]))
+    return axes if len(axes) >= MIN_COLUMNS[kind] else ()
 
 
-def _column_unit(axis: Axis, stated: Unit | None, options: ReadOptions) -> tuple[str, float]:
-    """Return the unit of a column, and the factor that converts its numbers to the unit of the axis."""
+def _column(axis: Axis, place: int, titles: Sequence[str], options: ReadOptions) -> Column:
+    name = titles[place - 1] if titles else ""
     if not axis.unit:
-        return "", 1.0
-    unit = UNITS[options.angle if axis.unit == "deg" else options.length]
-    if stated is not None and stated.kind != "time":
-        unit = stated
-    return unit.name, unit.factor
+        return Column(axis.name, place, name)
+    title = read_title(name)
+    unit = title.unit if title else None
+    if unit is None or unit.kind == "time":
+        unit = UNITS[options.angle if axis.unit == "deg" else options.length]
+    return Column(axis.name, place, name, unit.name, unit.factor)
 
 
 def _extra_column(name: str, titles: Sequence[str], read: Sequence[ColumnTitle | None]) -> Column | None:
@@ -286,35 +276,23 @@ def _layout_as_given(options: ReadOptions, titles: Sequence[str], count: int) ->
         reason = Message("trajectory.missing-columns", count=count, missing=", ".join(missing))
         raise TrajectoryError(reason, 1)
     wanted = [kind for kind in _PREFERENCE if options.kind in (None, kind)]
-    kind = next((kind for kind in wanted if _named_axis_count(kind, options.columns)), None)
+    kind = next((kind for kind in wanted if _leading_axes(kind, options.columns)), None)
     if kind is None:
         raise TrajectoryError(Message("trajectory.columns-no-pose"), 1)
-    axes = AXES[kind][: _named_axis_count(kind, options.columns)]
+    axes = _leading_axes(kind, options.columns)
     first, last = axes[0].name, axes[-1].name
     spare = [name for name in options.columns if name not in (TIME, COUNTER, *(axis.name for axis in axes))]
     if spare:
         reason = Message("trajectory.spare-columns", spare=", ".join(spare), first=first, last=last)
         raise TrajectoryError(reason, 1)
 
-    def column(axis: Axis) -> Column:
-        place = options.columns[axis.name] - 1
-        name = titles[place] if titles else ""
-        return _column(axis, place, name, read_title(name), options)
-
     def other(name: str, unit: str) -> Column | None:
         place = options.columns.get(name)
         title = titles[place - 1] if titles and place else ""
         return Column(name, place, title, unit) if place else None
 
-    return ColumnLayout(kind, tuple(map(column, axes)), other(TIME, "s"), other(COUNTER, ""))
-
-
-def _named_axis_count(kind: PoseType, columns: Mapping[str, int]) -> int:
-    """Count the axes that the user named, up to the first axis without a column; return 0 if they are too few
-    for the pose type.
-    """
-    count = len(list(takewhile(lambda axis: axis.name in columns, AXES[kind])))
-    return count if count >= MIN_COLUMNS[kind] else 0
+    columns = tuple(_column(axis, options.columns[axis.name], titles, options) for axis in axes)
+    return ColumnLayout(kind, columns, other(TIME, "s"), other(COUNTER, ""))
 
 
 def _layout_notes(

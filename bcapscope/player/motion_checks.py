@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +24,7 @@ from bcapscope.player.smooth_curve import (
     Array,
     direction_turns,
     matches_posture,
-    unwrap_rotations,
+    paired_rows,
 )
 from bcapscope.protocol.slave_mode.poses import Axis
 from bcapscope.simulator.kinematics import AxisLimit
@@ -117,7 +117,7 @@ def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
     kind, axes, first = context.trajectory.kind, context.trajectory.axes, context.trajectory.points[0]
     far = [place for place, axis in enumerate(axes) if axis.unit and abs(away[place]) > POSITION_TOLERANCE]
     named = [_offset(axes[place], away[place]) for place in far]
-    turned = float(direction_turns(kind, _here_and_first(context.current_pose, context))[0])
+    turned = float(direction_turns(kind, paired_rows(kind, context.current_pose, first))[0])
     if turned > POSITION_TOLERANCE:
         named.append(_offset(_DIRECTIONS, turned))
     if named:
@@ -137,16 +137,9 @@ def first_point_offsets(context: PreflightContext) -> tuple[float, ...] | None:
     """
     if context.current_pose is None:
         return None
-    both = unwrap_rotations(context.trajectory.kind, _here_and_first(context.current_pose, context))
+    both = paired_rows(context.trajectory.kind, context.current_pose, context.trajectory.points[0])
     missing = (0.0,) * (len(context.trajectory.axes) - both.shape[1])
     return (*(both[1] - both[0]).tolist(), *missing)
-
-
-def _here_and_first(here: Sequence[float], context: PreflightContext) -> Array:
-    """Return the robot's pose and the first point as two rows, reduced to the axes that both have."""
-    first = context.trajectory.points[0]
-    width = min(len(here), len(first))
-    return np.vstack((np.asarray(here[:width]), first[:width]))
 
 
 def check_join(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -242,7 +235,6 @@ def _check_axis_limits(
 
 
 def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Check how fast the direction vectors of T type turn."""
     if context.step is None:
         return
     points, most = context.trajectory.points, MAX_ARM_SPEED[_DIRECTIONS.unit]

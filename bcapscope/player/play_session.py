@@ -218,7 +218,6 @@ class PlaySession:
             raise PlayAbortedError(PlayOutcome.UNARMED, Message("play.not-armed"))
 
     async def _clean_up_after_crash(self, left: PendingCleanup) -> None:
-        """Undo the steps of a crashed player, then report the controller's errors."""
         self._robot.generation = Generation(left.generation)
         self._is_leaving = True
         self._report_state(PlayState.LEAVING)
@@ -376,7 +375,6 @@ class PlaySession:
             await self._session.close()
 
     def _confirm(self, topic: QuestionTopic, text: Message) -> bool:
-        """Ask the user a question and return whether the answer is yes; an order raises PlayAbortedError."""
         answer = self._pipe.ask(PlayerQuestion(topic, text, (NO, YES)))
         self._check_order()
         return answer == YES

@@ -219,7 +219,6 @@ class PlayerProcess:
         return self.ended
 
     def _cleanup_plan(self) -> PlayPlan:
-        """Make the plan for the process that cleans up after a crashed player."""
         owed, target = self._pending_cleanup, self._plan.target
         serial = (self._serial + _SERIAL_MARGIN - 1) % _SERIAL_MAX + 1
         if target.name and not target.connect_option:
@@ -237,7 +236,6 @@ class PlayerProcess:
         )
 
     def _with_crash(self, ended: PlayEnded) -> PlayEnded:
-        """If the player crashed, say so in the last message."""
         if not self._crash:
             return ended
         reason = Message("play.cleaned-up", crash=self._crash)
@@ -248,7 +246,6 @@ class PlayerProcess:
 
 
 def _reap(process: subprocess.Popen[bytes]) -> None:
-    """Wait for a process to end, and close its pipes."""
     process.wait()
     for pipe in (process.stdin, process.stdout, process.stderr):
         if pipe is not None:

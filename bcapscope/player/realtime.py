@@ -100,7 +100,6 @@ def _acquire() -> RealtimeReport:
 
 
 def _set_fifo_priority() -> Message | None:
-    """Take real-time priority. Return None on success, or why the system refused."""
     if sys.platform != "linux":
         return Message("play.realtime.linux-only")
     try:

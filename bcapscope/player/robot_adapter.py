@@ -22,7 +22,7 @@ from bcapscope.messages import Message
 from bcapscope.messages.places import Quantity
 from bcapscope.player.motion_checks import POSITION_TOLERANCE
 from bcapscope.player.player_messages import TYPE_NAME_FACT, CleanupTask, SetPointValues
-from bcapscope.player.smooth_curve import matches_posture, unwrap_rotations
+from bcapscope.player.smooth_curve import matches_posture, paired_rows
 from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant
 from bcapscope.protocol.slave_mode.modes import Generation, PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, pose_numbers
@@ -267,8 +267,7 @@ def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -
     Direction cosines count as angles. Compare only the axes that both poses have, because RC7 may report six
     joints.
     """
-    width = min(len(here), len(there))
-    before, after = unwrap_rotations(kind, np.vstack((here[:width], there[:width])))
+    before, after = paired_rows(kind, here, there)
     ways = zip(AXES[kind], np.abs(after - before).tolist(), strict=False)
     return max(way if axis.unit else degrees(way) for axis, way in ways if axis.name != "Fig")
 

@@ -101,6 +101,12 @@ def unwrap_rotations(kind: PoseType, points: Array) -> Array:
     )
 
 
+def paired_rows(kind: PoseType, here: Sequence[float], there: Sequence[float] | Array) -> Array:
+    """Return two poses as two rows, reduced to the axes that both have. Rotations take the shorter way."""
+    width = min(len(here), len(there))
+    return unwrap_rotations(kind, np.vstack((here[:width], there[:width])))
+
+
 def direction_turns(kind: PoseType, rows: Array) -> Array:
     """Return the angle in degrees by which the vectors of T type turn in each step; 0 for other pose
     types.

@@ -205,7 +205,6 @@ def _float(value: object) -> float:
 
 
 def _number_table(rows: Sequence[Sequence[object]], names: Sequence[str]) -> Array:
-    """Convert values to numbers. Accept NaN and infinities that are written as text."""
     if len(rows) > MAX_POINTS:
         raise TrajectoryError(Message("trajectory.too-long", limit=MAX_POINTS))
     table = np.array([[_float(value) for value in row] for row in rows], dtype=np.float64)

@@ -190,7 +190,6 @@ def _lines(text: io.TextIOWrapper) -> Iterator[str]:
 
 
 def _is_project(path: Path) -> bool:
-    """Return whether a path is a folder or a project file."""
     try:
         return path.is_dir() or (path.suffix.casefold() == ".wpj" and path.is_file())
     except ValueError:  # the path is invalid; the code that opens the file will report this
@@ -200,13 +199,8 @@ def _is_project(path: Path) -> bool:
 def _read_project(path: Path, options: ReadOptions) -> tuple[Trajectory, ...]:
     """Read every control log in a project, given as its folder or file.
 
-    The function reads no further file once it has at least `MAX_TRAJECTORIES` trajectories. The function
-    skips tables without titles, because their meaning is unknown. The function also skips captures, because
-    WINCAPS III exports no captures.
-
-    Raises:
-        TrajectoryError: There is no control log; the message lists the files and says what to export.
-        OSError: The folder cannot be read.
+    The function skips tables without titles, because their meaning is unknown. The function also skips
+    captures, because WINCAPS III exports no captures.
     """
     folder = path if path.is_dir() else path.parent
     found: list[Trajectory] = []

@@ -183,7 +183,6 @@ def _read_numbers(
 
 
 def _parse_number(text: str, line: int, column: Column) -> float:
-    """Return a number in the unit of the axis; raise TrajectoryError if the text is not a number."""
     try:
         if "_" not in text:
             return float(text) * column.factor
@@ -194,8 +193,8 @@ def _parse_number(text: str, line: int, column: Column) -> float:
 
 
 def _without_empty(layout: ColumnLayout, filled: Sequence[bool]) -> tuple[Column, ...]:
-    """Return the columns before the first empty column. Raise TrajectoryError if the returned columns are too
-    few for a pose. Also raise TrajectoryError if a column after the empty column has numbers.
+    """Return the columns before the first empty column. Raise TrajectoryError if they are too few for a pose,
+    or if a later column has numbers.
     """
     columns, axes_filled = layout.columns, filled[: len(layout.columns)]
     width = axes_filled.index(False) if False in axes_filled else len(axes_filled)

@@ -48,16 +48,12 @@ def scripts_of(calls: Iterable[Call]) -> tuple[ReplayScript, ...]:
     for call in calls:
         if not call.request.item.problems:
             by_client.setdefault(call.conversation, []).append(call)
-    scripts = [_script(conversation, found) for conversation, found in by_client.items()]
+    scripts = []
+    for conversation, found in by_client.items():
+        found.sort(key=lambda call: call.request.time)
+        lines = tuple(_script_call(call, found[0].request.time) for call in found)
+        scripts.append(ReplayScript(conversation, lines, found[-1].reply_reserved))
     return tuple(sorted(scripts, key=lambda script: -len(script.calls)))
-
-
-def _script(conversation: Conversation, calls: list[Call]) -> ReplayScript:
-    calls = sorted(calls, key=lambda call: call.request.time)
-    start = calls[0].request.time
-    return ReplayScript(
-        conversation, tuple(_script_call(call, start) for call in calls), calls[-1].reply_reserved
-    )
 
 
 def _script_call(call: Call, start: int) -> ScriptCall:

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.capture import run_table
+from bcapscope.capture import capture_sequence
 from bcapscope.capture.capture_file import open_capture
-from bcapscope.capture.capture_sequence import CaptureSequence, PacketOrigin, capture_names
-from bcapscope.capture.frame_origins import FrameOrigins
+from bcapscope.capture.capture_sequence import CaptureSequence, FrameOrigins, PacketOrigin, capture_names
 from bcapscope.capture.packet import Interface
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.errors import CaptureError
@@ -56,7 +55,7 @@ def test_packets_out_of_order_in_one_file_stay_in_their_order(tmp_path: Path) ->
 
 
 def test_the_origin_is_unknown_beyond_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_table, "MAX_RUNS", 3)
+    monkeypatch.setattr(capture_sequence, "MAX_RUNS", 3)
     sequence, _ = sequence_of(tmp_path, [[0, 2, 4, 6], [1, 3, 5, 7]])
     assert len(list(sequence)) == 8
     assert sequence.origin_of(3) == PacketOrigin(str(tmp_path / "0.pcap"), "0.pcap", 2)
@@ -69,7 +68,7 @@ def test_a_frame_has_the_origin_of_the_packet_that_completed_it(tmp_path: Path) 
     other.write_bytes(pcap_header() + pcap_record(b"no IP at all", 1_700_000_005))
     paths = [*sequence.paths, str(other)]
     sequence = CaptureSequence(paths, capture_names(paths), open_capture, lambda path, error: None)
-    origins = FrameOrigins(sequence)
+    origins = FrameOrigins(sequence.origin_of)
     decoder = PacketDecoder()
     decoder.note_packet = origins.add
     assert len(list(decoder.decode(sequence))) == 4
@@ -97,7 +96,7 @@ def test_the_decoder_notes_the_packet_of_every_frame(kinds: list[str]) -> None:
         (1_700_000_000 + number, _PACKETS[kind], len(_PACKETS[kind]), Interface(1), ())
         for number, kind in enumerate(kinds)
     ]
-    decoder, runs = PacketDecoder(), run_table.RunTable()
+    decoder, runs = PacketDecoder(), capture_sequence.RunTable()
     decoder.note_packet = lambda frame, packet: runs.add(frame, 0, packet)
     for observation in decoder.decode(packets):
         assert runs.find(observation.number) == (0, observation.packet)

@@ -7,8 +7,8 @@ from threading import Event
 
 import pytest
 
-from bcapscope.capture import growing_capture
-from bcapscope.capture.growing_capture import follow_capture
+from bcapscope.capture import capture_file
+from bcapscope.capture.capture_file import follow_capture
 from bcapscope.errors import CaptureError
 from tests.capture.packets import pcap
 
@@ -38,7 +38,7 @@ def over() -> Event:
 
 @pytest.mark.parametrize("size", [1, 7, 40, 1000])
 def test_packets_come_as_they_are_written(tmp_path: Path, size: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(growing_capture, "POLL_INTERVAL", 0)
+    monkeypatch.setattr(capture_file, "POLL_INTERVAL", 0)
     whole = pcap(b"abc", b"defg", b"h")
     writer = Writer(tmp_path / "a", [whole[at : at + size] for at in range(0, len(whole), size)])
     with follow_capture(writer.path, writer.ended, writer.idle) as capture:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from bcapscope.capture.capture_file import CaptureFile, open_capture
 from bcapscope.capture.packet import Interface, Packet
-from bcapscope.capture.pcapng_writer import MARK_COMMENT, PcapngWriter, pair_encoder, write_annotated
+from bcapscope.capture.pcapng_writer import MARK_COMMENT, PcapngWriter, write_annotated
 from bcapscope.errors import CaptureError
 from tests.cli.run import CAPTURES
 
@@ -61,10 +61,8 @@ def test_two_packets_made_at_once_are_those_made_one_by_one(
 ) -> None:
     file = BytesIO()
     writer = PcapngWriter(file)
-    first, second = (
-        writer.packet_template(where, head, len(data)) for where, head in zip((LAN, RAW), heads, strict=True)
-    )
-    writer.write_blocks(pair_encoder(first, second)(time, later, data), 2)
+    make = writer.pair_encoder((LAN, heads[0]), (RAW, heads[1]), len(data))
+    writer.write_blocks(make(time, later, data), 2)
     one_by_one: list[Packet] = []
     for when, head, where in zip((time, later), heads, (LAN, RAW), strict=True):
         whole = head + data

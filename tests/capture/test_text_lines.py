@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.capture.byte_source import ChunkReader
-from bcapscope.capture.text_lines import LONGEST_LINE, text_lines
+from bcapscope.capture.pasted_text import LONGEST_LINE, text_lines
 from bcapscope.errors import CaptureError
 from tests.dumps import lines_of
 

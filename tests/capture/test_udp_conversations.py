@@ -8,7 +8,7 @@ from bcapscope.capture import udp_conversations
 from bcapscope.capture.capture_counts import CaptureCounts
 from bcapscope.capture.udp_conversations import UdpConversations
 from bcapscope.capture.undecided_conversation import TimedItem
-from bcapscope.protocol.codec.frame import Malformed, encode_frame
+from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.traffic.observation import Flow
 from tests.capture.packets import CLIENT, SERVER, reply, request
 from tests.capture.packets import udp as datagram
@@ -19,8 +19,7 @@ DOUBTFUL = encode_frame(1, 0, 1)
 def receive(
     datagrams: UdpConversations, payload: bytes, sport: int, dport: int, addresses: bytes = CLIENT + SERVER
 ) -> list[tuple[Flow, TimedItem]]:
-    when = TimedItem(0, 0, 1, Malformed(b"", ()))
-    return datagrams.receive(addresses, datagram(payload, sport, dport), when, None)
+    return datagrams.receive(addresses, datagram(payload, sport, dport), (0, 0, 1), None)
 
 
 def test_a_flow_is_known_by_the_bytes_of_its_addresses_and_ports() -> None:

@@ -22,8 +22,7 @@ from bcapscope.capture.capture_input import CaptureInput
 from bcapscope.capture.capture_sequence import STDIN, CaptureSequence, PacketOrigin
 from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.packet import Packet
-from bcapscope.capture.pasted_text import PastedText
-from bcapscope.capture.text_lines import text_lines
+from bcapscope.capture.pasted_text import PastedText, text_lines
 from bcapscope.cli.common.data_output import DataOutput
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.progress_bar import ReadProgressBar
@@ -173,7 +172,7 @@ class CaptureReader:
     @property
     def paths(self) -> Sequence[str]:
         """Paths of the captures in the order in which they are read, without folders."""
-        return self._input.paths
+        return self._input.captures.paths
 
     def remember_origins(self) -> None:
         """Make `frame_origins` remember the packet of each frame. Call this method before reading."""
@@ -185,7 +184,7 @@ class CaptureReader:
 
         The result is None for live traffic and for pasted text.
         """
-        return self._input.origin_of(packet)
+        return self._input.captures.origin_of(packet)
 
     def citing_words(self) -> MessageFormatter:
         """Return the formatter for the command's messages.
@@ -201,11 +200,11 @@ class CaptureReader:
 
     @property
     def comments(self) -> Mapping[int, tuple[str, ...]]:
-        return self._input.comments if self._pasted is None else self._pasted.comments
+        return self._input.decoder.comments if self._pasted is None else self._pasted.comments
 
     def show_progress(self) -> None:
         """Show the progress if reading a file takes long."""
-        self._progress.show(self._input.position, self._input.size)
+        self._progress.show(self._input.captures.position, self._input.captures.size)
 
     def print_lines(self, lines: Iterable[str] | Iterable[bytes]) -> None:
         """Print lines of data, and show the progress of reading after each batch of lines."""
@@ -233,7 +232,9 @@ class CaptureReader:
             print_stderr(trouble)
         self._print_plans()
         recognised = [
-            c for c in self._input.conversations if c.server_evidence.kind is not ServerEvidenceKind.PORT
+            c
+            for c in self._input.decoder.conversations
+            if c.server_evidence.kind is not ServerEvidenceKind.PORT
         ]
         for conversation in recognised[:_MAX_SERVERS_LISTED]:
             server, transport = str(conversation.server), str(conversation.transport)
@@ -246,7 +247,7 @@ class CaptureReader:
         if self._input.own_requests:
             own = Count(self._input.own_requests, "request")
             print_stderr(words("reading.own-requests", requests=own))
-        counts = self._input.counts
+        counts = self._input.decoder.counts
         if counts.packets or self.exit_code is not ExitCode.UNREADABLE:
             print_stderr(capture_counts_text(counts, words))
 

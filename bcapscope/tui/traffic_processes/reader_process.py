@@ -21,8 +21,7 @@ from functools import partial
 from pathlib import Path
 from typing import BinaryIO, cast
 
-from bcapscope.capture.capture_file import CaptureFile, open_capture
-from bcapscope.capture.growing_capture import follow_capture
+from bcapscope.capture.capture_file import CaptureFile, follow_capture, open_capture
 from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import PacketDecoder
