@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable
-from typing import TypeGuard, cast
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import click
 
@@ -13,6 +14,9 @@ from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.live.standard_streams import discard_stdout
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.render.columns import fold_line
+
+LINES_AT_ONCE = 512
+"""Number of lines in a batch. Live output is written line by line instead."""
 
 _BATCH_CHARACTERS = 256 * 1024  # A batch of lines is written when it has this many characters.
 
@@ -26,42 +30,49 @@ class StdoutWriteError(click.ClickException):
         super().__init__(f"cannot write to standard output: {os_reason(error)}")
 
 
-class DataOutput:
-    def __init__(self, lines_at_once: int = 512) -> None:
-        """Write `lines_at_once` lines at a time: many lines for speed, one line for live output."""
-        self._lines_at_once = lines_at_once
-        self._stdout = sys.stdout.buffer
+@contextmanager
+def _write_errors_reported() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        discard_stdout()
+        raise StdoutWriteError(error) from None
 
-    def write_lines(self, lines: Iterable[str] | Iterable[bytes], after_batch: Callable[[], None]) -> None:
-        """Write the lines in batches, and call `after_batch` after each batch.
 
-        Raises:
-            BrokenPipeError: the reader closed stdout.
-            StdoutWriteError: writing failed for another reason, such as a full disk.
-        """
-        batch: list[str | bytes] = []
-        size = 0
-        for line in cast("Iterable[str | bytes]", lines):
-            batch.append(line)
-            size += len(line)
-            if size >= _BATCH_CHARACTERS or len(batch) >= self._lines_at_once:
-                self._write(_joined_lines(batch))
-                batch.clear()
-                size = 0
-                after_batch()
-        if batch:
-            self._write(_joined_lines(batch))
+def write_lines(
+    lines: Iterable[str] | Iterable[bytes],
+    lines_at_once: int = LINES_AT_ONCE,
+    after_batch: Callable[[], None] = lambda: None,
+) -> None:
+    """Write the lines in batches, and call `after_batch` after each batch.
+
+    Raises:
+        BrokenPipeError: the reader closed stdout.
+        StdoutWriteError: writing failed for another reason, such as a full disk.
+    """
+    batch: list[str | bytes] = []
+    size = 0
+    for line in lines:
+        batch.append(line)
+        size += len(line)
+        if size >= _BATCH_CHARACTERS or len(batch) >= lines_at_once:
+            _write_batch(batch)
+            batch.clear()
+            size = 0
             after_batch()
+    if batch:
+        _write_batch(batch)
+        after_batch()
 
-    def _write(self, data: bytes) -> None:
-        try:
-            self._stdout.write(data)
-            self._stdout.flush()
-        except BrokenPipeError:
-            raise
-        except OSError as error:
-            discard_stdout()
-            raise StdoutWriteError(error) from None
+
+def _write_batch(lines: list[Any]) -> None:
+    is_binary = isinstance(lines[0], bytes)
+    data = b"\n".join(lines) + b"\n" if is_binary else ("\n".join(lines) + "\n").encode()
+    with _write_errors_reported():
+        sys.stdout.buffer.write(data)
+        sys.stdout.buffer.flush()
 
 
 def echo(text: str | bytes, end: bool = True) -> None:
@@ -71,13 +82,8 @@ def echo(text: str | bytes, end: bool = True) -> None:
         BrokenPipeError: the reader closed stdout.
         StdoutWriteError: writing failed for another reason, such as a full disk.
     """
-    try:
+    with _write_errors_reported():
         click.echo(text, nl=end)
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        discard_stdout()
-        raise StdoutWriteError(error) from None
 
 
 def require_terminal() -> None:
@@ -111,13 +117,3 @@ def folded_lines(lines: Iterable[str], wide: bool) -> Iterable[str]:
     """
     width = line_width(wide)
     return lines if width is None else (fold_line(line, width) for line in lines)
-
-
-def _joined_lines(lines: list[str | bytes]) -> bytes:
-    if _are_bytes(lines):
-        return b"\n".join(lines) + b"\n"
-    return ("\n".join(cast(list[str], lines)) + "\n").encode("utf-8")
-
-
-def _are_bytes(lines: list[str | bytes]) -> TypeGuard[list[bytes]]:
-    return isinstance(lines[0], bytes)

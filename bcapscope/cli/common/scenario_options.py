@@ -6,17 +6,12 @@ import textwrap
 
 import click
 
-from bcapscope.cli.common.data_output import DataOutput
+from bcapscope.cli.common.data_output import write_lines
 from bcapscope.faults.document import DocumentError
 from bcapscope.render.columns import align_columns
 from bcapscope.render.escape import printable
 from bcapscope.simulator.behaviours import read_behaviours
-from bcapscope.simulator.scenario import (
-    ClientProgram,
-    Scenario,
-    load_scenario,
-    read_scenario,
-)
+from bcapscope.simulator.scenario import ClientProgram, Scenario, load_scenario, read_scenario
 from bcapscope.simulator.scenario_files import bundled_scenarios
 
 _WIDTH = 98
@@ -46,24 +41,20 @@ def choose_scenario(context: click.Context, param: click.Parameter, named: str |
 
 def list_scenarios(context: click.Context, param: click.Parameter, wanted: bool) -> None:
     """If `wanted` is True, print each included scenario with the rule that it demonstrates, then exit."""
-    if not wanted or context.resilient_parsing:
-        return
-    read = {name: read_scenario(text) for name, text in bundled_scenarios().items()}
-    rows = [(name, scenario.shows or "", scenario.title) for name, scenario in read.items()]
-    DataOutput().write_lines(
-        align_columns([("NAME", "ROOT CAUSE", "WHAT IT SHOWS"), *rows], "<<<"), lambda: None
-    )
-    context.exit()
+    if wanted and not context.resilient_parsing:
+        scenarios = ((name, read_scenario(text)) for name, text in bundled_scenarios().items())
+        rows = [(name, scenario.shows or "", scenario.title) for name, scenario in scenarios]
+        write_lines(align_columns([("NAME", "ROOT CAUSE", "WHAT IT SHOWS"), *rows], "<<<"))
+        context.exit()
 
 
 def list_behaviours(context: click.Context, param: click.Parameter, wanted: bool) -> None:
     """If `wanted` is True, print each simulated behaviour with its source, then exit."""
-    if not wanted or context.resilient_parsing:
-        return
-    head = ("BEHAVIOUR", "CERTAINTY", "WHAT THE SIMULATOR DOES, OR WHEN IT RETURNS THE RESULT", "SOURCE")
-    rows = [(each.name, each.certainty, each.text, each.source) for each in read_behaviours()]
-    DataOutput().write_lines(align_columns([head, *rows], "<<<<"), lambda: None)
-    context.exit()
+    if wanted and not context.resilient_parsing:
+        head = ("BEHAVIOUR", "CERTAINTY", "WHAT THE SIMULATOR DOES, OR WHEN IT RETURNS THE RESULT", "SOURCE")
+        rows = [(each.name, each.certainty, each.text, each.source) for each in read_behaviours()]
+        write_lines(align_columns([head, *rows], "<<<<"))
+        context.exit()
 
 
 def scenario_introduction(scenario: Scenario) -> str:
