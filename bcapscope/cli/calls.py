@@ -5,12 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator
 from itertools import chain, starmap
+from typing import Any
 
 import click
 
 from bcapscope.capture.capture_input import read_items
 from bcapscope.cli.common import options
-from bcapscope.cli.common.call_reading import call_test
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.column_options import call_columns, columns_option, wide_option
 from bcapscope.cli.common.data_output import folded_lines
@@ -23,11 +23,9 @@ from bcapscope.render.display_filter import display_filter_lines, packets_of
 from bcapscope.render.record_columns import CALL_COLUMNS, ColumnFormat, RecordColumn, parse_columns
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
-from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
-from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
 _MAX_SESSIONS_LISTED = 8
@@ -53,21 +51,18 @@ _MAX_SESSIONS_LISTED = 8
 @options.language
 def command(
     *,
-    paths: tuple[str, ...],
     interface: str | None,
-    ports: tuple[int, ...],
-    taken_at: CapturePoint | None,
     tree: bool,
     as_json: bool,
     as_csv: bool,
     display_filter: bool,
     columns: tuple[RecordColumn, ...] | None,
     wide: bool,
-    side: CapturePlace | None,
     wanted: Filter | None,
     clock: str,
     color: str,
     words: MessageFormatter,
+    **source: Any,
 ) -> None:
     """Show the calls in captures: each request with its retries, notices and reply.
 
@@ -87,7 +82,7 @@ def command(
         _check_display_filter(as_json or as_csv or columns is not None, interface)
     if as_csv and columns is None:
         columns = parse_columns(",".join(CALL_COLUMNS), RecordKind.CALL)
-    reading = CaptureReader(paths, ports, interface, words=words, side=side, taken_at=taken_at)
+    reading = CaptureReader(interface=interface, words=words, **source)
     calls = _ShownCalls(reading, wanted)
     if columns is not None:
         table = call_columns(reading, columns, choose_palette(color), wide)
@@ -144,7 +139,7 @@ class _ShownCalls(PipelineSubscriber):
 
     def __init__(self, reader: CaptureReader, wanted: Filter | None) -> None:
         self._reader = reader
-        self._test = call_test(wanted, reader)
+        self._test = reader.call_test(wanted)
         self._handles = HandleTracker()
         self._items: list[tuple[PairingResult, TrackedObject | None]] = []
         self._stray_count = 0

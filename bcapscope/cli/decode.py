@@ -30,7 +30,6 @@ from bcapscope.traffic.call_kind import CallKind, RecentRequests
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
-from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.observation import Observation
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -73,20 +72,17 @@ def _format_option(style: FrameFormat, text: str) -> Callable[[F], F]:
 @options.language
 def command(
     *,
-    paths: tuple[str, ...],
-    interface: str | None,
     text: str | None,
-    ports: tuple[int, ...],
     styles: tuple[FrameFormat, ...],
     columns: tuple[RecordColumn, ...] | None,
     wide: bool,
     dump: bool,
     full: bool,
-    side: CapturePlace | None,
     wanted: Filter | None,
     clock: str,
     color: str,
     words: MessageFormatter,
+    **source: Any,
 ) -> None:
     """Decode the frames of captures, one line each.
 
@@ -103,7 +99,7 @@ def command(
     """
     style = _choose_format(styles, columns is not None, dump, full)
     translated = words if columns is None and style in (None, FrameFormat.TREE) else ENGLISH_WORDS
-    reading = CaptureReader(paths, ports, interface, text, words, side=side, comment_words=translated)
+    reading = CaptureReader(text=text, words=words, comment_words=translated, **source)
     palette = choose_palette(color)
     if columns is not None:
         renderer = frame_columns(reading, columns, palette, wide)
@@ -201,8 +197,8 @@ def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterat
     frames = _render_frames(reader, None, AnnotatedFrame)
     if wanted is None:
         return frames
-    test = wanted.bind(FRAME_GETTERS, lambda: reader.first_time)
-    return filter(reader.counting_test(wanted, test, lambda frame: frame.observation.number), frames)
+    test = reader.record_test(wanted, FRAME_GETTERS, lambda frame: frame.observation.number)
+    return filter(test, frames)
 
 
 def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:

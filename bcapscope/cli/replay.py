@@ -19,7 +19,6 @@ from bcapscope.cli.common.arming_prompt import (
     log_armed_calls,
     unarmed_reason,
 )
-from bcapscope.cli.common.call_reading import read_filtered_calls
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode, exit_on, exit_with
@@ -194,7 +193,7 @@ def _serve(
 def _choose_script(
     reader: CaptureReader, wanted: Filter | None, client: str | None, words: MessageFormatter
 ) -> ReplayScript:
-    scripts = scripts_of(read_filtered_calls(reader, wanted))
+    scripts = scripts_of(reader.read_calls(wanted))
     reader.print_summary()
     if client is not None:
         scripts = tuple(script for script in scripts if client in _client_names(script))

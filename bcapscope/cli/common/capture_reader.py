@@ -10,15 +10,14 @@ import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO, NoReturn, TextIO, TypeVar, cast
+from typing import TYPE_CHECKING, BinaryIO, NoReturn, TextIO, TypeVar, cast
 
 import click
 
 from bcapscope.capture.capture_file import CaptureFile, open_capture
-from bcapscope.capture.capture_input import CaptureInput
+from bcapscope.capture.capture_input import CaptureInput, read_items
 from bcapscope.capture.capture_sequence import STDIN, CaptureSequence
 from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.packet import Packet
@@ -36,12 +35,20 @@ from bcapscope.messages.places import Count, joined_clauses
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
 from bcapscope.render.server_evidence_text import server_evidence_message
+from bcapscope.traffic.call import Call
 from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
+from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.observation import Observation, ServerEvidenceKind
 
+if TYPE_CHECKING:
+    from bcapscope.traffic.pipeline import PipelineSubscriber
+
 R = TypeVar("R")
+
+_PROGRESS_EVERY = 0x1000
+"""Number of frames between updates of the progress bar; a power of two."""
 
 _MAX_SERVERS_LISTED = 8
 _IDLE_INTERVAL = 250_000_000  # ns
@@ -91,7 +98,8 @@ class CaptureReader(CaptureInput):
         self._words = words
         self._pasted = None if text is None else PastedText(self._text_lines(text), comment_words)
         self._progress = ReadProgressBar()
-        self._no_match: _NoMatch | None = None
+        self._filter: Filter | None = None
+        self._tested_count, self._has_match = 0, False
         self._lost_packets = 0
         self._problems: list[str] = []
         super().__init__(
@@ -115,20 +123,45 @@ class CaptureReader(CaptureInput):
         yield from super().observations()
         self._progress.remove()
 
-    def counting_test(
-        self, wanted: Filter, test: Callable[[R], bool], number_of: Callable[[R], int]
+    def read_to_end(self, *subscribers: PipelineSubscriber) -> None:
+        """Read the input to its end, and pass the traffic to the subscribers. Show the progress of this."""
+        pipeline = self.pipeline(*subscribers)
+        add = pipeline.add
+        for count, observation in enumerate(self.observations()):
+            add(observation)
+            if not count & (_PROGRESS_EVERY - 1):
+                self.show_progress()
+        pipeline.finish(self.ended_at)
+
+    def read_calls(self, wanted: Filter | None) -> Iterator[Call]:
+        """Yield each call that matches a filter, as soon as the call is complete."""
+        from bcapscope.traffic.pipeline import CallCollector
+
+        collector = CallCollector(self.call_test(wanted))
+        return read_items(self, self.pipeline(collector), collector.calls)
+
+    def call_test(self, wanted: Filter | None) -> Callable[[Call], bool] | None:
+        """Return a function that tests whether a call matches the filter; None if there is no filter.
+
+        If no call matches the filter, `print_summary` reports this.
+        """
+        return None if wanted is None else self.record_test(wanted, CALL_GETTERS, lambda call: call.number)
+
+    def record_test(
+        self, wanted: Filter, getters: Mapping[str, Callable[[R], object]], number_of: Callable[[R], int]
     ) -> Callable[[R], bool]:
-        """Return a function that tests records with the filter, and counts the records that it has tested. If
-        no record matches the filter, `print_summary` reports this.
+        """Return a function that tests records with the filter. If no record matches the filter,
+        `print_summary` reports this.
 
         `number_of` is a function that returns the number of a record, counted from 1.
         """
-        self._no_match = no_match = _NoMatch(wanted)
+        self._filter = wanted
+        test = wanted.bind(getters, lambda: self.first_time)
 
         def counted(record: R) -> bool:
             number, matches = number_of(record), test(record)
-            no_match.tested = number if number > no_match.tested else no_match.tested
-            no_match.has_matched = no_match.has_matched or matches
+            self._tested_count = number if number > self._tested_count else self._tested_count
+            self._has_match = self._has_match or matches
             return matches
 
         return counted
@@ -168,8 +201,8 @@ class CaptureReader(CaptureInput):
         If no record matched the filter, the summary says this. The summary lists read errors, controllers
         that were recognised by the content of their traffic, and packet counts.
         """
-        if self._no_match is not None and (sentence := self._no_match.sentence(self._words)):
-            print_stderr(sentence)
+        if self._filter is not None and self._tested_count and not self._has_match:
+            self._print_no_match(self._filter)
         self._progress.remove()
         for problem in self._problems:
             print_stderr(problem)
@@ -191,6 +224,15 @@ class CaptureReader(CaptureInput):
             print_stderr(words("reading.own-requests", requests=Count(self.own_requests, "request")))
         if self.counts.packets or self.exit_code is not ExitCode.UNREADABLE:
             print_stderr(capture_counts_text(self.counts, words))
+
+    def _print_no_match(self, wanted: Filter) -> None:
+        records = Count(self._tested_count, str(wanted.kind))
+        unknown = joined_clauses(wanted.unknown_values)
+        if unknown is None:
+            print_stderr(self._words("filter.no-match", records=records))
+        else:
+            sentence = self._words("filter.no-match.because", records=records, unknown=unknown)
+            print_stderr(printable(sentence))
 
     def _print_plans(self) -> None:
         if not self.plans:
@@ -261,31 +303,6 @@ class CaptureReader(CaptureInput):
 
     def _input_name(self, path: str) -> str:
         return self._words("reading.stdin") if path == STDIN else printable(path)
-
-
-@dataclass(slots=True)
-class _NoMatch:
-    """Counts tested records, to find out whether none matched the filter.
-
-    Attributes:
-        tested: Number of records that the filter has tested.
-    """
-
-    wanted: Filter
-    tested: int = 0
-    has_matched: bool = False
-
-    def sentence(self, words: MessageFormatter) -> str:
-        """Return a sentence that says that no record matched; "" if a record matched, or if no record was
-        tested.
-        """
-        if self.has_matched or not self.tested:
-            return ""
-        records = Count(self.tested, str(self.wanted.kind))
-        unknown = joined_clauses(self.wanted.unknown_values)
-        if unknown is None:
-            return words("filter.no-match", records=records)
-        return printable(words("filter.no-match.because", records=records, unknown=unknown))
 
 
 class _Interrupted(Exception):

@@ -68,8 +68,19 @@ def _quoted(value: object) -> str:
     return repr(shortened(str(value), LONGEST_NUMBER))
 
 
+def added(decorators: Sequence[Decorator]) -> Decorator:
+    """Return a decorator that adds several options to a command, in this order."""
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(decorators):
+            function = option(function)
+        return function
+
+    return decorate
+
+
 def bundled(
-    parameter: str, make: Callable[..., object], added: Sequence[Decorator], names: Iterable[str] = ()
+    parameter: str, make: Callable[..., object], decorators: Sequence[Decorator], names: Iterable[str] = ()
 ) -> Decorator:
     """Return a decorator that adds options to a command, and passes all their values as one object.
 
@@ -84,10 +95,7 @@ def bundled(
             own = {name: given.pop(name) for name in own_names if name in given}
             return function(**{parameter: make(**own)}, **given)
 
-        decorated: Callable[..., Any] = command
-        for option in reversed(added):
-            decorated = option(decorated)
-        return decorated
+        return added(decorators)(command)
 
     return decorate
 
