@@ -18,7 +18,7 @@ from multiprocessing.shared_memory import SharedMemory
 import msgspec
 
 from bcapscope.errors import FileWriteError
-from bcapscope.live.cpu_wakefulness import CpuLatencyLimit, CpuWakefulness, datagrams_passed
+from bcapscope.live.cpu_wakefulness import CpuWakefulness, datagrams_passed
 from bcapscope.live.end_signals import end_signals_blocked
 from bcapscope.live.proxy_options import (
     BEGIN,
@@ -116,7 +116,7 @@ class ProxySupervisor:
         self._is_watched = self._has_watcher_begun = False
         self.is_recording_incomplete = False
         self._watcher_priority: WatcherPriority | None = None
-        self._wakefulness = CpuWakefulness(CpuLatencyLimit()) if low_latency else None
+        self._wakefulness = CpuWakefulness() if low_latency else None
         self._ports: list[TcpListener | UdpListener] = []
         self._ending_since = 0.0
         self._is_terminal_closed = self._must_end_now = False
@@ -237,7 +237,7 @@ class ProxySupervisor:
         wait.
         """
         if self._wakefulness is not None:
-            self._wakefulness.allow_sleep()
+            self._wakefulness.allow_deep_sleep()
         for port in self._ports:  # `run` was not called, so the relay does not own the listeners
             port.close()
             port.release()

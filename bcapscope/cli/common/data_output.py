@@ -21,13 +21,16 @@ LINES_AT_ONCE = 512
 _BATCH_CHARACTERS = 256 * 1024  # A batch of lines is written when it has this many characters.
 
 
-class StdoutWriteError(click.ClickException):
-    """Writing to standard output failed for a reason other than a closed pipe."""
+class OutputError(click.ClickException):
+    """A file or standard output cannot be written. The message contains no control characters."""
 
     exit_code = ExitCode.UNWRITABLE
 
-    def __init__(self, error: OSError) -> None:
-        super().__init__(f"cannot write to standard output: {os_reason(error)}")
+
+def discarded_stdout(error: OSError) -> OutputError:
+    """Discard stdout, because writing to it failed with `error`. Return the exception to raise."""
+    discard_stdout()
+    return OutputError(f"cannot write to standard output: {os_reason(error)}")
 
 
 @contextmanager
@@ -37,8 +40,7 @@ def _write_errors_reported() -> Iterator[None]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        discard_stdout()
-        raise StdoutWriteError(error) from None
+        raise discarded_stdout(error) from None
 
 
 def write_lines(
@@ -50,7 +52,7 @@ def write_lines(
 
     Raises:
         BrokenPipeError: the reader closed stdout.
-        StdoutWriteError: writing failed for another reason, such as a full disk.
+        OutputError: writing failed for another reason, such as a full disk.
     """
     batch: list[str | bytes] = []
     size = 0
@@ -80,7 +82,7 @@ def echo(text: str | bytes, end: bool = True) -> None:
 
     Raises:
         BrokenPipeError: the reader closed stdout.
-        StdoutWriteError: writing failed for another reason, such as a full disk.
+        OutputError: writing failed for another reason, such as a full disk.
     """
     with _write_errors_reported():
         click.echo(text, nl=end)
