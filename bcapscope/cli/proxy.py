@@ -239,11 +239,10 @@ class _ProxyRun:
             opened.callback(control.close)
             print_stderr(self.words("rules.control", address=control.address))
         addresses = [proxy.listen(listener, self.forget_ns) for listener in self.listeners]
-        if scripts is None or policy is None:
-            proxy.start_watcher()
-        else:
+        if scripts is not None and policy is not None:
             scripts.attach(policy, proxy.relay, proxy.must_end_now)
-            proxy.start_watcher(scripts.load)
+            proxy.wait_for(scripts.load)
+        proxy.start_watcher()
         pairs = list(zip(self.listeners, addresses, strict=True))
         listening += [f"{address} > {each.to}" for each, address in pairs]
         greetings = [_greeting(*pair) for pair in pairs]

@@ -21,7 +21,6 @@ from bcapscope.errors import FileWriteError
 from bcapscope.live.cpu_wakefulness import CpuWakefulness, datagrams_passed
 from bcapscope.live.end_signals import end_signals_blocked
 from bcapscope.live.proxy_options import (
-    BEGIN,
     CLOSE_SESSIONS,
     INCOMPLETE,
     READY,
@@ -134,12 +133,17 @@ class ProxySupervisor:
         self._ports += ports
         return address
 
-    def start_watcher(self, wait_for_scripts: Callable[[float], bool] | None = None) -> None:
-        """Start the watcher process and wait until it is ready.
+    def wait_for(self, is_ready: Callable[[float], bool]) -> None:
+        """Call `is_ready` until it returns True. `is_ready(seconds)` waits, but at most this time.
 
-        `wait_for_scripts(seconds)` waits until the scripts have started, but at most this time, and returns
-        whether they have started. The watcher process loads while the scripts start. Recording begins when
-        all scripts have started.
+        Raises:
+            KeyboardInterrupt: A signal has asked the proxy to end.
+        """
+        while not is_ready(_POLL_INTERVAL):
+            self._raise_if_ended()
+
+    def start_watcher(self) -> None:
+        """Start the watcher process, which begins to record, and wait until it is ready.
 
         Raises:
             FileWriteError: The recording cannot be written, or the process cannot be started.
@@ -154,24 +158,17 @@ class ProxySupervisor:
             raise FileWriteError(Message("proxy.part.watcher"), os_reason(error)) from None
         self._watcher = watcher
         self._watcher_end.close()
-        while wait_for_scripts is not None and not wait_for_scripts(_POLL_INTERVAL):
-            self._raise_if_ended()
-        self._send_to_watcher(BEGIN)
         until = time.monotonic() + _BEGINS_WITHIN
-        while not self._watcher_pipe.poll(_POLL_INTERVAL) and time.monotonic() < until:
-            self._raise_if_ended()
+        self.wait_for(lambda seconds: self._watcher_pipe.poll(seconds) or time.monotonic() > until)
+        answer = encode_message(Message("os.no-answer"))
         try:
-            answer = (
-                self._watcher_pipe.recv_bytes()
-                if self._watcher_pipe.poll()
-                else encode_message(Message("os.no-answer"))
-            )
+            if self._watcher_pipe.poll():
+                answer = self._watcher_pipe.recv_bytes()
         except (EOFError, OSError):
             answer = encode_message(Message("proxy.writer-ended"))
         if answer != READY:
-            raise FileWriteError(
-                self._options.record or Message("proxy.part.recording"), decode_message(answer)
-            )
+            path = self._options.record or Message("proxy.part.recording")
+            raise FileWriteError(path, decode_message(answer))
         self._is_watched = self._has_watcher_begun = True
         self._unlink_memory()
         if sys.platform != "win32":  # Windows cannot wait for a pipe and sockets together
