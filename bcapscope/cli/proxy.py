@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -246,30 +245,17 @@ class _ProxyRun:
         pairs = list(zip(self.listeners, addresses, strict=True))
         listening += [f"{address} > {each.to}" for each, address in pairs]
         greetings = [_greeting(*pair) for pair in pairs]
-        if not self.attended:
-            return proxy, partial(_print_greetings, proxy, greetings)
-        control_address = control.address if control else ""
-        texts = [self.words.text(greeting) for greeting in greetings]
-        return proxy, partial(_announce_to_parent, proxy, texts, listening, control_address)
 
+        def greet() -> None:
+            if self.attended:
+                print_stderr("\n".join(map(self.words.text, greetings)))
+                announce_ready(listening, control.address if control else "")
+                proxy.end_with_parent()
+                return
+            for greeting in greetings:  # the watcher prints them, because it writes the terminal's last line
+                proxy.relay.notify(greeting)
 
-def _print_greetings(proxy: ProxySupervisor, greetings: list[Message]) -> None:
-    """Let the watcher process print the greetings, because that process writes the last line of the
-    terminal.
-    """
-    for greeting in greetings:
-        proxy.relay.notify(greeting)
-
-
-def _announce_to_parent(
-    proxy: ProxySupervisor, greetings: list[str], listening: list[str], control: str
-) -> None:
-    """Report to the parent process that the proxy is ready, and end the proxy when the parent process
-    ends.
-    """
-    print_stderr("\n".join(greetings))
-    announce_ready(listening, control)
-    proxy.end_with_parent()
+        return proxy, greet
 
 
 def _greeting(listener: ListenerSpec, address: Endpoint) -> Message:

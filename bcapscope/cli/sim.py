@@ -19,7 +19,7 @@ from bcapscope.cli.common.scenario_options import (
     scenario_introduction,
 )
 from bcapscope.live.server_runner import ServerRunner, reachability
-from bcapscope.live.standard_streams import print_stderr
+from bcapscope.live.standard_streams import can_poll_stdin, print_stderr
 from bcapscope.messages import Message, MessageFormatter
 from bcapscope.simulator.controller_setup import ScenarioProfileError, played_scenario, start_simulator
 from bcapscope.simulator.listening_sockets import SimulatorListenError
@@ -78,12 +78,7 @@ from bcapscope.simulator.simulator_server import SimulatorServer
     help="Omit the EMPTY argument in replies without a value: never, only in replies to slvChangeMode, or "
     "always. Default: slvchangemode for rc7, never for other profiles.",
 )
-@click.option(
-    "--listen",
-    metavar="HOST",
-    default="127.0.0.1",
-    help="Listen on this address of this machine.",
-)
+@click.option("--listen", metavar="HOST", default="127.0.0.1", help="Listen on this address of this machine.")
 @click.option(
     "-p",
     "--port",
@@ -207,13 +202,7 @@ def _actions(
         machine.slave.async_detector = not machine.slave.async_detector
         print_message("sim.detector.on" if machine.slave.async_detector else "sim.detector.off")
 
-    return {
-        "reset": reset,
-        "stop": press,
-        "go": release,
-        "detector": switch_detector,
-        "quit": _quit,
-    }
+    return {"reset": reset, "stop": press, "go": release, "detector": switch_detector, "quit": _quit}
 
 
 class _TypedCommands:
@@ -226,7 +215,7 @@ class _TypedCommands:
         self._print_message = print_message
         self._attended = attended
         self._rest = b""
-        self.watched = [0] if _can_be_read() else []
+        self.watched = [0] if can_poll_stdin() else []
 
     def read_commands(self, descriptor: int) -> None:
         data = os.read(descriptor, 1024)
@@ -244,13 +233,3 @@ class _TypedCommands:
             found[0]()
         elif word:
             self._print_message("sim.commands")
-
-
-def _can_be_read() -> bool:
-    """Return whether stdin can be polled. Background jobs cannot poll stdin. On Windows, no program can."""
-    if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
-        return False
-    try:
-        return not os.isatty(0) or os.tcgetpgrp(0) == os.getpgrp()
-    except OSError:
-        return False

@@ -36,6 +36,18 @@ def choose_palette(color: str) -> Palette:
     return ANSI if color == "always" else PLAIN
 
 
+def can_poll_stdin() -> bool:
+    """Return whether this process can wait for stdin. A background job cannot wait for its terminal. On
+    Windows, no program can wait for stdin.
+    """
+    if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
+        return False
+    try:
+        return not os.isatty(0) or os.tcgetpgrp(0) == os.getpgrp()
+    except OSError:
+        return False
+
+
 def discard_stdout() -> None:
     """Discard output that is still in Python's buffer, because stdout did not accept it.
 

@@ -64,9 +64,8 @@ class RuleOptions:
             return None
         from bcapscope.proxy.script_process import DEFAULT_MEMORY_MB, ScriptProcess
 
-        return exit_stack.enter_context(
-            closing(ScriptProcess(self.scripts, self.script_memory_mb or DEFAULT_MEMORY_MB))
-        )
+        scripts = ScriptProcess(self.scripts, self.script_memory_mb or DEFAULT_MEMORY_MB)
+        return exit_stack.enter_context(closing(scripts))
 
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
         """Create the rules of the proxy; return None if the options define no rules.
@@ -81,18 +80,13 @@ class RuleOptions:
         from bcapscope.proxy.rule_policy import RulePolicy
         from bcapscope.proxy.script_queue import TIME_LIMIT_NS, ScriptQueue
 
-        now, since_1970 = time.monotonic_ns(), time.time_ns()
+        now = time.monotonic_ns()
+        epoch = time.time_ns() - now
+        injector = FaultInjector(self.faults, seed=self.seed, now=now, epoch=epoch)
         queue = None
         if scripts is not None:
             queue = ScriptQueue(scripts.names, scripts, self.script_limit_ns or TIME_LIMIT_NS)
-        epoch = since_1970 - now
-        return RulePolicy(
-            FaultInjector(self.faults, seed=self.seed, now=now, epoch=epoch),
-            guard,
-            Intercept(self.intercept, self._effective_hold_ns()),
-            queue,
-            epoch=epoch,
-        )
+        return RulePolicy(injector, guard, Intercept(self.intercept, self._hold_limit_ns), queue, epoch=epoch)
 
     def attach_rules(
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
@@ -135,7 +129,7 @@ class RuleOptions:
         if self._has_guard:
             lines.append(Message("rules.guard"))
         if self.intercept is not None:
-            limit = f"{self._effective_hold_ns() / 1e9:g} s"
+            limit = f"{self._hold_limit_ns / 1e9:g} s"
             lines.append(Message("rules.intercept", limit=limit))
         return lines
 
@@ -150,7 +144,8 @@ class RuleOptions:
 
         return RequestGuard(self.read_only or bool(self.allow_command), self.block, self.allow_command)
 
-    def _effective_hold_ns(self) -> int:
+    @property
+    def _hold_limit_ns(self) -> int:
         from bcapscope.proxy.intercept import HOLD_TIME_NS
 
         return HOLD_TIME_NS if self.hold_ns is None else self.hold_ns
