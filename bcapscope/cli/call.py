@@ -74,7 +74,7 @@ class _ScriptFile(click.File):
 )
 @click.option("--file", help="Open the file of this name if a call needs one.")
 @click.option("--extension", help="Open the extension of this name if a call needs one.")
-@click.option("--command", "command_", help="Open the command object of this name if a call needs one.")
+@click.option("--command", help="Open the command object of this name if a call needs one.")
 @click.option("--arm", is_flag=True, help="Allow calls that may energise or move a robot.")
 @click.option("--hex", "dump", is_flag=True, help="Show a hex dump of the packets below each call.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per call, with its reply.")
@@ -115,7 +115,7 @@ def command(
         requests += reader.parse_script(iter(partial(script.readline, LONGEST_LINE + 1), ""))
     if not requests:
         raise click.UsageError("no function given. Give FUNCTION, --exec or --script")
-    names = {owner: given for owner in NAMED_OWNERS if (given := _given_name(named, owner)) is not None}
+    names = {owner: name for owner in NAMED_OWNERS if (name := named[owner.lower()]) is not None}
     check_owners(requests, {*DEFAULT_OBJECT_NAMES, *names})
     calls = _CallRunner(target, names, arm, _AnswerPrinter(dump, as_json, color, words))
     with exit_on_failure(target, words):
@@ -124,11 +124,6 @@ def command(
         except ValueError as error:
             raise click.UsageError(str(error)) from None
     sys.exit(code)
-
-
-def _given_name(named: Mapping[str, str | None], owner: ObjectClass) -> str | None:
-    word = owner.lower()
-    return named[word] if word in named else named[f"{word}_"]
 
 
 class _AnswerPrinter:

@@ -12,7 +12,7 @@ import click
 from bcapscope.capture.capture_input import read_items
 from bcapscope.cli.common import options
 from bcapscope.cli.common.capture_reader import CaptureReader
-from bcapscope.cli.common.column_options import call_columns, columns_option, wide_option
+from bcapscope.cli.common.column_options import column_renderer, columns_option, wide_option
 from bcapscope.cli.common.data_output import folded_lines
 from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.messages import MessageFormatter
@@ -85,7 +85,7 @@ def command(
     reading = CaptureReader(interface=interface, words=words, **source)
     calls = _ShownCalls(reading, wanted)
     if columns is not None:
-        table = call_columns(reading, columns, choose_palette(color), wide)
+        table = column_renderer(RecordKind.CALL, reading, columns, choose_palette(color), wide)
         format_ = ColumnFormat(styles[0]) if styles else None
         lines: Iterable[str] | Iterable[bytes] = table.lines((call for call, _ in calls.calls()), format_)
     elif as_json:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from enum import StrEnum
 from functools import partial
 from itertools import starmap
@@ -13,11 +13,10 @@ import click
 from bcapscope.capture.capture_sequence import STDIN, PacketOrigin
 from bcapscope.cli.common import options
 from bcapscope.cli.common.capture_reader import CaptureReader
-from bcapscope.cli.common.column_options import columns_option, frame_columns, wide_option
+from bcapscope.cli.common.column_options import column_renderer, columns_option, wide_option
 from bcapscope.cli.common.data_output import folded_lines
 from bcapscope.live.standard_streams import choose_palette
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
-from bcapscope.render.color_palette import Palette
 from bcapscope.render.csv_table import CsvTableRenderer, csv_cell, csv_row
 from bcapscope.render.escape import printable
 from bcapscope.render.frame_line import FrameLineRenderer
@@ -32,7 +31,6 @@ from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
 from bcapscope.traffic.observation import Observation
 
-F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
 
@@ -42,10 +40,6 @@ class FrameFormat(StrEnum):
     TREE = "tree"
     CSV = "csv"
     JSON = "json"
-
-
-def _format_option(style: FrameFormat, text: str) -> Callable[[F], F]:
-    return click.option(f"--{style}", "styles", flag_value=style, type=FrameFormat, multiple=True, help=text)
 
 
 @click.command(short_help="Decode frames, one line each.")
@@ -58,9 +52,9 @@ def _format_option(style: FrameFormat, text: str) -> Callable[[F], F]:
     "input.",
 )
 @options.ports
-@_format_option(FrameFormat.TREE, "Show every field with its bytes.")
-@_format_option(FrameFormat.CSV, "Print a CSV table with a header.")
-@_format_option(FrameFormat.JSON, "Print one JSON object per frame.")
+@options.choice_flag(FrameFormat.TREE, "styles", "Show every field with its bytes.")
+@options.choice_flag(FrameFormat.CSV, "styles", "Print a CSV table with a header.")
+@options.choice_flag(FrameFormat.JSON, "styles", "Print one JSON object per frame.")
 @columns_option(RecordKind.FRAME)
 @wide_option
 @click.option("--hex", "dump", is_flag=True, help="Show a hex dump below each frame.")
@@ -102,7 +96,7 @@ def command(
     reading = CaptureReader(text=text, words=words, comment_words=translated, **source)
     palette = choose_palette(color)
     if columns is not None:
-        renderer = frame_columns(reading, columns, palette, wide)
+        renderer = column_renderer(RecordKind.FRAME, reading, columns, palette, wide)
         format_ = None if style is None else ColumnFormat(style.value)
         lines: Iterable[str] | Iterable[bytes] = renderer.lines(
             _frames_with_context(reading, wanted), format_
@@ -118,10 +112,19 @@ def command(
         write_line = _citing(reading, line.line, partial(_line_with_origin, words))
         if style is FrameFormat.TREE or dump:
             tree = FrameTreeRenderer(palette, full, dump, words) if style else None
-            details = partial(_hexdump_lines, palette) if tree is None else tree.lines
-            lines = _with_details(_frames_with_context(reading, wanted), write_line, details)
+
+            def details(frame: AnnotatedFrame) -> Iterable[str]:
+                if tree is None:
+                    return hexdump(frame.observation.item.raw, palette=palette)
+                return tree.lines(frame.observation, frame.call_kind)
+
+            lines = _with_details(_frames_with_context(reading, wanted), write_line, details, ends=("",))
         elif text is not None:
-            lines = _with_remarks(_frames_with_context(reading, wanted), line)
+            lines = _with_details(
+                _frames_with_context(reading, wanted),
+                lambda seen, kind, comments: line.line(seen, kind),
+                lambda frame: line.remarks(frame.observation, frame.comments),
+            )
         else:
             lines = folded_lines(_render_frames(reading, wanted, write_line), wide)
     reading.print_lines(lines)
@@ -215,24 +218,14 @@ def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callabl
     )
 
 
-def _hexdump_lines(colors: Palette, observation: Observation, call_kind: CallKind | None) -> Iterator[str]:
-    return hexdump(observation.item.raw, palette=colors)
-
-
 def _with_details(
     frames: Iterable[AnnotatedFrame],
     write_line: Callable[[Observation, CallKind | None, tuple[str, ...]], str],
-    details: Callable[[Observation, CallKind | None], Iterable[str]],
+    details: Callable[[AnnotatedFrame], Iterable[str]],
+    ends: Sequence[str] = (),
 ) -> Iterator[str]:
-    for seen, question, comments in frames:
-        yield write_line(seen, question, comments)
-        for detail in details(seen, question):
+    for frame in frames:
+        yield write_line(*frame)
+        for detail in details(frame):
             yield f"       {detail}"
-        yield ""
-
-
-def _with_remarks(frames: Iterable[AnnotatedFrame], line: FrameLineRenderer) -> Iterator[str]:
-    for seen, question, comments in frames:
-        yield line.line(seen, question)
-        for remark in line.remarks(seen, comments):
-            yield f"       {remark}"
+        yield from ends

@@ -13,10 +13,10 @@ from bcapscope.cli.common import options
 from bcapscope.cli.common.attended import announce_ready, attended_option
 from bcapscope.cli.common.exit_codes import ExitCode, exit_on
 from bcapscope.cli.common.scenario_options import (
+    behaviour_lines,
     choose_scenario,
-    list_behaviours,
-    list_scenarios,
     scenario_introduction,
+    scenario_lines,
 )
 from bcapscope.live.server_runner import ServerRunner, reachability
 from bcapscope.live.standard_streams import can_poll_stdin, print_stderr
@@ -43,21 +43,11 @@ from bcapscope.simulator.simulator_server import SimulatorServer
     metavar="NAME|FILE.yaml",
     help="Play a scenario: begin in the state of the scenario and inject its faults.",
 )
-@click.option(
-    "--scenarios",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=list_scenarios,
-    help="List the scenarios and exit.",
-)
-@click.option(
+@options.text_option("--scenarios", scenario_lines, "List the scenarios and exit.")
+@options.text_option(
     "--behaviours",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=list_behaviours,
-    help="List the simulated behaviours with their certainty and sources, and exit.",
+    behaviour_lines,
+    "List the simulated behaviours with their certainty and sources, and exit.",
 )
 @click.option(
     "--seed",

@@ -5,12 +5,14 @@ from __future__ import annotations
 import inspect
 import os
 from collections.abc import Callable, Iterable, Sequence
+from enum import StrEnum
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 import click
 
+from bcapscope.cli.common.data_output import write_lines
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import ENGLISH_WORDS, Language, MessageFormatter, language_of
 from bcapscope.protocol.number_parsing import LONGEST_NUMBER, parse_integer, parse_number
@@ -230,6 +232,26 @@ def filter_option(kind: RecordKind) -> Callable[[F], F]:
         callback=compile_it,
         help=f"Select {kind}s that match this filter, such as 'command ~ \"slv\" and hresult != S_OK'. "
         "`bcapscope fields` lists the fields.",
+    )
+
+
+def text_option(name: str, lines: Callable[[], Iterable[str]], help_: str) -> Decorator:
+    """Return an option that prints `lines()` and exits, like ``--help``."""
+
+    def print_lines(context: click.Context, parameter: click.Parameter, is_wanted: bool) -> None:
+        if is_wanted and not context.resilient_parsing:
+            write_lines(lines())
+            context.exit()
+
+    return click.option(
+        name, is_flag=True, is_eager=True, expose_value=False, callback=print_lines, help=help_
+    )
+
+
+def choice_flag(choice: StrEnum, parameter: str, help_: str) -> Decorator:
+    """Return a flag that selects one of several choices. The value of `parameter` is a tuple of choices."""
+    return click.option(
+        f"--{choice}", parameter, flag_value=choice, type=type(choice), multiple=True, help=help_
     )
 
 

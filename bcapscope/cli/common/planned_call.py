@@ -74,11 +74,8 @@ class PlannedCallParser:
             params = params[1:]
         if len(texts) > len(params):
             raise click.UsageError(_too_many_text(function, params, texts))
-        target = self._target
-        defaults = {"Controller_Connect": target.connect, "Service_Start": (target.service,)}.get(
-            function.name, ()
-        )
-        texts = [*texts, *defaults[len(texts) :]]
+        defaults = {"Controller_Connect": self._target.connect, "Service_Start": (self._target.service,)}
+        texts = [*texts, *defaults.get(function.name, ())[len(texts) :]]
         types = self._types if takes_handle and function.name == "Variable_PutValue" else ()
         values = tuple(
             _parse_argument(function, index, param, texts, types) for index, param in enumerate(params)
@@ -151,16 +148,15 @@ def _too_many_text(function: Function, params: Sequence[Param], texts: Sequence[
     extra = texts[len(params) :]
     verb = "is" if len(extra) == 1 else "are"
     quoted = ", ".join(repr(shortened(text, _LONGEST_SHOWN)) for text in extra)
-    names = " ".join(param.name for param in params) or "no arguments"
-    text = f"{function.name} takes {names}; {quoted} {verb} too many"
+    text = f"{function.name} takes {_names_of(params)}; {quoted} {verb} too many"
     if params and params[-1].type == "VARIANT":
         joined = shortened(",".join(texts[len(params) - 1 :]), _LONGEST_SHOWN)
         text += f". If {params[-1].name} has several values, separate them with commas: {joined}"
     return text
 
 
-def _parameter_names(function: Function) -> str:
-    return " ".join(param.name for param in function.params) or "no arguments"
+def _names_of(params: Sequence[Param]) -> str:
+    return " ".join(param.name for param in params) or "no arguments"
 
 
 def _variable_types(variable_name: str, owners: Iterable[ObjectClass]) -> tuple[str, ...]:
@@ -179,7 +175,8 @@ def _parse_argument(
             return Variant(VT.BSTR, "")
         if param.type == "VARIANT":
             return EMPTY
-        raise click.UsageError(f"{function.name} takes {_parameter_names(function)}; {param.name} is missing")
+        names = _names_of(function.params)
+        raise click.UsageError(f"{function.name} takes {names}; {param.name} is missing")
     if param.name == "vntParam" and (known := find_command(function.id, texts[index - 1])):
         types = known.parameter_types
     try:

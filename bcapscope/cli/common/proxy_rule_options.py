@@ -15,7 +15,6 @@ import click
 from click.core import ParameterSource
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.data_output import echo
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 
@@ -235,12 +234,10 @@ def _rule_file(path: str) -> tuple[AnyFault, ...]:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _print_fault_notation(context: click.Context, _: click.Parameter, value: bool) -> None:
-    if value:
-        from bcapscope.faults import fault_notation
+def _fault_notation() -> list[str]:
+    from bcapscope.faults import fault_notation
 
-        echo((fault_notation.__doc__ or "").strip())
-        context.exit()
+    return (fault_notation.__doc__ or "").strip().splitlines()
 
 
 _OPTIONS = (
@@ -340,14 +337,7 @@ _OPTIONS = (
         help="Listen for `bcapscope proxy ctl` on this socket. Anyone who can open this socket "
         "can do everything with the robot that you can do.",
     ),
-    click.option(
-        "--help-faults",
-        is_flag=True,
-        is_eager=True,
-        expose_value=False,
-        callback=_print_fault_notation,
-        help="Explain the notation of faults, and exit.",
-    ),
+    options.text_option("--help-faults", _fault_notation, "Explain the notation of faults, and exit."),
 )
 
 _NAMES = ("rule_files", *(each.name for each in fields(RuleOptions)))

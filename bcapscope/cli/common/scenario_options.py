@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Iterator
 
 import click
 
-from bcapscope.cli.common.data_output import write_lines
 from bcapscope.faults.document import DocumentError
 from bcapscope.render.columns import align_columns
 from bcapscope.render.escape import printable
@@ -39,22 +39,18 @@ def choose_scenario(context: click.Context, param: click.Parameter, named: str |
         raise click.BadParameter(f"cannot read {named}: {error.strerror or error}") from None
 
 
-def list_scenarios(context: click.Context, param: click.Parameter, wanted: bool) -> None:
-    """If `wanted` is True, print each included scenario with the rule that it demonstrates, then exit."""
-    if wanted and not context.resilient_parsing:
-        scenarios = ((name, read_scenario(text)) for name, text in bundled_scenarios().items())
-        rows = [(name, scenario.shows or "", scenario.title) for name, scenario in scenarios]
-        write_lines(align_columns([("NAME", "ROOT CAUSE", "WHAT IT SHOWS"), *rows], "<<<"))
-        context.exit()
+def scenario_lines() -> Iterator[str]:
+    """Return a table of the included scenarios, with the rule that each scenario demonstrates."""
+    scenarios = ((name, read_scenario(text)) for name, text in bundled_scenarios().items())
+    rows = [(name, scenario.shows or "", scenario.title) for name, scenario in scenarios]
+    return align_columns([("NAME", "ROOT CAUSE", "WHAT IT SHOWS"), *rows], "<<<")
 
 
-def list_behaviours(context: click.Context, param: click.Parameter, wanted: bool) -> None:
-    """If `wanted` is True, print each simulated behaviour with its source, then exit."""
-    if wanted and not context.resilient_parsing:
-        head = ("BEHAVIOUR", "CERTAINTY", "WHAT THE SIMULATOR DOES, OR WHEN IT RETURNS THE RESULT", "SOURCE")
-        rows = [(each.name, each.certainty, each.text, each.source) for each in read_behaviours()]
-        write_lines(align_columns([head, *rows], "<<<<"))
-        context.exit()
+def behaviour_lines() -> Iterator[str]:
+    """Return a table of the simulated behaviours, with their sources."""
+    head = ("BEHAVIOUR", "CERTAINTY", "WHAT THE SIMULATOR DOES, OR WHEN IT RETURNS THE RESULT", "SOURCE")
+    rows = [(each.name, each.certainty, each.text, each.source) for each in read_behaviours()]
+    return align_columns([head, *rows], "<<<<")
 
 
 def scenario_introduction(scenario: Scenario) -> str:
