@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -13,7 +14,7 @@ from bcapscope.cli.common import options
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.output_files import check_output_path
 from bcapscope.cli.common.play_runner import PlayOutput, PlayRunner
-from bcapscope.cli.common.target_options import ControllerTarget, target_options
+from bcapscope.cli.common.target_options import target_options
 from bcapscope.cli.common.trajectory_options import TrajectoryOptions, trajectory_options
 from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE
 from bcapscope.live.standard_streams import choose_palette
@@ -54,7 +55,9 @@ def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) 
 )
 @click.option("--robot", default=DEFAULT_ROBOT, help="Open the robot with this name.")
 @click.option("--task", default=ROBSLAVE, help="Start this task. On RC7, slave mode needs this task.")
-@click.option("--move-to-start", is_flag=True, help="Move to the first set point without confirmation.")
+@click.option(
+    "--move-to-start", "may_approach", is_flag=True, help="Move to the first set point without confirmation."
+)
 @click.option(
     "--approach",
     metavar="PERCENT",
@@ -62,8 +65,10 @@ def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) 
     default=10.0,
     help="Move to the first set point at this speed, in percent.",
 )
-@click.option("--arm", is_flag=True, help="Energise and move a robot without confirmation.")
-@click.option("--dry-run", is_flag=True, help="Stop after the pre-flight check; nothing moves or changes.")
+@click.option("--arm", "armed", is_flag=True, help="Energise and move a robot without confirmation.")
+@click.option(
+    "--dry-run", "look_only", is_flag=True, help="Stop after the pre-flight check; nothing moves or changes."
+)
 @click.option(
     "--log",
     metavar="FILE.csv",
@@ -78,20 +83,13 @@ def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) 
 def command(
     *,
     motion: TrajectoryOptions,
-    target: ControllerTarget,
-    mode: SlaveModePacing | int,
-    robot: str,
-    task: str,
-    move_to_start: bool,
-    approach: float,
-    arm: bool,
-    dry_run: bool,
     log: Path | None,
     record: Path | None,
     no_realtime: bool,
     as_json: bool,
     color: str,
     words: MessageFormatter,
+    **planned: Any,
 ) -> None:
     """Move the robot of HOST along the set points of FILE, in slave mode.
 
@@ -111,38 +109,26 @@ def command(
     answer; 10: the motion was not confirmed, or another client moves the robot; 11: the trajectory failed the
     pre-flight check; 130: stopped or halted.
     """
-    _check_platform_and_files(log, record)
+    if os.name != "posix":
+        raise click.UsageError("play needs POSIX signals: run it on Linux or macOS")
+    for path in filter(None, (log, record)):
+        check_output_path(path)
     trajectory = motion.read_trajectory()
     view = PlayOutput(as_json, choose_palette(color), shutil.get_terminal_size().columns, words)
     view.show_source(trajectory)
     _check_motion(trajectory, motion, view)
     plan = PlayPlan(
-        target=target,
-        robot=robot,
-        task=task,
         kind=trajectory.kind,
-        mode=mode,
         period=round(motion.interval * 1e6),
         points=list(map(tuple, trajectory.points.tolist())),
         limits=motion.limits,
         rounds=motion.rounds,
-        approach=approach,
-        may_approach=move_to_start,
-        armed=arm,
-        look_only=dry_run,
         log=_absolute_text(log),
         record=_absolute_text(record),
         realtime=not no_realtime,
+        **planned,
     )
     sys.exit(PlayRunner(plan, trajectory, view).run())
-
-
-def _check_platform_and_files(*new_files: Path | None) -> None:
-    if os.name != "posix":
-        raise click.UsageError("play needs POSIX signals: run it on Linux or macOS")
-    for path in new_files:
-        if path is not None:
-            check_output_path(path)
 
 
 def _check_motion(trajectory: Trajectory, motion: TrajectoryOptions, view: PlayOutput) -> None:

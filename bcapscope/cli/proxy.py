@@ -6,7 +6,7 @@ import sys
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -118,10 +118,6 @@ if TYPE_CHECKING:
 def command(
     context: click.Context,
     *,
-    listen: tuple[str, ...],
-    to: tuple[str, ...],
-    transport: str,
-    allow: tuple[str, ...],
     record: Path | None,
     ring: RotationLimits | None,
     forget: float,
@@ -136,6 +132,7 @@ def command(
     rules: RuleOptions,
     attended: bool,
     open_subscriber: Callable[[], WatcherSubscriber] | None,
+    **addresses: Any,
 ) -> None:
     """Forward traffic between b-CAP clients and controllers, and watch, record or disturb this traffic.
 
@@ -168,7 +165,7 @@ def command(
         raise click.UsageError("--ring needs --record FILE.pcapng")
     shown = None if quiet else RecordKind.CALL if calls else RecordKind.FRAME
     view = ViewOptions(shown, form or TrafficFormat.LINE, wanted or "", TimeFormat(clock), words.language)
-    listeners = _parse_listeners(listen, to, transport, allow)
+    listeners = _parse_listeners(**addresses)
     _check_filter(context, view)
     if record is not None and ring is None and not is_named_pipe(record):
         check_output_path(record)
@@ -179,11 +176,9 @@ def command(
 command.add_command(ctl)
 
 
-def _parse_listeners(
-    listen: tuple[str, ...], to: tuple[str, ...], transport: str, allow: tuple[str, ...]
-) -> Sequence[ListenerSpec]:
+def _parse_listeners(**addresses: Any) -> Sequence[ListenerSpec]:
     try:
-        return parse_listener_specs(listen, to, transport, allow)
+        return parse_listener_specs(**addresses)
     except ListenerSpecError as error:
         raise click.UsageError(str(error)) from None
 
