@@ -36,9 +36,7 @@ from bcapscope.traffic.observation import Direction, Observation
 
 
 class _ScriptFile(click.File):
-    """Parameter type for a text file or standard input. If standard input is closed, the user gets a usage
-    error.
-    """
+    """A text file or standard input. If standard input is closed, the user gets a usage error."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> IO[Any]:
         if value == "-" and sys.stdin is None:

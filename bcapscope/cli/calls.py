@@ -131,9 +131,7 @@ def _call_lines(
 
 
 class _ShownCalls(PipelineSubscriber):
-    """Collects the calls that the filter selects, and prints a summary. Adds to each call the object to which
-    its handle refers.
-    """
+    """Collects the selected calls, each with the object to which its handle refers."""
 
     needs_targets = True
 
@@ -163,21 +161,19 @@ class _ShownCalls(PipelineSubscriber):
         return read_items(self._reader, self._reader.pipeline(self, handles=self._handles), self._items)
 
     def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:
-        """Yield the selected calls without stray replies."""
         for item, subject in self.all_items():
             if isinstance(item, Call):
                 yield item, subject
 
     def filter_lines(self, item: PairingResult) -> Iterator[str]:
-        """Yield the Wireshark display filters that select the packets of a call, one line per capture."""
         reader = self._reader
         return display_filter_lines(
             map(reader.origin_of, packets_of(item)), len(reader.paths) > 1, reader.citing_words()
         )
 
     def print_summary(self, words: MessageFormatter) -> None:
-        """Print to stderr how many stray replies there are, how many packets were captured twice, and which
-        sessions did not release all objects.
+        """Print how many stray replies and packets captured twice there are, and which sessions were not
+        clean.
         """
         if self._stray_count:
             replies = Count(self._stray_count, "reply")

@@ -76,7 +76,6 @@ def command(
 
 
 def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> ComparedCapture:
-    """Read a capture once to its end; return its findings, figures and slave-mode sessions."""
     sessions: list[SlaveSession] = []
     chosen = reader.call_test(wanted)
 

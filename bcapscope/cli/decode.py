@@ -134,12 +134,7 @@ def command(
 def _choose_format(
     styles: tuple[FrameFormat, ...], has_columns: bool, dump: bool, full: bool
 ) -> FrameFormat | None:
-    """Return the output format that the options select. Return None for the default format, which has one
-    line per frame.
-
-    Raises:
-        click.UsageError: the options contradict each other.
-    """
+    """Return the output format that the options select; None for the default, one line per frame."""
     if len(set(styles)) > 1:
         raise click.UsageError(f"{' and '.join(f'--{style}' for style in styles)} exclude each other")
     style = styles[0] if styles else None
@@ -153,9 +148,6 @@ def _choose_format(
 
 
 def _csv_lines(reader: CaptureReader, wanted: Filter | None) -> Iterator[str]:
-    """Yield a CSV header, then one row for each frame. If there are several captures, each row ends with the
-    capture and packet of the frame.
-    """
     table, several = CsvTableRenderer(), len(reader.paths) > 1
 
     def row(seen: Observation, call_kind: CallKind | None, comments: tuple[str, ...]) -> str:
@@ -194,9 +186,6 @@ def _line_with_origin(words: MessageFormatter, line: str, origin: PacketOrigin) 
 
 
 def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterator[AnnotatedFrame]:
-    """Yield each selected frame with the kind of its call, and with the capture's comments on the frame's
-    packet.
-    """
     frames = _render_frames(reader, None, AnnotatedFrame)
     if wanted is None:
         return frames
@@ -205,9 +194,8 @@ def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterat
 
 
 def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:
-    """Render each selected frame, and yield the result.
-
-    `render` gets the frame, the kind of its call, and the capture's comments on the frame's packet.
+    """Yield the result of `render` for each selected frame. `render` gets the frame, the kind of its call,
+    and the capture's comments on its packet.
     """
     if wanted is not None:
         return starmap(render, _frames_with_context(reader, wanted))

@@ -132,7 +132,6 @@ def command(
 
 
 def _filter_lines(reader: CaptureReader, finding: Finding) -> Iterator[str]:
-    """Yield the Wireshark display filters that select the packets of a finding, one line per capture."""
     origins = map(reader.frame_origins.origin_of, finding.frames)
     return display_filter_lines(origins, len(reader.paths) > 1, reader.citing_words())
 
@@ -143,9 +142,7 @@ def _read_live(
     is_shown: Callable[[Finding], bool],
     renderer: FindingsRenderer | None,
 ) -> None:
-    """Read traffic to its end, and print each new finding immediately. `renderer` makes the text; without a
-    renderer, findings are printed as JSON.
-    """
+    """Print each new finding immediately: as text, or without a renderer as JSON."""
     pipeline, numbers = reader.pipeline(diagnosis), count(1)
 
     def print_new() -> None:

@@ -132,9 +132,7 @@ def command(
 
 
 def _check_motion(trajectory: Trajectory, motion: TrajectoryOptions, view: PlayOutput) -> None:
-    """Exit if the set points fail the pre-flight check. At this time, no limits are known except those of
-    --limit.
-    """
+    """Check the set points with the limits of --limit only, because no other limits are known yet."""
     before = run_preflight(
         trajectory, motion.interval / 1000, with_limits(UNKNOWN_ARM, motion.limits), loop=motion.rounds != 1
     )

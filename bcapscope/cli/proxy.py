@@ -214,9 +214,7 @@ class _ProxyRun:
     def _open(
         self, opened: ExitStack, proxy_options: ProxyOptions
     ) -> tuple[ProxySupervisor, Callable[[], None]]:
-        """Start the proxy. Return the proxy and a function. This function tells the user, or the parent
-        process, where the proxy listens.
-        """
+        """Start the proxy. Return it, and a function that reports where it listens."""
         listening: list[str] = []
         scripts = self.rules.start_scripts(opened)
         policy = self.rules.build_rules(scripts)

@@ -180,7 +180,6 @@ def _serve(
     delays: bool,
     words: MessageFormatter,
 ) -> None:
-    """Give clients the replies of the recorded controller, until the user ends the command."""
     standin = RecordedController(script, serving.log.on_call, delays=delays)
     with exit_on(SimulatorListenError, ExitCode.UNREADABLE), serving.listen(standin, *address) as server:
         host, port = server.address
@@ -243,9 +242,8 @@ class _PreflightCheck:
             raise click.UsageError(str(error)) from None
 
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
-        """Check all set points, and exit if any of them fail the pre-flight check.
-
-        Print the results of failed checks. If no check failed and `shown` is True, print all results.
+        """Check all set points, and exit if any of them fail. If none fails and `shown` is True, print all
+        results.
         """
         found = [preflight_run(run, with_limits(limits, self._limits)) for run in self.runs]
         bad = [each for each in found if not each.is_playable]
@@ -275,10 +273,7 @@ class _ReplayRunner:
     _most_late_ns: int = 0
 
     async def play(self, target: ControllerTarget, armed: bool, longest_pause: int) -> ExitCode:
-        """Make the recorded calls and return the exit code.
-
-        The calls are sent without an event loop, because the timers of an event loop are too coarse.
-        """
+        """Make the recorded calls without an event loop, because the timers of an event loop are too coarse."""
         simulated = False
         needs_arm = any(needs_arming(each.kind.function_id, each.arguments) for each in self.script.calls)
         if self.preflight.runs or (needs_arm and not armed):

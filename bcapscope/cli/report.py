@@ -93,10 +93,7 @@ def _read_report_data(reader: CaptureReader, wanted: Filter | None) -> ReportDat
 
 
 def _capture_names(paths: Sequence[str], words: MessageFormatter) -> list[str]:
-    """Return the file names of the captures.
-
-    The folders of the captures are left out, because a path can reveal private data.
-    """
+    """Return the names of the captures without folders, because a path can reveal private data."""
     return [words("reading.stdin") if path == STDIN else Path(path).name for path in paths]
 
 

@@ -149,7 +149,6 @@ def _print_introduction(
 def _played_scenario(
     scenario: Scenario | None, profile: str | None, defects: tuple[str, ...], no_argument: str | None
 ) -> Scenario:
-    """Return the scenario to play. If the scenario does not fit the profile, raise click.UsageError."""
     try:
         return played_scenario(
             scenario,

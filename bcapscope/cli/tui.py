@@ -148,7 +148,6 @@ def _check_source_options(
 
 
 def _server_port(ports: tuple[int, ...]) -> int:
-    """Return the given port, or the default port of b-CAP."""
     from bcapscope.client.controller_target import (
         # imported here, because this import loads the client, and showing a capture does not need the client
         DEFAULT_PORT,
@@ -159,7 +158,6 @@ def _server_port(ports: tuple[int, ...]) -> int:
 
 @contextmanager
 def _exit_without_folder() -> Iterator[None]:
-    """If the block cannot create the temporary folder of the screen, print the error and exit."""
     from bcapscope.tui.reader_language import full_error_text
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
 

@@ -196,11 +196,7 @@ class CaptureReader(CaptureInput):
         sys.exit(self.exit_code)
 
     def print_summary(self) -> None:
-        """Print a summary to stderr.
-
-        If no record matched the filter, the summary says this. The summary lists read errors, controllers
-        that were recognised by the content of their traffic, and packet counts.
-        """
+        """Print to stderr what was read and which errors occurred."""
         if self._filter is not None and self._tested_count and not self._has_match:
             self._print_no_match(self._filter)
         self._progress.remove()
@@ -244,7 +240,6 @@ class CaptureReader(CaptureInput):
             print_stderr(self._words.text(places_message(near, far, plan.clock)))
 
     def _text_lines(self, path: str) -> Iterator[str]:
-        """Yield the lines of a text file, and keep a read error for `print_summary`."""
         try:
             with closing(_StandardInput()) if path == STDIN else Path(path).open("rb", buffering=0) as stream:
                 yield from text_lines(stream.read)
@@ -306,10 +301,7 @@ class CaptureReader(CaptureInput):
 
 
 class _Interrupted(Exception):
-    """Ctrl-C ended reading, possibly inside a packet.
-
-    After Ctrl-C, the command does not report the capture as incomplete.
-    """
+    """Ctrl-C ended reading, possibly inside a packet. The capture then does not count as incomplete."""
 
 
 def _is_file(stream: TextIO) -> bool:

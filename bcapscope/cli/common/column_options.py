@@ -21,9 +21,7 @@ from bcapscope.traffic.filter.getters import CALL_GETTERS, FRAME_GETTERS
 
 
 def columns_option(kind: RecordKind) -> Decorator:
-    """Return the option ``--columns`` for records of `kind`. The option's value is a tuple of columns, or
-    None.
-    """
+    """Return the option ``--columns``, whose value is a tuple of columns or None."""
 
     def parse(
         context: click.Context, parameter: click.Parameter, value: str | None
@@ -52,9 +50,7 @@ wide_option = click.option(
 def column_renderer(
     kind: RecordKind, reader: CaptureReader, columns: tuple[RecordColumn, ...], palette: Palette, wide: bool
 ) -> ColumnRenderer:
-    """Return a renderer that prints chosen columns of the records that `reader` reads. The records are
-    calls or `AnnotatedFrame` objects.
-    """
+    """Return a renderer that prints chosen columns of calls or `AnnotatedFrame` objects."""
     is_frame = kind is RecordKind.FRAME
     getters: Mapping[str, Callable[[Any], object]] = FRAME_GETTERS if is_frame else CALL_GETTERS
     first_frame = attrgetter("observation" if is_frame else "request")

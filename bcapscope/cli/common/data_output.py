@@ -103,9 +103,7 @@ def require_terminal() -> None:
 
 
 def line_width(wide: bool) -> int | None:
-    """Return the width of the terminal in columns. Return None if stdout is not a terminal, or if `wide` is
-    True because lines must not be cut.
-    """
+    """Return the width of the terminal in columns; None if lines must not be cut."""
     if wide or not sys.stdout.isatty():
         return None
     import shutil  # imported here because it loads compression libraries, which takes 10 ms
@@ -114,8 +112,6 @@ def line_width(wide: bool) -> int | None:
 
 
 def folded_lines(lines: Iterable[str], wide: bool) -> Iterable[str]:
-    """Return the lines, folded at the width of the terminal. Without a terminal, or if `wide` is True, lines
-    stay unchanged.
-    """
+    """Return the lines, folded at the width of the terminal, if any, unless `wide` is True."""
     width = line_width(wide)
     return lines if width is None else (fold_line(line, width) for line in lines)

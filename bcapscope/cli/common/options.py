@@ -192,9 +192,8 @@ language.
 
 
 def parsed_by(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a click callback that parses the value of an option, or each value of a repeatable option.
-
-    `read` is the function that parses a value; it raises ValueError if the value is invalid.
+    """Return a click callback that parses an option, or each value of a repeatable option, with `read`.
+    `read` raises ValueError if the value is invalid.
     """
 
     def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
@@ -210,10 +209,7 @@ def parsed_by(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Para
 
 
 def filter_option(kind: RecordKind) -> Callable[[F], F]:
-    """Return the option ``--filter`` for records of `kind`.
-
-    The value of the option is a compiled filter or None.
-    """
+    """Return the option ``--filter``, whose value is a compiled filter or None."""
 
     def compile_it(context: click.Context, parameter: click.Parameter, value: str | None) -> Filter | None:
         compiled: Filter | None = parsed_by(lambda text: compile_filter(text, kind))(
@@ -256,16 +252,13 @@ def choice_flag(choice: StrEnum, parameter: str, help_: str) -> Decorator:
 
 
 def output_option(help_: str, allow_dash: bool = False) -> Callable[[F], F]:
-    """Return the option ``--output`` for the path of the output file.
-
-    With `allow_dash`, ``-`` is standard output.
-    """
+    """Return the option ``--output``. With `allow_dash`, ``-`` is standard output."""
     kind = click.Path(path_type=Path, allow_dash=allow_dash)
     return click.option("-o", "--output", required=True, metavar="FILE", type=kind, help=help_)
 
 
 class _RecordPath(click.Path):
-    """Click's type for the path of a new file or of a named pipe. The type does not open the file or pipe."""
+    """A new file or a named pipe, which the type does not open."""
 
     def __init__(self) -> None:
         super().__init__(dir_okay=False, path_type=Path)
@@ -289,9 +282,7 @@ def limit_option(help_: str) -> Decorator:
 
 
 def display_filter_option(what: str) -> Decorator:
-    """Return the option ``--display-filter``. `what` is the word for a record in the help text, such as
-    "call".
-    """
+    """Return the option ``--display-filter``. `what` is the word for a record, such as "call"."""
     return click.option(
         "--display-filter",
         is_flag=True,

@@ -29,11 +29,7 @@ _NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MES
 
 @dataclass(frozen=True, slots=True)
 class PlannedCall:
-    """A call to make.
-
-    If `opens_object` is True, the first argument is the handle of an object, and `values` are the arguments
-    after it.
-    """
+    """A call to make. If `opens_object` is True, the handle of an object comes before `values`."""
 
     function: Function
     values: tuple[Variant, ...]
@@ -49,10 +45,7 @@ class PlannedCall:
 
 class PlannedCallParser:
     def __init__(self, target: ControllerTarget, variable_name: str | None) -> None:
-        """Parse calls to `target`.
-
-        If the calls use a variable, `variable_name` is its name.
-        """
+        """Parse calls to `target`. `variable_name` is the name of the variable that the calls use."""
         self._target = target
         self._types = _variable_types(variable_name, _OWNERS_OF_VARIABLES) if variable_name else ()
 
@@ -133,9 +126,7 @@ def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]
 
 
 def _begins_with_handle(params: Sequence[Param], texts: Sequence[str]) -> bool:
-    """Return whether the user typed a handle as the first argument. This is unnecessary, because `call` adds
-    the handle.
-    """
+    """Return whether the user typed a handle first, although `call` adds the handle."""
     if len(texts) < len(params):
         return False
     try:
@@ -160,9 +151,7 @@ def _names_of(params: Sequence[Param]) -> str:
 
 
 def _variable_types(variable_name: str, owners: Iterable[ObjectClass]) -> tuple[str, ...]:
-    """Return the types that a variable can have if it belongs to one of the `owners`; () if the variable is
-    unknown.
-    """
+    """Return the types that a variable of one of the `owners` can have; () if the variable is unknown."""
     known = (find_variable(owner, variable_name) for owner in owners)
     return next((kind.types for kind in known if kind), ())
 

@@ -82,7 +82,7 @@ class PlayOutput:
         self._is_closed = False
 
     def close(self) -> None:
-        """Ignore all further output. Use this method when the terminal was closed."""
+        """Ignore all further output, because the terminal was closed."""
         self._is_closed = True
 
     def show_source(self, trajectory: Trajectory) -> None:
@@ -140,7 +140,6 @@ class PlayRunner:
         self._can_prompt = can_prompt()
 
     def run(self) -> ExitCode:
-        """Run the player until it ends, and return the exit code of `play`."""
         connection = LoggedConnection.of_target(self._plan.target)
         with log_armed_calls("play", connection) as calls, PlayerProcess(self._plan) as player:
             self._player, self._log = player, ArmedMessageLogger(calls)
@@ -167,9 +166,7 @@ class PlayRunner:
         return _EXIT_CODES[ended.outcome]
 
     def _wait_for_messages(self) -> list[PlayerMessage]:
-        """Wait until the player sends messages or the user presses keys. Handle the keys, and return the
-        messages.
-        """
+        """Wait for messages of the player and for keys. Handle the keys, and return the messages."""
         watched = [self._player.fileno(), *([0] if self._keys.is_on else [])]
         ready, _, _ = select.select(watched, (), (), _POLL_INTERVAL)
         if 0 in ready:

@@ -67,9 +67,8 @@ class RuleOptions:
         return exit_stack.enter_context(closing(scripts))
 
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
-        """Create the rules of the proxy; return None if the options define no rules.
-
-        Some faults start only after a certain time. This time counts from the call of this method.
+        """Create the rules; return None if the options define none. Faults that start after a certain time
+        count it from now.
         """
         guard = self._make_guard()
         if not (self.faults or guard or self.intercept or self.scripts or self.control):
@@ -90,8 +89,7 @@ class RuleOptions:
     def attach_rules(
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
     ) -> ControlServer | None:
-        """Make the rules send their reports to the relay. Open the control socket and return its server;
-        return None without --control.
+        """Make the rules report to the relay. With --control, open the control socket and return its server.
 
         Clients of the control socket can also read the entries of `state`.
 
@@ -121,7 +119,6 @@ class RuleOptions:
         return ControlServer(self.control, ControlApi(rules, figures, upstream), relay)
 
     def summary(self) -> list[Message]:
-        """Return a message about each kind of rule that the options define."""
         lines = []
         if self.faults:
             lines.append(Message("rules.faults", count=Count(len(self.faults), "fault"), seed=self.seed))
@@ -172,9 +169,7 @@ def _make_rule_options(
 
 
 def _parsing_callback(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a click callback that parses the values of an option with `read`. The callback also keeps the
-    text that the user typed.
-    """
+    """Return a click callback that parses the values of an option, and keeps the text that the user typed."""
     parse = options.parsed_by(read)
 
     def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:

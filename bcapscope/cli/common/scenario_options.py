@@ -25,7 +25,7 @@ _SESSION_TEXTS = {
 
 
 def choose_scenario(context: click.Context, param: click.Parameter, named: str | None) -> Scenario | None:
-    """Return a scenario. `named` is the name of an included scenario, or the path of a YAML file."""
+    """Return an included scenario by name, or the scenario of a YAML file."""
     if named is None:
         return None
     try:
@@ -54,7 +54,6 @@ def behaviour_lines() -> Iterator[str]:
 
 
 def scenario_introduction(scenario: Scenario) -> str:
-    """Return the text that the simulator prints about a scenario when it starts."""
     client = scenario.client
     lines = [f"scenario: {scenario.title}", *textwrap.wrap(scenario.story, _WIDTH)]
     session = _SESSION_TEXTS[client.session].format(client.mode)

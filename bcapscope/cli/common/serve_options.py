@@ -33,8 +33,8 @@ class ServeOptions:
 def serve_screen(options: ServeOptions) -> None:
     """Serve the screen of the running command to browsers until Ctrl-C, then exit.
 
-    Each browser page gets its own process, which runs the same command and also reaches this function. In the
-    process of a page, the function returns immediately.
+    Each browser page gets its own process, which runs the same command. In this process, the function returns
+    immediately.
     """
     if "TEXTUAL_DRIVER" in os.environ:
         return

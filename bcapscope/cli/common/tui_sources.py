@@ -31,9 +31,7 @@ if TYPE_CHECKING:
 
 
 def choose_language(context: click.Context, words: MessageFormatter) -> None:
-    """Set the language of the screen and of its processes. --lang names the language; without --lang, the
-    settings name it.
-    """
+    """Set the language of the screen and of its processes: that of --lang, or that of the settings."""
     from bcapscope.tui.reader_language import set_language
     from bcapscope.tui.settings import default_settings_path, read_settings
 
@@ -112,10 +110,7 @@ def _show_own_proxy(
 
 
 def show_simulator(port: int, words: Sequence[str]) -> None:
-    """Start a simulator on loopback and show its traffic.
-
-    `words` are further options of ``bcapscope sim``.
-    """
+    """Start a simulator on loopback and show its traffic. `words` are further options of ``bcapscope sim``."""
     from bcapscope.tui.app import ScreenEntry
     from bcapscope.tui.screens.traffic_screen import SimulatorScreen
     from bcapscope.tui.traffic_processes.process_messages import ReadJob
@@ -156,9 +151,7 @@ def _show_screens(feed: TrafficFeed | None, screen: ProxyScreen) -> None:
 
 
 def _read_figures(address: str) -> ProxyStats:
-    """Connect to the proxy's control socket at this address, and return the proxy's figures. If no proxy
-    answers, exit.
-    """
+    """Return the figures of the proxy at this address. If no proxy answers, exit."""
     from bcapscope.errors import BcapError
     from bcapscope.proxy.control_client import ControlClient
     from bcapscope.proxy.control_messages import GetStats, ProxyStats
@@ -173,9 +166,7 @@ def _read_figures(address: str) -> ProxyStats:
 
 @contextmanager
 def _running_command(*words: str) -> Iterator[ChildProcess]:
-    """Run a bcapscope command as a child process during the block. After the block, print the rest of the
-    command's output.
-    """
+    """Run a bcapscope command as a child process during the block. Then print the rest of its output."""
     from bcapscope.live.child_process import ChildProcess, ChildStartError
     from bcapscope.tui.reader_language import current_language, full_error_text
 
@@ -193,10 +184,7 @@ def _running_command(*words: str) -> Iterator[ChildProcess]:
 
 
 def _control_address(folder: Path) -> str:
-    """Return an address for the control socket.
-
-    If possible, use a Unix socket, because other users of the machine cannot open it.
-    """
+    """Return an address for the control socket: if possible a Unix socket, which other users cannot open."""
     import socket
 
     path = str(folder / "control")
