@@ -60,7 +60,7 @@ class _ControlCommand:
         self._as_json = as_json
 
     def request(self, request: control.ControlRequest, kind: type[R]) -> R | None:
-        """Return the response; with --json, print it and return None. If the proxy refuses the request, exit."""
+        """Return the response; with --json, print it and return None. Exit if the proxy refuses."""
         with self._connected() as proxy:
             if not self._as_json:
                 return proxy.request(request, kind)

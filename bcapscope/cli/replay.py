@@ -273,7 +273,7 @@ class _ReplayRunner:
     _most_late_ns: int = 0
 
     async def play(self, target: ControllerTarget, armed: bool, longest_pause: int) -> ExitCode:
-        """Make the recorded calls without an event loop, because the timers of an event loop are too coarse."""
+        """Make the recorded calls without an event loop, whose timers are too coarse."""
         simulated = False
         needs_arm = any(needs_arming(each.kind.function_id, each.arguments) for each in self.script.calls)
         if self.preflight.runs or (needs_arm and not armed):

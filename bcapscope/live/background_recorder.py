@@ -75,11 +75,9 @@ class BackgroundRecorder:
             self.on_idle()
 
     def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Record a UDP datagram."""
         self._queue_packet(len(data), SocketRecording.write_datagram, source, target, data, time)
 
     def on_segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Record bytes of a TCP connection."""
         direction = (source, target)
         if self._queue_packet(len(data), SocketRecording.write_segment, source, target, data, time):
             self._gap_bytes.setdefault(direction, 0)
@@ -100,14 +98,12 @@ class BackgroundRecorder:
             self._queue_step(0, lambda recording: recording.drop_connection(client, server))
 
     def on_idle(self) -> bool:
-        """Encode waiting packets. The server calls this method when all requests are answered.
-
-        Return whether there are still packets to encode.
+        """Encode waiting packets, while no request waits for a reply. Return whether there are still packets
+        to encode.
         """
         return self._make_packets(_MAKE_FOR_NS)
 
     def _make_packets(self, most: int) -> bool:
-        """Encode packets for at most `most` ns; return whether there are still packets to encode."""
         steps = self._steps
         if not steps:
             return False
@@ -121,9 +117,7 @@ class BackgroundRecorder:
         return bool(steps)
 
     def wait_until_written(self, seconds: float) -> None:
-        """Wait until the encoded packets are in the file, but no longer than `seconds`. Any thread may call
-        this method.
-        """
+        """Wait at most `seconds` until the encoded packets are in the file. Any thread may call this."""
         until = time.monotonic() + seconds
         while (
             self._recorder.is_complete
@@ -171,10 +165,8 @@ class BackgroundRecorder:
         return True
 
     def _end_gap(self) -> str:
-        """Resume after missing packets.
-
-        Return a comment for the next packet. The comment states how many packets are missing before that
-        packet. If no packets are missing, return "".
+        """Resume after missing packets. Return a comment for the next packet with their number; "" if none is
+        missing.
         """
         if not self._skipped:
             return ""

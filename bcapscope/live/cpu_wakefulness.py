@@ -125,9 +125,7 @@ class CpuWakefulness:
                 os.close(device)
 
     def _is_much_stolen(self, now: float) -> bool:
-        """Return whether the host has taken too much processor time since the last check: more than
-        `MAX_STOLEN_SHARE` allows.
-        """
+        """Return whether the host took more time since the last check than `MAX_STOLEN_SHARE` allows."""
         since, before = now - self._measured_at, self._stolen_before
         self._measured_at, self._stolen_before = now, self._stolen_seconds()
         return self._stolen_before - before > MAX_STOLEN_SHARE * since

@@ -55,9 +55,7 @@ the cache is full, it is emptied.
 
 
 class ProxyRecorder:
-    """Converts the relay's records into packets, sorts the packets by time, and writes them to a
-    recording.
-    """
+    """Converts the relay's records into packets, sorts them by time, and writes them to a recording."""
 
     def __init__(self, recorder: Recorder, *, keeps_packet_numbers: bool = False) -> None:
         """If `keeps_packet_numbers` is True, your code must call `next_packet_numbers` to read the numbers.
@@ -139,8 +137,8 @@ class ProxyRecorder:
         return written
 
     def next_packet_numbers(self, count: int) -> list[int]:
-        """For each of the next `count` records, return the number of its last packet on the client's leg.
-        Return 0 for a record without such a packet.
+        """For each of the next `count` records, return the number of its last packet on the client's leg; 0
+        if there is none.
 
         The numbers are valid only for a recording in one file.
         """
@@ -240,7 +238,6 @@ class ProxyRecorder:
         self._packets.skip_bytes(*side.endpoints[record.up], size)
 
     def _end_stream(self, side: _ProxySide, record: RingRecord, time: int) -> None:
-        """If the recording contains the TCP connection, record the end of one direction."""
         if side.begun:
             self._begin_packet()
             self._packets.write_stream_end(
@@ -259,5 +256,4 @@ class ProxyRecorder:
 
 
 def _comment(message: bytes) -> str:
-    """Return the English text of an encoded message; "" if there is no message."""
     return str(decode_message(message)) if message else ""

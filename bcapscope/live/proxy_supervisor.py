@@ -77,9 +77,8 @@ _SILENT_FOR_NS = 30_000_000_000
 
 
 class ProxySupervisor:
-    """Runs the relay, and starts and ends the watcher process.
-
-    Callers can attach a control socket or scripts to `relay` before it runs.
+    """Runs the relay, and starts and ends the watcher process. A control socket or scripts may use `relay`
+    before it runs.
     """
 
     def __init__(
@@ -219,9 +218,7 @@ class ProxySupervisor:
                 self._print_totals()
 
     def _print_totals(self) -> None:
-        """Print the totals of the traffic. The relay prints totals only if the watcher has ended without a
-        summary.
-        """
+        """Print the totals of the traffic, because the watcher has ended without a summary."""
         from bcapscope.live.relay_figures import losses, totals  # imports NumPy
 
         report = () if self.relay.policy is None else self.relay.policy.report()
@@ -271,30 +268,27 @@ class ProxySupervisor:
         self._unlink_memory()
 
     def _unlink_memory(self) -> None:
-        """Remove the name of the shared memory, so that the operating system frees the memory when all
-        processes that use it have ended.
+        """Remove the name of the shared memory. The memory is freed when all processes that use it have
+        ended.
         """
         if self._is_memory_linked:
             self._is_memory_linked = False
             self._memory.unlink()
 
     def _raise_if_ended(self) -> None:
-        """Raise `KeyboardInterrupt` if a signal arrived before the proxy started."""
         with suppress(BlockingIOError):
             self._end_signals.recv(1)
             raise KeyboardInterrupt
 
     def must_end_now(self) -> bool:
-        """Return whether the shutdown must end immediately, because a signal other than SIGHUP arrived."""
+        """Return whether a signal other than SIGHUP arrived during the shutdown."""
         with suppress(BlockingIOError):
             if any(number != getattr(signal, "SIGHUP", None) for number in self._end_signals.recv(16)):
                 self._must_end_now = True
         return self._must_end_now
 
     def _on_signal(self, _: int) -> None:
-        """Shut down after a signal. If the signal is SIGHUP, run without the terminal until all clients are
-        silent, then shut down.
-        """
+        """Shut down after a signal. After SIGHUP, run without the terminal until all clients are silent."""
         for number in self._end_signals.recv(16):
             if number == getattr(signal, "SIGHUP", None):
                 self._is_terminal_closed = True
@@ -358,9 +352,7 @@ class ProxySupervisor:
         return self._is_watched
 
     def _close_udp_sessions(self) -> None:
-        """Close the sessions that UDP clients left open. First close the sessions that have a robot that may
-        move.
-        """
+        """Close the sessions that UDP clients left open; first those with a robot that may move."""
         until = time.monotonic() + _SESSIONS_CLOSE_WITHIN
         for closing in sorted(self._closing_requests, key=lambda each: not each.open_state):
             session = self.relay.sessions.get(closing.client)
@@ -382,8 +374,8 @@ class ProxySupervisor:
 
 
 def _has_other_end(descriptor: int) -> bool:
-    """Return whether a file descriptor is a pipe, a socket or a terminal. Only pipes, sockets and terminals
-    report that their other end was closed.
+    """Return whether a descriptor is a pipe, a socket or a terminal, which report that their other end was
+    closed.
     """
     mode = os.fstat(descriptor).st_mode
     return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or os.isatty(descriptor)

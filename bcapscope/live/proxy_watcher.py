@@ -103,10 +103,7 @@ Recording has no such limit: all remaining records are recorded.
 
 
 def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
-    """Watch a relay until the relay closes its end of the pipe.
-
-    Return False if a requested recording is incomplete.
-    """
+    """Watch a relay until it closes its end of the pipe. Return False if the recording is incomplete."""
     _give_relay_priority()
     words = MessageFormatter(options.view.language)
     screen = TerminalWriter(words)
@@ -149,7 +146,6 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
 
 
 def _give_relay_priority() -> None:
-    """Lower this process's priority, so that the relay runs first. Also ignore Ctrl-C, SIGHUP and SIGTERM."""
     for name in ("SIGINT", "SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -158,9 +154,8 @@ def _give_relay_priority() -> None:
 
 
 class RecorderTask:
-    """Writes the relay's traffic to the recording, before the watcher decodes the traffic.
-
-    Records stay in the ring until the watcher decodes them.
+    """Writes the relay's traffic to the recording, before the watcher decodes it. Records stay in the ring
+    until then.
     """
 
     def __init__(self, reader: RingReader, recorder: ProxyRecorder) -> None:
@@ -182,11 +177,10 @@ class RecorderTask:
 
 
 class ProxyWatcher:
-    """Reads the relay's records from the ring. Decodes, displays and diagnoses the traffic according to the
-    options.
+    """Reads the relay's records from the ring. Decodes, displays and diagnoses the traffic.
 
-    Undecoded records wait in the ring, whose size is fixed. The relay, the tracker and the diagnosis limit
-    their data, so the watcher needs limited memory.
+    The watcher needs limited memory: undecoded records wait in the ring, and all subscribers limit their
+    data.
     """
 
     def __init__(
@@ -248,9 +242,8 @@ class ProxyWatcher:
         self._finish()
 
     def poll(self) -> float:
-        """Write all new records of the ring to the recording, then decode for at most `_DECODE_FOR` seconds.
-
-        Return how many seconds to wait before the next poll.
+        """Record all new records of the ring, then decode for at most `_DECODE_FOR` seconds. Return how many
+        seconds to wait before the next poll.
         """
         began = time.monotonic()
         if self._recorder_task is not None:
@@ -265,8 +258,8 @@ class ProxyWatcher:
         )
 
     def _may_rest(self) -> bool:
-        """Return whether undecoded records may wait. Records may wait if new traffic arrives, the ring has
-        enough space, and the oldest undecoded record is not too old.
+        """Return whether undecoded records may wait: new traffic arrives, the ring has space, and no record
+        is too old.
         """
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written
@@ -338,9 +331,7 @@ class ProxyWatcher:
         self._view.lines = []
 
     def _do_periodic_work(self) -> None:
-        """Do the work that is due even if there is no traffic: complete old calls, print findings, update the
-        status.
-        """
+        """Complete old calls, print findings and update the status, even if there is no traffic."""
         now = time.time_ns()
         if not self._reader.bytes_waiting:
             self._traffic.expire(now - _DECODING_DELAY_NS)
@@ -414,7 +405,7 @@ class ProxyWatcher:
         )
 
     def _skip_undecoded(self) -> None:
-        """Skip records when there is no time left to decode them, but still print messages from the relay."""
+        """Skip records that there is no time left to decode, but still print messages from the relay."""
         if self._reader.bytes_waiting:
             self._write_message(Message("watcher.skipped"))
         while self._reader.bytes_waiting:

@@ -33,9 +33,7 @@ class DelayStatistics:
         self._has_warned = False
 
     def add_records(self, records: Iterable[RingRecord]) -> None:
-        """Add the delays of records. Leave out data that a rule of the proxy affected, because such a rule
-        may delay data on purpose.
-        """
+        """Add the delays of records, except where a rule of the proxy may have delayed data on purpose."""
         found: dict[bool, list[int]] = {True: [], False: []}
         for kind, up, _, received, sent, _, note in records:
             if kind is RingRecordKind.DATA and received and sent and not note:
@@ -48,18 +46,14 @@ class DelayStatistics:
                 self._worst_ns = max(self._worst_ns, *delays)
 
     def pop_warning(self) -> Message | None:
-        """Return a warning after the relay has delayed data for longer than set points permit. Return the
-        warning only once; at all other times, return None.
-        """
+        """Return a warning once after the relay has delayed data for longer than set points permit."""
         if self._has_warned or not self._slow_count:
             return None
         self._has_warned = True
         return Message("relay.slow", time=self._worst, limit=_DEADLINE)
 
     def status(self) -> Message | None:
-        """Return the median and the 99.9th percentile of the delay in each direction; None if there are no
-        data.
-        """
+        """Return the median and the 99.9th percentile of the delay in each direction, if there are data."""
         parts = []
         for up, name in _DIRECTIONS:
             spread = self._histograms[up].distribution()
@@ -106,8 +100,8 @@ def rates(counts: Sequence[int], before: Sequence[int], seconds: float) -> Messa
 
 
 def losses(counts: Sequence[int]) -> Iterator[Message]:
-    """Yield a message for each kind of loss: traffic that was lost, denied, changed by rules of the proxy, or
-    not watched.
+    """Yield a message for each kind of traffic that was lost, denied, changed by rules of the proxy, or not
+    watched.
     """
     for counter in _LOSSES:
         if counts[counter]:

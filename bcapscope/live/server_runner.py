@@ -38,12 +38,10 @@ def _do_nothing(descriptor: int) -> None:
 
 
 class ServerRunner:
-    """Runs a server for a command until the command ends. Writes the log and the recording of the server."""
+    """Runs a server for a command, and writes its log and its recording."""
 
     def __init__(self, *, quiet: bool, record: Path | None, words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Prepare the output. If `quiet` is True, calls are not logged. `record` is the file for the
-        recording.
-        """
+        """Prepare the output. If `quiet` is True, calls are not logged."""
         self._terminal = TerminalWriter(words)
         self.print_message = self._terminal.write_message
         self.log = ServerCallLog(not quiet, self._terminal, words)
@@ -93,10 +91,7 @@ class ServerRunner:
             serve(server, self._on_idle, take_or_end, watched)
 
     def close(self, summary: str) -> bool:
-        """Write the remaining log lines and the summary, and close the recording.
-
-        Return whether the recording is complete.
-        """
+        """Write the remaining log lines and the summary. Return whether the recording is complete."""
         self.log.flush()
         complete = self._recorder is None or self._recorder.close()
         self.print_message(summary)
@@ -141,9 +136,8 @@ class ServerCallLog:
             self._pending.append(f"# {self._words.text(note)}")
 
     def flush_if_due(self) -> None:
-        """Format the pending entries.
-
-        If more than `_FLUSH_AFTER_NS` ns have passed since the last write, write the entries.
+        """Format the pending entries, and write them if the last write was more than `_FLUSH_AFTER_NS` ns
+        ago.
         """
         self._format_pending()
         if self._lines and time.monotonic_ns() - self._flushed_at > self._FLUSH_AFTER_NS:

@@ -13,7 +13,7 @@ _ANSI_SEQUENCE = re.compile(r"\x1b\[[;?0-9]*[a-zA-Z]")
 
 
 def print_stderr(text: str) -> None:
-    """Write a line to stderr. If stderr is not a terminal, remove colours. If the terminal is closed, write
+    """Write a line to stderr, without colours if stderr is not a terminal. If the terminal is closed, write
     nothing.
     """
     stream = sys.stderr

@@ -47,9 +47,7 @@ class TerminalWriter:
     """
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Start the threads. `words` formats the messages of the writer itself, for example about lost
-        lines.
-        """
+        """Start the threads. `words` formats messages of the writer itself, for example about lost lines."""
         self._words = words
         self._lines: deque[bytes] = deque()
         self._messages: deque[str] = deque()
@@ -73,7 +71,6 @@ class TerminalWriter:
 
     @property
     def shows_status(self) -> bool:
-        """Whether the writer shows the status line. This requires that stderr is a terminal."""
         return self._stderr_is_terminal
 
     def write_lines(self, lines: Sequence[bytes | str]) -> None:

@@ -46,9 +46,7 @@ class WatcherPriority:
     """
 
     def __init__(self, ring: RingWriter, set_idle: Callable[[bool], None]) -> None:
-        """Start with the watcher at idle priority.
-
-        `set_idle` is a function that switches the watcher to idle priority (True) or to normal priority
+        """Start with the watcher at idle priority. `set_idle` switches it to idle (True) or normal priority
         (False).
         """
         self._ring = ring
@@ -58,10 +56,7 @@ class WatcherPriority:
         self._set_urgent(False)
 
     def update(self, now: float) -> None:
-        """Check how far the watcher has read, and adapt the watcher's priority.
-
-        `now` is the time of a monotonic clock in seconds.
-        """
+        """Check how far the watcher has read, and adapt its priority. `now` is monotonic, in seconds."""
         if self._is_late(now):
             self._last_late_at = max(now, self._last_late_at)
             self._set_urgent(True)
@@ -99,7 +94,6 @@ def yield_function(ring: RingReader) -> Callable[[], None]:
 
 
 def lower_priority(niceness: int) -> None:
-    """Lower the priority of this process: add `niceness` to its nice value."""
     if hasattr(os, "sched_setscheduler"):
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
@@ -109,8 +103,8 @@ def lower_priority(niceness: int) -> None:
 
 
 def idle_priority_switch(process: int) -> Callable[[bool], None]:
-    """Return a function that switches another process to idle priority (True) or to the priority of this
-    process (False). If the user may not move a process out of idle priority, the function does nothing.
+    """Return a function that switches another process to idle priority (True) or to this process's priority
+    (False). If the user may not move a process out of idle priority, the function does nothing.
     """
     possible = _can_leave_idle_priority()
     ours = os.getpriority(os.PRIO_PROCESS, 0) if possible else 0

@@ -110,7 +110,7 @@ def _show_own_proxy(
 
 
 def show_simulator(port: int, words: Sequence[str]) -> None:
-    """Start a simulator on loopback and show its traffic. `words` are further options of ``bcapscope sim``."""
+    """Start a simulator on loopback and show its traffic. `words` are further options of `sim`."""
     from bcapscope.tui.app import ScreenEntry
     from bcapscope.tui.screens.traffic_screen import SimulatorScreen
     from bcapscope.tui.traffic_processes.process_messages import ReadJob

@@ -110,9 +110,8 @@ class ControllerSession:
         self._thread.start()
 
     async def run_in_loop(self, step: Coroutine[Any, Any, R]) -> R:
-        """Run a coroutine in this session's loop; return its result.
-
-        If the waiting task is cancelled, the coroutine is cancelled too.
+        """Run a coroutine in this session's loop. If the waiting task is cancelled, the coroutine is
+        cancelled too.
         """
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(step, self._loop))
 
@@ -137,14 +136,12 @@ class ControllerSession:
         self.action_log.close()
 
     async def _shut_down(self) -> None:
-        """Disconnect. If the session is already releasing objects, wait until it has finished."""
         await self.disconnect()
         others = asyncio.all_tasks() - {asyncio.current_task()}
         if others:
             await asyncio.wait(others)
 
     def now(self) -> int:
-        """Return monotonic time in ns."""
         return time.monotonic_ns()
 
     # The connection.
@@ -165,9 +162,7 @@ class ControllerSession:
         self.update_status(target=target)
 
     def open_halt_connection(self, robot: str) -> None:
-        """Open a connection that is used only to halt a robot. Close the previous connection of this kind, if
-        there is one.
-        """
+        """Open a connection that only halts a robot, and close the previous one."""
         target = self.status.target
         if target is None:
             return
@@ -256,18 +251,14 @@ class ControllerSession:
 
     @property
     def controller(self) -> ObjectHandle:
-        """The open controller object. Raises `NotConnectedError` if the session has no open controller
-        object.
-        """
+        """The open controller object. Raises `NotConnectedError` if there is none."""
         found = self.opener.session.handles.latest(ObjectClass.CONTROLLER)
         if found is None:
             raise NotConnectedError(Message("tester.not_connected"))
         return found
 
     def selected_robot(self) -> Robot:
-        """Return the robot to which the session sends robot commands; raises `NotConnectedError` if no robot
-        is open.
-        """
+        """Return the robot that gets robot commands. Raises `NotConnectedError` if no robot is open."""
         if self.status.robot is None:
             raise NotConnectedError(Message("controller.robot.missing"))
         return Robot(self.opener.session, self.status.robot.handle)
@@ -287,10 +278,7 @@ class ControllerSession:
     async def open_object(
         self, parent: ObjectHandle, kind: ObjectClass, name: str, option: str
     ) -> ObjectHandle | None:
-        """Open an object.
-
-        If the call was refused or not answered, return None. `last_record` then shows the reason.
-        """
+        """Open an object. If this fails, return None, and `last_record` shows the reason."""
         record = await self.invoke(f"{parent.kind}_Get{kind}", parent.handle, name, option)
         if record.outcome is not RecordOutcome.ANSWERED or record.reply is None:
             return None
@@ -337,9 +325,7 @@ class ControllerSession:
     # HALT.
 
     def halt(self) -> bool:
-        """Start to halt the robot, without waiting for the result. Return whether a connection is open. Any
-        thread may call this method.
-        """
+        """Start to halt the robot. Return whether a connection is open. Any thread may call this method."""
         self.arming.disarm()
         halt_connection = self._halt_connection
         if halt_connection is not None:
@@ -353,9 +339,7 @@ class ControllerSession:
             self._loop.create_task(self._halt_on_session(self.status.robot))
 
     async def _halt_on_session(self, robot: ObjectHandle) -> None:
-        """Send a second HALT on the main connection, after the running call of that connection has ended.
-        Then leave slave mode.
-        """
+        """Send a second HALT once the running call of the main connection has ended. Then leave slave mode."""
         with suppress(BcapError, OSError):
             record = await self.invoke("Robot_Halt", robot.handle, "")
             if self._halt_connection is None:
@@ -404,7 +388,6 @@ class ControllerSession:
         self.report(SessionProblem(path, error_reason(error)))
 
     def _on_record(self, record: HistoryRecord) -> None:
-        """Update the status from the record of a call that has ended, and report the record to the screen."""
         session = self.client_session
         if session is not None and self.status.is_connected:
             if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
@@ -420,9 +403,7 @@ class ControllerSession:
 
 
 def _raw_needs_arming(session: Session, item: Frame | Malformed) -> bool:
-    """Return whether sending raw bytes needs arming. Bytes that are not an intact frame always need
-    arming.
-    """
+    """Return whether raw bytes need arming. Bytes that are not an intact frame always do."""
     return (
         not isinstance(item, Frame) or bool(item.problems) or session.needs_arming(item.code, item.variants)
     )

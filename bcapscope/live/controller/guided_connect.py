@@ -69,9 +69,7 @@ async def connect(
 
 
 async def add_robot(session: ControllerSession, robot: str, option: str) -> HistoryRecord:
-    """Open and select a robot, read its type, and prepare HALT. Return the record of the call that opened the
-    robot.
-    """
+    """Open and select a robot, read its type, and prepare HALT. Return the record of the opening call."""
     record, text = await _open_robot(session, robot, option)
     if text is not None:
         session.report(ConnectStepUpdate(ConnectStep.ROBOT, True, text))
@@ -122,7 +120,6 @@ async def _start_service(session: ControllerSession) -> Reason:
 async def _connect_controller(
     session: ControllerSession, target: ControllerTarget, providers: Sequence[str]
 ) -> Reason:
-    """Connect with the first of `providers` that the controller knows."""
     provider = await session.opener.connect_controller(providers)
     session.update_status(target=replace(target, provider=provider))
     return (provider or "Controller_Connect",)
@@ -138,8 +135,8 @@ async def _open_first_robot(session: ControllerSession, name: str, option: str) 
 async def _open_robot(
     session: ControllerSession, name: str, option: str
 ) -> tuple[HistoryRecord, Reason | None]:
-    """Open and select a robot. Return the record of the call, and a text with the robot's name and type. If
-    the call failed, return None instead of the text.
+    """Open and select a robot. Return the record of this call, and the robot's name and type; None if it
+    failed.
     """
     robot = await session.open_object(session.controller, ObjectClass.ROBOT, name, option)
     record = session.last_record
@@ -150,7 +147,6 @@ async def _open_robot(
 
 
 async def _identify_controller(session: ControllerSession) -> Reason:
-    """Find out whether the controller is the built-in simulator, and read the version of the controller."""
     opener, controller = session.opener, session.controller
     simulator = await opener.is_simulator()
     version = await _read_fact(session, Controller(opener.session, controller.handle), "@VERSION")
@@ -170,7 +166,7 @@ async def _read_robot_type(session: ControllerSession, robot: ObjectHandle) -> s
 
 
 async def _read_fact(session: ControllerSession, owner: Controller | Robot, name: str) -> str:
-    """Read a system variable once; return "" if the controller lacks the variable or does not answer."""
+    """Read a system variable once; return "" if the controller lacks it or does not answer."""
     try:
         value = await session.run_calls(read_variable_once(owner, name), Initiator.SCREEN)
     except (CallTimeout, RemoteProtocolError):

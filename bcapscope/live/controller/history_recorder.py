@@ -43,10 +43,8 @@ class HistoryRecorder:
         on_record: Callable[[HistoryRecord], None],
         subject_of: Callable[[int, Sequence[Variant]], ObjectHandle | None],
     ) -> None:
-        """Create a recorder that passes records to `on_record`. `subject_of` is a function that returns the
-        object that a call uses.
-
-        `subject_of` gets the function id and the arguments of the call.
+        """`subject_of` returns the object that a call uses, given the function id and the arguments of the
+        call.
         """
         self._on_record = on_record
         self._subject_of = subject_of
@@ -55,7 +53,6 @@ class HistoryRecorder:
         self._call: _CallInProgress | None = None
 
     def on_packet(self, observation: Observation) -> None:
-        """Add a packet that the session sent or received to the record of the running call."""
         call = self._call
         if observation.flow.direction is Direction.REQUEST and call is None:
             call = self._call = _CallInProgress(observation.time, INITIATOR.get(), asyncio.current_task())
@@ -63,7 +60,7 @@ class HistoryRecorder:
             call.add_packet(observation)
 
     def on_event(self, event: RequesterEvent, now: int) -> None:
-        """Handle an event of the session. `now` is the current time in ns since 1970-01-01 UTC."""
+        """Handle an event of the session. `now` is in ns since 1970-01-01 UTC, as in all methods."""
         call = self._call
         if call is None:
             return
@@ -81,28 +78,18 @@ class HistoryRecorder:
             )
 
     def abandon_own_call(self, now: int) -> None:
-        """Abandon the running call if the current task made it.
-
-        If another task made the running call, do nothing, because the current task only waited for the end of
-        that call.
-        """
+        """Abandon the running call if the current task made it, and does not only wait for its end."""
         if self._call is not None and self._call.task is asyncio.current_task():
             self.abandon_call(now)
 
     def abandon_call(self, now: int) -> None:
-        """If a call is running, record it as abandoned. `now` is the current time in ns since 1970-01-01
-        UTC.
-        """
+        """If a call is running, record it as abandoned."""
         if self._call is not None:
             took = max(0, now - self._call.began)
             self._complete_call(self._call, RecordOutcome.ABANDONED, None, (), took)
 
     def complete_raw_call(self, now: int) -> None:
-        """Complete the record of raw bytes that were sent. `now` is the current time in ns since 1970-01-01
-        UTC.
-
-        The last frame that was received counts as the reply to the raw bytes.
-        """
+        """Complete the record of raw bytes. The last frame that was received counts as their reply."""
         call = self._call
         if call is None:
             return
