@@ -17,6 +17,7 @@ from bcapscope.cli.common.column_options import column_renderer, columns_option,
 from bcapscope.cli.common.data_output import folded_lines
 from bcapscope.live.standard_streams import choose_palette
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
+from bcapscope.render.color_palette import Palette
 from bcapscope.render.csv_table import CsvTableRenderer, csv_cell, csv_row
 from bcapscope.render.escape import printable
 from bcapscope.render.frame_line import FrameLineRenderer
@@ -112,12 +113,7 @@ def command(
         write_line = _citing(reading, line.line, partial(_line_with_origin, words))
         if style is FrameFormat.TREE or dump:
             tree = FrameTreeRenderer(palette, full, dump, words) if style else None
-
-            def details(frame: AnnotatedFrame) -> Iterable[str]:
-                if tree is None:
-                    return hexdump(frame.observation.item.raw, palette=palette)
-                return tree.lines(frame.observation, frame.call_kind)
-
+            details = partial(_frame_details, tree, palette)
             lines = _with_details(_frames_with_context(reading, wanted), write_line, details, ends=("",))
         elif text is not None:
             lines = _with_details(
@@ -204,6 +200,12 @@ def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callabl
         render(seen, about(seen), comments.get(seen.packet, ()) if comments else ())
         for seen in reader.observations()
     )
+
+
+def _frame_details(tree: FrameTreeRenderer | None, palette: Palette, frame: AnnotatedFrame) -> Iterable[str]:
+    if tree is None:
+        return hexdump(frame.observation.item.raw, palette=palette)
+    return tree.lines(frame.observation, frame.call_kind)
 
 
 def _with_details(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -86,20 +85,6 @@ def echo(text: str | bytes, end: bool = True) -> None:
     """
     with _write_errors_reported():
         click.echo(text, nl=end)
-
-
-def require_terminal() -> None:
-    """Check that there is a terminal for the screen. A screen that is shown in a browser needs no terminal.
-
-    Raises:
-        UsageError: there is no terminal.
-    """
-    if "TEXTUAL_DRIVER" in os.environ:
-        return
-    if not all(stream is not None and stream.isatty() for stream in (sys.__stdin__, sys.__stderr__)):
-        raise click.UsageError(
-            "the screen needs a terminal. Without a terminal, use decode, calls or diagnose"
-        )
 
 
 def line_width(wide: bool) -> int | None:

@@ -339,7 +339,7 @@ class ControllerSession:
             self._loop.create_task(self._halt_on_session(self.status.robot))
 
     async def _halt_on_session(self, robot: ObjectHandle) -> None:
-        """Send a second HALT once the running call of the main connection has ended. Then leave slave mode."""
+        """Send a second HALT after the running call of the main connection. Then leave slave mode."""
         with suppress(BcapError, OSError):
             record = await self.invoke("Robot_Halt", robot.handle, "")
             if self._halt_connection is None:
