@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+import textwrap
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import click
@@ -12,22 +13,59 @@ import click
 from bcapscope.cli.common import options
 from bcapscope.cli.common.attended import announce_ready, attended_option
 from bcapscope.cli.common.exit_codes import ExitCode, exit_on
-from bcapscope.cli.common.scenario_options import (
-    behaviour_lines,
-    choose_scenario,
-    scenario_introduction,
-    scenario_lines,
-)
+from bcapscope.faults.document import DocumentError
 from bcapscope.live.server_runner import ServerRunner, reachability
 from bcapscope.live.standard_streams import can_poll_stdin, print_stderr
 from bcapscope.messages import Message, MessageFormatter
+from bcapscope.render.columns import align_columns
+from bcapscope.render.escape import printable
+from bcapscope.simulator.behaviours import read_behaviours
 from bcapscope.simulator.controller_setup import ScenarioProfileError, played_scenario, start_simulator
 from bcapscope.simulator.listening_sockets import SimulatorListenError
 from bcapscope.simulator.profile import DEFAULT_PROFILE, PROFILES, NoArgument
-from bcapscope.simulator.scenario import Scenario, ServerDefect
+from bcapscope.simulator.scenario import ClientProgram, Scenario, ServerDefect, load_scenario, read_scenario
+from bcapscope.simulator.scenario_files import bundled_scenarios
 from bcapscope.simulator.scenario_runner import ScenarioRunner
 from bcapscope.simulator.simulator import Simulator
 from bcapscope.simulator.simulator_server import SimulatorServer
+
+_WIDTH = 98
+_SESSION_TEXTS = {
+    ClientProgram.CALLS: "makes a few calls",
+    ClientProgram.MOTION: "moves the robot",
+    ClientProgram.SLAVE: "enters slave mode 0x{:03X}",
+    ClientProgram.PASSING: "enters slave mode 0x{:03X} after a motion with @P",
+    ClientProgram.GRIPPER: "is in slave mode 0x{:03X} while a second client writes an output",
+}
+
+
+def _choose_scenario(context: click.Context, param: click.Parameter, named: str | None) -> Scenario | None:
+    """Return an included scenario by name, or the scenario of a YAML file."""
+    if named is None:
+        return None
+    try:
+        return load_scenario(named)
+    except DocumentError as error:
+        raise click.BadParameter(f"{named}: {error}") from None
+    except LookupError as error:
+        hint = "--scenarios lists all names. A scenario file must end in .yaml or .yml"
+        raise click.BadParameter(f"{error.args[0]} {hint}") from None
+    except OSError as error:
+        raise click.BadParameter(f"cannot read {named}: {error.strerror or error}") from None
+
+
+def _scenario_lines() -> Iterator[str]:
+    """Return a table of the included scenarios, with the rule that each scenario demonstrates."""
+    scenarios = ((name, read_scenario(text)) for name, text in bundled_scenarios().items())
+    rows = [(name, scenario.shows or "", scenario.title) for name, scenario in scenarios]
+    return align_columns([("NAME", "ROOT CAUSE", "WHAT IT SHOWS"), *rows], "<<<")
+
+
+def _behaviour_lines() -> Iterator[str]:
+    """Return a table of the simulated behaviours, with their sources."""
+    head = ("BEHAVIOUR", "CERTAINTY", "WHAT THE SIMULATOR DOES, OR WHEN IT RETURNS THE RESULT", "SOURCE")
+    rows = [(each.name, each.certainty, each.text, each.source) for each in read_behaviours()]
+    return align_columns([head, *rows], "<<<<")
 
 
 @click.command(short_help="Simulate a controller without a robot.")
@@ -39,14 +77,14 @@ from bcapscope.simulator.simulator_server import SimulatorServer
 )
 @click.option(
     "--scenario",
-    callback=choose_scenario,
+    callback=_choose_scenario,
     metavar="NAME|FILE.yaml",
     help="Play a scenario: begin in the state of the scenario and inject its faults.",
 )
-@options.text_option("--scenarios", scenario_lines, "List the scenarios and exit.")
+@options.text_option("--scenarios", _scenario_lines, "List the scenarios and exit.")
 @options.text_option(
     "--behaviours",
-    behaviour_lines,
+    _behaviour_lines,
     "List the simulated behaviours with their certainty and sources, and exit.",
 )
 @click.option(
@@ -143,7 +181,7 @@ def _print_introduction(
     print_stderr(words.text(_greeting(simulator, server)))
     print_stderr(words("sim.commands"))
     if scenario is not None:
-        print_stderr(scenario_introduction(scenario))
+        print_stderr(_scenario_introduction(scenario))
 
 
 def _played_scenario(
@@ -222,3 +260,12 @@ class _TypedCommands:
             found[0]()
         elif word:
             self._print_message("sim.commands")
+
+
+def _scenario_introduction(scenario: Scenario) -> str:
+    client = scenario.client
+    lines = [f"scenario: {scenario.title}", *textwrap.wrap(scenario.story, _WIDTH)]
+    session = _SESSION_TEXTS[client.session].format(client.mode)
+    occurs = f"To see what happens, connect a client that {session} over {client.over.upper()}."
+    cause = f" `diagnose` then reports the root cause {scenario.shows}." if scenario.shows else ""
+    return "\n  ".join(map(printable, [*lines, f"{occurs}{cause}"]))
