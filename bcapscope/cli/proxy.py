@@ -117,6 +117,7 @@ if TYPE_CHECKING:
 @click.pass_context
 def command(
     context: click.Context,
+    /,
     *,
     record: Path | None,
     ring: RotationLimits | None,
