@@ -44,7 +44,7 @@ from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.guard import request_effect
-from bcapscope.protocol.retry.requester import RequesterEvent, RetryPolicy
+from bcapscope.protocol.retry.requester import RetryPolicy
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, ObjectClass, function_by_name
 from bcapscope.protocol.variant_values import arguments_of
@@ -99,7 +99,6 @@ class ControllerSession:
         self.arming = ArmingState()
         self.status = SessionStatus()
         self.reply_monitor = ReplyMonitor(self.now())
-        self.client_session: Session | None = None
         self.polling_paused = False
         self._opener: ObjectOpener | None = None
         self._halt_connection: HaltConnection | None = None
@@ -153,10 +152,10 @@ class ControllerSession:
             OSError: The controller cannot be reached.
         """
         await self.disconnect()
-        session = open_target_session(target, observer=self._on_packet, listener=self._on_event)
-        self.client_session = await self._stack.enter_async_context(session)
-        self.client_session.check_armed = self._check_armed
-        self._opener = ObjectOpener(self.client_session, target)
+        opened = open_target_session(target, observer=self._on_packet, listener=self._recorder.on_event)
+        session = await self._stack.enter_async_context(opened)
+        session.check_armed = self._check_armed
+        self._opener = ObjectOpener(session, target)
         self.arming = ArmingState()
         self.reply_monitor = ReplyMonitor(self.now())
         self.update_status(target=target)
@@ -178,17 +177,17 @@ class ControllerSession:
         halt_connection, self._halt_connection = self._halt_connection, None
         stack, self._stack = self._stack, AsyncExitStack()
         INITIATOR.set(Initiator.SCREEN)
-        if self.client_session is not None:
-            usual = self.client_session.retry_policies
-            self.client_session.retry_policies = usual._replace(others=_CLEANUP_RETRY_POLICY)
+        if self._opener is not None:
+            session = self._opener.session
+            session.retry_policies = session.retry_policies._replace(others=_CLEANUP_RETRY_POLICY)
         try:
             with suppress(BcapError, OSError):
                 await stack.aclose()
             if halt_connection is not None:
                 await asyncio.to_thread(halt_connection.close)
         finally:
-            self._recorder.abandon_call(time.time_ns())
-            self.client_session = self._opener = None
+            self._recorder.abandon_call()
+            self._opener = None
             self.arming.disarm()
             if self.status.is_connected:
                 self.status = SessionStatus()
@@ -246,7 +245,7 @@ class ControllerSession:
             self._check_armed()
         timeout = session.retry_policies.others.timeout / 1e9
         await self.run_calls(caller.send_raw(raw, timeout), Initiator.USER)
-        self._recorder.complete_raw_call(time.time_ns())
+        self._recorder.complete_raw_call()
         return self.last_record
 
     @property
@@ -270,10 +269,10 @@ class ControllerSession:
         return self._recorder.last_record
 
     def _subject_of(self, function_id: int, arguments: Sequence[Variant]) -> ObjectHandle | None:
-        function, session = FUNCTIONS.get(function_id), self.client_session
-        if function is None or session is None:
+        function = FUNCTIONS.get(function_id)
+        if function is None or self._opener is None:
             return None
-        return session.handles.find(function.owner, first_number(arguments))
+        return self._opener.session.handles.find(function.owner, first_number(arguments))
 
     async def open_object(
         self, parent: ObjectHandle, kind: ObjectClass, name: str, option: str
@@ -313,11 +312,11 @@ class ControllerSession:
         try:
             return await steps
         except asyncio.CancelledError:
-            self._recorder.abandon_own_call(time.time_ns())
+            self._recorder.abandon_own_call()
             raise
         except OSError as error:
             if not isinstance(error, BcapError):
-                self._recorder.abandon_own_call(time.time_ns())
+                self._recorder.abandon_own_call()
                 await self.disconnect()
                 self.report(ConnectionLost(error_reason(error)))
             raise
@@ -332,10 +331,10 @@ class ControllerSession:
             halt_connection.press()
         with suppress(RuntimeError):  # the event loop of this session may have ended
             self._loop.call_soon_threadsafe(self._start_halt_call)
-        return halt_connection is not None or self.client_session is not None
+        return halt_connection is not None or self._opener is not None
 
     def _start_halt_call(self) -> None:
-        if self.client_session is not None and self.status.robot is not None:
+        if self._opener is not None and self.status.robot is not None:
             self._loop.create_task(self._halt_on_session(self.status.robot))
 
     async def _halt_on_session(self, robot: ObjectHandle) -> None:
@@ -351,9 +350,6 @@ class ControllerSession:
                 await self.invoke("Robot_Execute", *values, initiator=Initiator.SCREEN)
 
     # Results.
-
-    def _on_event(self, event: RequesterEvent) -> None:
-        self._recorder.on_event(event, time.time_ns())
 
     def _on_packet(self, observation: Observation) -> None:
         self._record_packet(observation, INITIATOR.get())
@@ -388,8 +384,8 @@ class ControllerSession:
         self.report(SessionProblem(path, error_reason(error)))
 
     def _on_record(self, record: HistoryRecord) -> None:
-        session = self.client_session
-        if session is not None and self.status.is_connected:
+        if self._opener is not None and self.status.is_connected:
+            session = self._opener.session
             if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
                 # This call is needed because `Session` records a reply later, and never records raw bytes.
                 session.record_call(record.function_id, record.arguments, record.reply)
