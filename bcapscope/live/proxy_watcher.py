@@ -105,19 +105,14 @@ Recording has no such limit: all remaining records are recorded.
 def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
     """Watch a relay until it closes its end of the pipe. Return False if the recording is incomplete."""
     _give_relay_priority()
-    words = MessageFormatter(options.view.language)
-    screen = TerminalWriter(words)
-
-    def warn(message: Message) -> None:
-        screen.write_message(printable(words.text(message)))
-
+    screen = TerminalWriter(MessageFormatter(options.view.language))
     recorder = subscriber = None
     try:
         if options.open_subscriber is not None:
             subscriber = options.open_subscriber()
         if options.record is not None:
             recorder = ProxyRecorder(
-                Recorder(options.record, warn, options.ring),
+                Recorder(options.record, screen.show, options.ring),
                 keeps_packet_numbers=subscriber is not None,
             )
     except FileWriteError as error:
@@ -192,7 +187,6 @@ class ProxyWatcher:
         subscriber: WatcherSubscriber | None = None,
     ) -> None:
         self._reader = reader
-        self._options = options
         self._terminal = terminal
         self._recorder_task = recorder_task
         self._subscriber = subscriber
@@ -306,10 +300,7 @@ class ProxyWatcher:
     def _show_relay_messages(self, records: Iterable[RingRecord]) -> None:
         for record in records:
             if record.kind is RingRecordKind.NOTICE:
-                self._write_message(decode_message(record.data))
-
-    def _write_message(self, message: Message) -> None:
-        self._terminal.write_message(printable(self._words.text(message)))
+                self._terminal.show(decode_message(record.data))
 
     def _write_finding(self, severity: str, rule: str, sentence: str) -> None:
         head = f"{self._colors.problem}{severity}{self._colors.reset} {rule}"
@@ -324,7 +315,7 @@ class ProxyWatcher:
         is_reported = self._has_sent_closing and conversation.transport is Transport.UDP
         if left is not None and not is_reported:
             client = str(conversation.client)
-            self._write_message(Message("session.left-open", client=client, reason=why, state=left))
+            self._terminal.show(Message("session.left-open", client=client, reason=why, state=left))
 
     def _write_lines(self) -> None:
         self._terminal.write_lines(self._view.lines)
@@ -382,7 +373,7 @@ class ProxyWatcher:
     def _write_clauses(self, clauses: Iterable[Message]) -> None:
         message = joined_clauses(clauses)
         if message is not None:
-            self._write_message(message)
+            self._terminal.show(message)
 
     def _closing_requests(self) -> bytes:
         """Return a JSON list of `ClosingRequests`, which close all open sessions."""
@@ -407,7 +398,7 @@ class ProxyWatcher:
     def _skip_undecoded(self) -> None:
         """Skip records that there is no time left to decode, but still print messages from the relay."""
         if self._reader.bytes_waiting:
-            self._write_message(Message("watcher.skipped"))
+            self._terminal.show(Message("watcher.skipped"))
         while self._reader.bytes_waiting:
             self._show_relay_messages(self._reader.read_records())
 
@@ -424,7 +415,7 @@ class ProxyWatcher:
         counts = tuple(self._reader.counts)
         self._write_clauses((self._call_totals(), *totals(counts)))
         for message in (*losses(counts), *self._delays.summary()):
-            self._write_message(message)
+            self._terminal.show(message)
         if self._decoder.observation_count:
             width = shutil.get_terminal_size().columns
             renderer = FindingsRenderer(self._colors, width, words=self._words)

@@ -18,7 +18,6 @@ from bcapscope.live.recorder import Recorder
 from bcapscope.live.terminal_writer import TerminalWriter
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.player.realtime import realtime_priority
-from bcapscope.render.escape import printable
 from bcapscope.render.simulator_log import call_log_line, refusal_line
 from bcapscope.simulator.call_executor import CallReport
 from bcapscope.simulator.simulator import Peer
@@ -45,7 +44,6 @@ class ServerRunner:
         self._terminal = TerminalWriter(words)
         self.print_message = self._terminal.write_message
         self.log = ServerCallLog(not quiet, self._terminal, words)
-        self._words = words
         self._recording_path = record
         self._recorder: BackgroundRecorder | None = None
 
@@ -60,7 +58,8 @@ class ServerRunner:
         interrupt_on_end_signals()
         with closing(SimulatorServer(answerer, host, port)) as server:
             if self._recording_path is not None:
-                server.tap = self._recorder = BackgroundRecorder(Recorder(self._recording_path, self._warn))
+                recorder = Recorder(self._recording_path, self._terminal.show)
+                server.tap = self._recorder = BackgroundRecorder(recorder)
             with suppress(KeyboardInterrupt):
                 yield server
 
@@ -97,9 +96,6 @@ class ServerRunner:
         self.print_message(summary)
         self._terminal.close()
         return complete
-
-    def _warn(self, message: Message) -> None:
-        self.print_message(printable(self._words.text(message)))
 
     def _on_idle(self) -> bool:
         self.log.flush_if_due()

@@ -15,7 +15,8 @@ from contextlib import AbstractContextManager, nullcontext, suppress
 from typing import TextIO
 
 from bcapscope.live.standard_streams import discard_stdout
-from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
+from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
+from bcapscope.render.escape import printable
 
 MAX_WAITING = 20_000
 """Maximum number of lines that may wait to be written. The same limit applies to messages. When the limit is
@@ -83,6 +84,9 @@ class TerminalWriter:
                 line if isinstance(line, bytes) else line.encode("utf-8", "replace") for line in lines[:room]
             ]
             self._changed.notify_all()
+
+    def show(self, message: Message) -> None:
+        self.write_message(printable(self._words.text(message)))
 
     def write_message(self, text: str) -> None:
         with self._changed:

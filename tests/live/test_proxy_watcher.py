@@ -23,15 +23,17 @@ from bcapscope.live.proxy_recorder import ProxyRecorder
 from bcapscope.live.proxy_watcher import ProxyWatcher, RecorderTask
 from bcapscope.live.recorder import Recorder
 from bcapscope.live.terminal_writer import TerminalWriter
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.arguments import Argument
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.frame_template import FrameTemplate
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RelayCounter, RingReader, RingRecordKind, RingWriter
 from bcapscope.render import frame_line
+from bcapscope.render.escape import printable
 from bcapscope.traffic.filter.field_table import RecordKind
 from tests.cli.run import run
-from tests.english import encoded
+from tests.english import encoded, english
 
 MS = 1_000_000
 TEXT = Variant(VT.BSTR, "")
@@ -66,6 +68,9 @@ class Silent(TerminalWriter):
 
     def write_message(self, text: str) -> None:
         self.told.append(text)
+
+    def show(self, message: Message) -> None:
+        self.told.append(printable(english(message)))
 
 
 class Chain:
