@@ -15,7 +15,7 @@ from typing import Any
 import click
 
 from bcapscope import __version__
-from bcapscope.cli.common.data_output import StdoutWriteError
+from bcapscope.cli.common.data_output import OutputError, discarded_stdout
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.errors import FileWriteError
 from bcapscope.live.standard_streams import discard_stdout
@@ -55,12 +55,6 @@ reference cycles, and collecting took 5 % of the run time.
 """
 
 
-class _UnwritableFileError(click.ClickException):
-    """A file cannot be written. The message of this exception contains no control characters."""
-
-    exit_code = ExitCode.UNWRITABLE
-
-
 class _LazyGroup(click.Group):
     """Imports the module of a command only when the command runs or shows its help."""
 
@@ -80,7 +74,7 @@ class _LazyGroup(click.Group):
         try:
             return super().invoke(ctx)
         except FileWriteError as error:
-            raise _UnwritableFileError(printable(str(error))) from None
+            raise OutputError(printable(str(error))) from None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
@@ -120,7 +114,6 @@ def main() -> None:
     except OSError as error:
         if error.filename is not None or error.errno not in _DISK_FULL:
             raise
-        discard_stdout()  # click failed to write the help or the version; commands handle their own errors
-        refused = StdoutWriteError(error)
-        refused.show()
-        sys.exit(refused.exit_code)
+        # click failed to write the help or the version; commands handle their own errors
+        discarded_stdout(error).show()
+        sys.exit(ExitCode.UNWRITABLE)

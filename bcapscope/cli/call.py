@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import partial
 from typing import IO, Any, TextIO
 
@@ -14,7 +16,6 @@ from bcapscope.cli.common import options
 from bcapscope.cli.common.arming_prompt import log_armed_calls, unarmed_reason
 from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode
-from bcapscope.cli.common.planned_call import LONGEST_LINE, PlannedCall, PlannedCallParser, check_owners
 from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, target_options
 from bcapscope.client.action_log import ArmedCallLogger, LoggedConnection
 from bcapscope.client.object_opener import DEFAULT_OBJECT_NAMES, ObjectOpener
@@ -23,10 +24,13 @@ from bcapscope.errors import CallTimeout
 from bcapscope.live.end_signals import run_interruptible
 from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.messages import MessageFormatter
-from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.codec.variant_notation import parse_variant_as
 from bcapscope.protocol.retry.requester import CallRefused, CallTimedOut, RequesterOutcome
-from bcapscope.protocol.tables.command_catalogue import call_name
-from bcapscope.protocol.tables.function_table import ObjectClass
+from bcapscope.protocol.tables.command_catalogue import call_name, find_command
+from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, Param, function_by_name
+from bcapscope.protocol.tables.variables import find_variable
+from bcapscope.protocol.text_format import shortened
 from bcapscope.render.call_code import NAMED_OWNERS
 from bcapscope.render.escape import printable
 from bcapscope.render.hexdump import hexdump
@@ -34,11 +38,17 @@ from bcapscope.render.reply_text import ReplyRenderer
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Observation
 
+LONGEST_LINE = 65536
+"""Maximum number of characters in a line of a script."""
+
+_LONGEST_SHOWN = 60  # maximum number of characters of an argument that a message quotes
+
+_OWNERS_OF_VARIABLES = (ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK)
+_NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MESSAGE)
+
 
 class _ScriptFile(click.File):
-    """Parameter type for a text file or standard input. If standard input is closed, the user gets a usage
-    error.
-    """
+    """A text file or standard input. If standard input is closed, the user gets a usage error."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> IO[Any]:
         if value == "-" and sys.stdin is None:
@@ -74,7 +84,7 @@ class _ScriptFile(click.File):
 )
 @click.option("--file", help="Open the file of this name if a call needs one.")
 @click.option("--extension", help="Open the extension of this name if a call needs one.")
-@click.option("--command", "command_", help="Open the command object of this name if a call needs one.")
+@click.option("--command", help="Open the command object of this name if a call needs one.")
 @click.option("--arm", is_flag=True, help="Allow calls that may energise or move a robot.")
 @click.option("--hex", "dump", is_flag=True, help="Show a hex dump of the packets below each call.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per call, with its reply.")
@@ -115,7 +125,7 @@ def command(
         requests += reader.parse_script(iter(partial(script.readline, LONGEST_LINE + 1), ""))
     if not requests:
         raise click.UsageError("no function given. Give FUNCTION, --exec or --script")
-    names = {owner: given for owner in NAMED_OWNERS if (given := _given_name(named, owner)) is not None}
+    names = {owner: name for owner in NAMED_OWNERS if (name := named[owner.lower()]) is not None}
     check_owners(requests, {*DEFAULT_OBJECT_NAMES, *names})
     calls = _CallRunner(target, names, arm, _AnswerPrinter(dump, as_json, color, words))
     with exit_on_failure(target, words):
@@ -124,11 +134,6 @@ def command(
         except ValueError as error:
             raise click.UsageError(str(error)) from None
     sys.exit(code)
-
-
-def _given_name(named: Mapping[str, str | None], owner: ObjectClass) -> str | None:
-    word = owner.lower()
-    return named[word] if word in named else named[f"{word}_"]
 
 
 class _AnswerPrinter:
@@ -224,3 +229,150 @@ class _CallRunner:
             unsent = self.printer.words("call.not-sent", call=name, reason=unarmed_reason(host))
             print_stderr(printable(f"bcapscope: {unsent}"))
         return self.armed
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedCall:
+    """A call to make. If `opens_object` is True, the handle of an object comes before `values`."""
+
+    function: Function
+    values: tuple[Variant, ...]
+    opens_object: bool
+
+    async def arguments(self, opener: ObjectOpener) -> tuple[Variant, ...]:
+        if self.opens_object:
+            return (Variant(VT.I4, await opener.handle_for(self.function.owner)), *self.values)
+        if self.function.name == "Controller_Connect":
+            await opener.start_service()
+        return self.values
+
+
+class PlannedCallParser:
+    def __init__(self, target: ControllerTarget, variable_name: str | None) -> None:
+        """Parse calls to `target`. `variable_name` is the name of the variable that the calls use."""
+        self._target = target
+        self._types = _variable_types(variable_name, _OWNERS_OF_VARIABLES) if variable_name else ()
+
+    def parse(self, words: Sequence[str]) -> PlannedCall:
+        """Parse one call.
+
+        Raises:
+            click.UsageError: the function is unknown, or the arguments do not match it.
+        """
+        name, *texts = words
+        function = function_by_name(name)
+        if function is None:
+            near = get_close_matches(name, [each.name for each in FUNCTIONS.values()], 1)
+            hint = f". Did you mean {near[0]}?" if near else ""
+            raise click.UsageError(f"unknown function {name!r}{hint}")
+        params = function.params
+        takes_handle = function.takes_handle and not _begins_with_handle(params, texts)
+        if takes_handle:
+            params = params[1:]
+        if len(texts) > len(params):
+            raise click.UsageError(_too_many_text(function, params, texts))
+        defaults = {"Controller_Connect": self._target.connect, "Service_Start": (self._target.service,)}
+        texts = [*texts, *defaults.get(function.name, ())[len(texts) :]]
+        types = self._types if takes_handle and function.name == "Variable_PutValue" else ()
+        values = tuple(
+            _parse_argument(function, index, param, texts, types) for index, param in enumerate(params)
+        )
+        if function.creates is ObjectClass.VARIABLE:
+            opened = str(values[0 if takes_handle else 1].value)
+            self._types = _variable_types(opened, (function.owner,))
+        return PlannedCall(function, values, takes_handle)
+
+    def parse_script(self, lines: Iterable[str]) -> list[PlannedCall]:
+        """Parse one call per line. Each line is split into words as a shell does. Empty lines and # comments
+        are skipped.
+
+        Raises:
+            click.UsageError: a line is invalid, too long, or not UTF-8.
+        """
+        requests = []
+        number = 1
+        try:
+            for line in lines:
+                if len(line) > LONGEST_LINE:
+                    raise ValueError(f"longer than {LONGEST_LINE} characters")
+                words = shlex.split(line, comments=True)
+                if words:
+                    requests.append(self.parse(words))
+                number += 1
+        except UnicodeError:
+            raise click.UsageError(f"line {number} or later: not UTF-8") from None
+        except (ValueError, click.UsageError) as error:
+            reason = error.message if isinstance(error, click.UsageError) else str(error).lower()
+            raise click.UsageError(f"line {number}: {reason}") from None
+        return requests
+
+
+def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]) -> None:
+    """Check that each call that needs an object has one: the user named the object with an option, or an
+    earlier call opens it.
+
+    Raises:
+        click.UsageError: a call needs an object that is neither named nor opened.
+    """
+    always = {*_NAMELESS_OWNERS, *named}
+    known = set(always)
+    for request in requests:
+        owner = request.function.owner
+        if request.opens_object and owner not in known:
+            word = owner.lower()
+            raise click.UsageError(
+                f"{request.function.name} needs a {word}. Add --{word} NAME, or open one in an earlier call"
+            )
+        if request.function.creates is not None:
+            known.add(request.function.creates)
+        if request.function.releases is not None and request.opens_object and owner not in always:
+            known.discard(owner)
+
+
+def _begins_with_handle(params: Sequence[Param], texts: Sequence[str]) -> bool:
+    """Return whether the user typed a handle first, although `call` adds the handle."""
+    if len(texts) < len(params):
+        return False
+    try:
+        return parse_variant_as(texts[0], [params[0].type]).vt == VT.I4
+    except ValueError:
+        return False
+
+
+def _too_many_text(function: Function, params: Sequence[Param], texts: Sequence[str]) -> str:
+    extra = texts[len(params) :]
+    verb = "is" if len(extra) == 1 else "are"
+    quoted = ", ".join(repr(shortened(text, _LONGEST_SHOWN)) for text in extra)
+    text = f"{function.name} takes {_names_of(params)}; {quoted} {verb} too many"
+    if params and params[-1].type == "VARIANT":
+        joined = shortened(",".join(texts[len(params) - 1 :]), _LONGEST_SHOWN)
+        text += f". If {params[-1].name} has several values, separate them with commas: {joined}"
+    return text
+
+
+def _names_of(params: Sequence[Param]) -> str:
+    return " ".join(param.name for param in params) or "no arguments"
+
+
+def _variable_types(variable_name: str, owners: Iterable[ObjectClass]) -> tuple[str, ...]:
+    """Return the types that a variable of one of the `owners` can have; () if the variable is unknown."""
+    known = (find_variable(owner, variable_name) for owner in owners)
+    return next((kind.types for kind in known if kind), ())
+
+
+def _parse_argument(
+    function: Function, index: int, param: Param, texts: Sequence[str], types: Sequence[str]
+) -> Variant:
+    if index >= len(texts):
+        if param.type == "VT_BSTR":
+            return Variant(VT.BSTR, "")
+        if param.type == "VARIANT":
+            return EMPTY
+        names = _names_of(function.params)
+        raise click.UsageError(f"{function.name} takes {names}; {param.name} is missing")
+    if param.name == "vntParam" and (known := find_command(function.id, texts[index - 1])):
+        types = known.parameter_types
+    try:
+        return parse_variant_as(texts[index], types or [param.type])
+    except ValueError as error:
+        raise click.UsageError(f"{function.name}, {param.name}: {error}") from None

@@ -5,14 +5,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator
 from itertools import chain, starmap
+from typing import Any
 
 import click
 
 from bcapscope.capture.capture_input import read_items
 from bcapscope.cli.common import options
-from bcapscope.cli.common.call_reading import call_test
 from bcapscope.cli.common.capture_reader import CaptureReader
-from bcapscope.cli.common.column_options import call_columns, columns_option, wide_option
+from bcapscope.cli.common.column_options import column_renderer, columns_option, wide_option
 from bcapscope.cli.common.data_output import folded_lines
 from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.messages import MessageFormatter
@@ -23,11 +23,9 @@ from bcapscope.render.display_filter import display_filter_lines, packets_of
 from bcapscope.render.record_columns import CALL_COLUMNS, ColumnFormat, RecordColumn, parse_columns
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
-from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
-from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
 _MAX_SESSIONS_LISTED = 8
@@ -53,21 +51,18 @@ _MAX_SESSIONS_LISTED = 8
 @options.language
 def command(
     *,
-    paths: tuple[str, ...],
     interface: str | None,
-    ports: tuple[int, ...],
-    taken_at: CapturePoint | None,
     tree: bool,
     as_json: bool,
     as_csv: bool,
     display_filter: bool,
     columns: tuple[RecordColumn, ...] | None,
     wide: bool,
-    side: CapturePlace | None,
     wanted: Filter | None,
     clock: str,
     color: str,
     words: MessageFormatter,
+    **source: Any,
 ) -> None:
     """Show the calls in captures: each request with its retries, notices and reply.
 
@@ -87,16 +82,16 @@ def command(
         _check_display_filter(as_json or as_csv or columns is not None, interface)
     if as_csv and columns is None:
         columns = parse_columns(",".join(CALL_COLUMNS), RecordKind.CALL)
-    reading = CaptureReader(paths, ports, interface, words=words, side=side, taken_at=taken_at)
+    reading = CaptureReader(interface=interface, words=words, **source)
     calls = _ShownCalls(reading, wanted)
     if columns is not None:
-        table = call_columns(reading, columns, choose_palette(color), wide)
+        table = column_renderer(RecordKind.CALL, reading, columns, choose_palette(color), wide)
         format_ = ColumnFormat(styles[0]) if styles else None
         lines: Iterable[str] | Iterable[bytes] = table.lines((call for call, _ in calls.calls()), format_)
     elif as_json:
         record = CallRecordRenderer().record
-        captures = reading.paths
-        packets = CallPackets(reading.origin_of, captures[0] if len(captures) == 1 else None)
+        captures = reading.captures.paths
+        packets = CallPackets(reading.captures.origin_of, captures[0] if len(captures) == 1 else None)
         lines = (packets.add_to(record(call, target), call) for call, target in calls.calls())
     else:
         renderer = CallRenderer(TimeFormat(clock), choose_palette(color), words=reading.citing_words())
@@ -136,15 +131,13 @@ def _call_lines(
 
 
 class _ShownCalls(PipelineSubscriber):
-    """Collects the calls that the filter selects, and prints a summary. Adds to each call the object to which
-    its handle refers.
-    """
+    """Collects the selected calls, each with the object to which its handle refers."""
 
     needs_targets = True
 
     def __init__(self, reader: CaptureReader, wanted: Filter | None) -> None:
         self._reader = reader
-        self._test = call_test(wanted, reader)
+        self._test = reader.call_test(wanted)
         self._handles = HandleTracker()
         self._items: list[tuple[PairingResult, TrackedObject | None]] = []
         self._stray_count = 0
@@ -168,21 +161,21 @@ class _ShownCalls(PipelineSubscriber):
         return read_items(self._reader, self._reader.pipeline(self, handles=self._handles), self._items)
 
     def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:
-        """Yield the selected calls without stray replies."""
         for item, subject in self.all_items():
             if isinstance(item, Call):
                 yield item, subject
 
     def filter_lines(self, item: PairingResult) -> Iterator[str]:
-        """Yield the Wireshark display filters that select the packets of a call, one line per capture."""
         reader = self._reader
         return display_filter_lines(
-            map(reader.origin_of, packets_of(item)), len(reader.paths) > 1, reader.citing_words()
+            map(reader.captures.origin_of, packets_of(item)),
+            len(reader.captures.paths) > 1,
+            reader.citing_words(),
         )
 
     def print_summary(self, words: MessageFormatter) -> None:
-        """Print to stderr how many stray replies there are, how many packets were captured twice, and which
-        sessions did not release all objects.
+        """Print how many stray replies and packets captured twice there are, and which sessions were not
+        clean.
         """
         if self._stray_count:
             replies = Count(self._stray_count, "reply")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from bisect import insort
+from typing import Any
 
 import click
 
@@ -12,17 +13,14 @@ from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.statistics.call_statistics import StatisticsBuilder
 from bcapscope.cli.common import options
-from bcapscope.cli.common.call_reading import call_test, read_to_end
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.messages import MessageFormatter
 from bcapscope.render.comparison_text import comparison_lines, comparison_record
 from bcapscope.render.escape import printable
-from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.joining.joined_observation import CapturePlace
 
 _path = click.Path(allow_dash=True)
 
@@ -41,13 +39,11 @@ def command(
     *,
     good: str,
     bad: str,
-    ports: tuple[int, ...],
     as_json: bool,
-    side: CapturePlace | None,
-    taken_at: CapturePoint | None,
     wanted: Filter | None,
     color: str,
     words: MessageFormatter,
+    **source: Any,
 ) -> None:
     """Compare two captures: their figures in `stats` and `slave`, and their findings in `diagnose`.
 
@@ -62,9 +58,7 @@ def command(
     """
     if good == bad == "-":
         raise click.UsageError("both captures are standard input (-): give a file for one of them")
-    readings = [
-        CaptureReader([path], ports, words=words, side=side, taken_at=taken_at) for path in (good, bad)
-    ]
+    readings = [CaptureReader([path], words=words, **source) for path in (good, bad)]
     named = list(zip((good, bad), readings, strict=True))
     first, second = (_read_side(path, reading, wanted) for path, reading in named)
     for path, reading in named:
@@ -82,16 +76,15 @@ def command(
 
 
 def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> ComparedCapture:
-    """Read a capture once to its end; return its findings, figures and slave-mode sessions."""
     sessions: list[SlaveSession] = []
-    chosen = call_test(wanted, reader)
+    chosen = reader.call_test(wanted)
 
     def keep_if_early(session: SlaveSession) -> None:
         insort(sessions, session, key=lambda each: each.number)
         del sessions[MAX_SESSIONS:]
 
     diagnosis, figures = Diagnosis(chosen, keep_if_early), StatisticsBuilder(chosen)
-    read_to_end(reader, reader.pipeline(diagnosis, figures))
+    reader.read_to_end(diagnosis, figures)
     for session in diagnosis.remaining_sessions(reader.ended_at):
         keep_if_early(session)
     findings, totals = diagnosis.findings(reader.ended_at), diagnosis.totals(reader.ended_at)

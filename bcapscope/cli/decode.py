@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from enum import StrEnum
 from functools import partial
 from itertools import starmap
@@ -13,7 +13,7 @@ import click
 from bcapscope.capture.capture_sequence import STDIN, PacketOrigin
 from bcapscope.cli.common import options
 from bcapscope.cli.common.capture_reader import CaptureReader
-from bcapscope.cli.common.column_options import columns_option, frame_columns, wide_option
+from bcapscope.cli.common.column_options import column_renderer, columns_option, wide_option
 from bcapscope.cli.common.data_output import folded_lines
 from bcapscope.live.standard_streams import choose_palette
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
@@ -30,10 +30,8 @@ from bcapscope.traffic.call_kind import CallKind, RecentRequests
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
-from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.observation import Observation
 
-F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
 
@@ -43,10 +41,6 @@ class FrameFormat(StrEnum):
     TREE = "tree"
     CSV = "csv"
     JSON = "json"
-
-
-def _format_option(style: FrameFormat, text: str) -> Callable[[F], F]:
-    return click.option(f"--{style}", "styles", flag_value=style, type=FrameFormat, multiple=True, help=text)
 
 
 @click.command(short_help="Decode frames, one line each.")
@@ -59,9 +53,9 @@ def _format_option(style: FrameFormat, text: str) -> Callable[[F], F]:
     "input.",
 )
 @options.ports
-@_format_option(FrameFormat.TREE, "Show every field with its bytes.")
-@_format_option(FrameFormat.CSV, "Print a CSV table with a header.")
-@_format_option(FrameFormat.JSON, "Print one JSON object per frame.")
+@options.choice_flag(FrameFormat.TREE, "styles", "Show every field with its bytes.")
+@options.choice_flag(FrameFormat.CSV, "styles", "Print a CSV table with a header.")
+@options.choice_flag(FrameFormat.JSON, "styles", "Print one JSON object per frame.")
 @columns_option(RecordKind.FRAME)
 @wide_option
 @click.option("--hex", "dump", is_flag=True, help="Show a hex dump below each frame.")
@@ -73,20 +67,17 @@ def _format_option(style: FrameFormat, text: str) -> Callable[[F], F]:
 @options.language
 def command(
     *,
-    paths: tuple[str, ...],
-    interface: str | None,
     text: str | None,
-    ports: tuple[int, ...],
     styles: tuple[FrameFormat, ...],
     columns: tuple[RecordColumn, ...] | None,
     wide: bool,
     dump: bool,
     full: bool,
-    side: CapturePlace | None,
     wanted: Filter | None,
     clock: str,
     color: str,
     words: MessageFormatter,
+    **source: Any,
 ) -> None:
     """Decode the frames of captures, one line each.
 
@@ -103,10 +94,10 @@ def command(
     """
     style = _choose_format(styles, columns is not None, dump, full)
     translated = words if columns is None and style in (None, FrameFormat.TREE) else ENGLISH_WORDS
-    reading = CaptureReader(paths, ports, interface, text, words, side=side, comment_words=translated)
+    reading = CaptureReader(text=text, words=words, comment_words=translated, **source)
     palette = choose_palette(color)
     if columns is not None:
-        renderer = frame_columns(reading, columns, palette, wide)
+        renderer = column_renderer(RecordKind.FRAME, reading, columns, palette, wide)
         format_ = None if style is None else ColumnFormat(style.value)
         lines: Iterable[str] | Iterable[bytes] = renderer.lines(
             _frames_with_context(reading, wanted), format_
@@ -122,10 +113,14 @@ def command(
         write_line = _citing(reading, line.line, partial(_line_with_origin, words))
         if style is FrameFormat.TREE or dump:
             tree = FrameTreeRenderer(palette, full, dump, words) if style else None
-            details = partial(_hexdump_lines, palette) if tree is None else tree.lines
-            lines = _with_details(_frames_with_context(reading, wanted), write_line, details)
+            details = partial(_frame_details, tree, palette)
+            lines = _with_details(_frames_with_context(reading, wanted), write_line, details, ends=("",))
         elif text is not None:
-            lines = _with_remarks(_frames_with_context(reading, wanted), line)
+            lines = _with_details(
+                _frames_with_context(reading, wanted),
+                lambda seen, kind, comments: line.line(seen, kind),
+                lambda frame: line.remarks(frame.observation, frame.comments),
+            )
         else:
             lines = folded_lines(_render_frames(reading, wanted, write_line), wide)
     reading.print_lines(lines)
@@ -135,12 +130,7 @@ def command(
 def _choose_format(
     styles: tuple[FrameFormat, ...], has_columns: bool, dump: bool, full: bool
 ) -> FrameFormat | None:
-    """Return the output format that the options select. Return None for the default format, which has one
-    line per frame.
-
-    Raises:
-        click.UsageError: the options contradict each other.
-    """
+    """Return the output format that the options select; None for the default, one line per frame."""
     if len(set(styles)) > 1:
         raise click.UsageError(f"{' and '.join(f'--{style}' for style in styles)} exclude each other")
     style = styles[0] if styles else None
@@ -154,16 +144,13 @@ def _choose_format(
 
 
 def _csv_lines(reader: CaptureReader, wanted: Filter | None) -> Iterator[str]:
-    """Yield a CSV header, then one row for each frame. If there are several captures, each row ends with the
-    capture and packet of the frame.
-    """
-    table, several = CsvTableRenderer(), len(reader.paths) > 1
+    table, several = CsvTableRenderer(), len(reader.captures.paths) > 1
 
     def row(seen: Observation, call_kind: CallKind | None, comments: tuple[str, ...]) -> str:
         cells = table.row(seen, call_kind)
         if not several:
             return cells
-        origin = reader.origin_of(seen.packet)
+        origin = reader.captures.origin_of(seen.packet)
         return f"{cells},{csv_row(('', '') if origin is None else (csv_cell(origin.path), origin.packet))}"
 
     yield table.header() + (",file,file_packet" if several else "")
@@ -179,11 +166,11 @@ def _citing(
 
     `cite` adds the name of the frame's capture, and the frame's packet number.
     """
-    if len(reader.paths) < 2:
+    if len(reader.captures.paths) < 2:
         return render
 
     def rendered(seen: Observation, call_kind: CallKind | None, comments: tuple[str, ...]) -> T:
-        result, origin = render(seen, call_kind, comments), reader.origin_of(seen.packet)
+        result, origin = render(seen, call_kind, comments), reader.captures.origin_of(seen.packet)
         return result if origin is None else cite(result, origin)
 
     return rendered
@@ -195,20 +182,16 @@ def _line_with_origin(words: MessageFormatter, line: str, origin: PacketOrigin) 
 
 
 def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterator[AnnotatedFrame]:
-    """Yield each selected frame with the kind of its call, and with the capture's comments on the frame's
-    packet.
-    """
     frames = _render_frames(reader, None, AnnotatedFrame)
     if wanted is None:
         return frames
-    test = wanted.bind(FRAME_GETTERS, lambda: reader.first_time)
-    return filter(reader.counting_test(wanted, test, lambda frame: frame.observation.number), frames)
+    test = reader.record_test(wanted, FRAME_GETTERS, lambda frame: frame.observation.number)
+    return filter(test, frames)
 
 
 def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:
-    """Render each selected frame, and yield the result.
-
-    `render` gets the frame, the kind of its call, and the capture's comments on the frame's packet.
+    """Yield the result of `render` for each selected frame. `render` gets the frame, the kind of its call,
+    and the capture's comments on its packet.
     """
     if wanted is not None:
         return starmap(render, _frames_with_context(reader, wanted))
@@ -219,24 +202,20 @@ def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callabl
     )
 
 
-def _hexdump_lines(colors: Palette, observation: Observation, call_kind: CallKind | None) -> Iterator[str]:
-    return hexdump(observation.item.raw, palette=colors)
+def _frame_details(tree: FrameTreeRenderer | None, palette: Palette, frame: AnnotatedFrame) -> Iterable[str]:
+    if tree is None:
+        return hexdump(frame.observation.item.raw, palette=palette)
+    return tree.lines(frame.observation, frame.call_kind)
 
 
 def _with_details(
     frames: Iterable[AnnotatedFrame],
     write_line: Callable[[Observation, CallKind | None, tuple[str, ...]], str],
-    details: Callable[[Observation, CallKind | None], Iterable[str]],
+    details: Callable[[AnnotatedFrame], Iterable[str]],
+    ends: Sequence[str] = (),
 ) -> Iterator[str]:
-    for seen, question, comments in frames:
-        yield write_line(seen, question, comments)
-        for detail in details(seen, question):
+    for frame in frames:
+        yield write_line(*frame)
+        for detail in details(frame):
             yield f"       {detail}"
-        yield ""
-
-
-def _with_remarks(frames: Iterable[AnnotatedFrame], line: FrameLineRenderer) -> Iterator[str]:
-    for seen, question, comments in frames:
-        yield line.line(seen, question)
-        for remark in line.remarks(seen, comments):
-            yield f"       {remark}"
+        yield from ends

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import count
+from typing import Any
 
 import click
 
@@ -14,18 +15,15 @@ from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.finding import Finding, Severity
 from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.cli.common import options
-from bcapscope.cli.common.call_reading import call_test, read_to_end
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.messages import Message, MessageFormatter
 from bcapscope.render.display_filter import display_filter_lines
 from bcapscope.render.findings import FindingsRenderer, finding_record
-from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.tokens import with_nearest
-from bcapscope.traffic.joining.joined_observation import CapturePlace
 
 _PIPE_WIDTH = 100
 _SEVERITY = click.Choice([each.value for each in Severity])
@@ -76,11 +74,7 @@ def _known_rules(
 @options.language
 def command(
     *,
-    paths: tuple[str, ...],
     interface: str | None,
-    ports: tuple[int, ...],
-    side: CapturePlace | None,
-    taken_at: CapturePoint | None,
     as_json: bool,
     rules: frozenset[str],
     severities: tuple[str, ...],
@@ -89,6 +83,7 @@ def command(
     wanted: Filter | None,
     color: str,
     words: MessageFormatter,
+    **source: Any,
 ) -> None:
     """Find problems in captures and print findings, root cause first.
 
@@ -108,8 +103,8 @@ def command(
     """
     if display_filter and (as_json or interface is not None):
         raise click.UsageError("--display-filter needs captures, and cannot be combined with --json")
-    reading = CaptureReader(paths, ports, interface, words=words, side=side, taken_at=taken_at)
-    diagnosis = Diagnosis(call_test(wanted, reading))
+    reading = CaptureReader(interface=interface, words=words, **source)
+    diagnosis = Diagnosis(reading.call_test(wanted))
     width = shutil.get_terminal_size((_PIPE_WIDTH, 24)).columns if sys.stdout.isatty() else _PIPE_WIDTH
     filter_lines = partial(_filter_lines, reading) if display_filter else None
     renderer = FindingsRenderer(choose_palette(color), width, reading.citing_words(), filter_lines)
@@ -124,7 +119,7 @@ def command(
     if reading.is_live:
         _read_live(reading, diagnosis, is_shown, None if as_json else renderer)
     else:
-        read_to_end(reading, reading.pipeline(diagnosis))
+        reading.read_to_end(diagnosis)
     findings, totals = diagnosis.findings(reading.ended_at), diagnosis.totals(reading.ended_at)
     if as_json:
         origin_of = reading.frame_origins.origin_of
@@ -137,9 +132,8 @@ def command(
 
 
 def _filter_lines(reader: CaptureReader, finding: Finding) -> Iterator[str]:
-    """Yield the Wireshark display filters that select the packets of a finding, one line per capture."""
     origins = map(reader.frame_origins.origin_of, finding.frames)
-    return display_filter_lines(origins, len(reader.paths) > 1, reader.citing_words())
+    return display_filter_lines(origins, len(reader.captures.paths) > 1, reader.citing_words())
 
 
 def _read_live(
@@ -148,9 +142,7 @@ def _read_live(
     is_shown: Callable[[Finding], bool],
     renderer: FindingsRenderer | None,
 ) -> None:
-    """Read traffic to its end, and print each new finding immediately. `renderer` makes the text; without a
-    renderer, findings are printed as JSON.
-    """
+    """Print each new finding immediately: as text, or without a renderer as JSON."""
     pipeline, numbers = reader.pipeline(diagnosis), count(1)
 
     def print_new() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import click
 
@@ -19,7 +19,6 @@ from bcapscope.analysis.slave.captured_trajectory import (
 )
 from bcapscope.capture.capture_input import read_items
 from bcapscope.cli.common import options
-from bcapscope.cli.common.call_reading import call_test
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option
@@ -30,10 +29,8 @@ from bcapscope.messages.places import Count
 from bcapscope.render.escape import printable
 from bcapscope.render.statistics_text import conversation_text
 from bcapscope.render.trajectory_file import CsvTrajectoryWriter, JsonTrajectoryWriter
-from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.observation import Conversation
 
 TrajectoryWriter: TypeAlias = CsvTrajectoryWriter | JsonTrajectoryWriter
@@ -63,15 +60,12 @@ _WRITERS: dict[str, Callable[[CapturedTrajectory], TrajectoryWriter]] = {
 @options.language
 def command(
     *,
-    paths: tuple[str, ...],
     output: Path,
-    ports: tuple[int, ...],
     client: str | None,
-    side: CapturePlace | None,
-    taken_at: CapturePoint | None,
     wanted: Filter | None,
     force: bool,
     words: MessageFormatter,
+    **source: Any,
 ) -> None:
     """Write the set points of slave mode (slvMove), each with the pose that the controller returned.
 
@@ -92,9 +86,9 @@ def command(
         )
     interrupt_on_end_signals()
     files = _TrajectoryFiles(output, force, words)
-    reading = CaptureReader(paths, ports, words=words, side=side, taken_at=taken_at)
+    reading = CaptureReader(words=words, **source)
     trajectories = TrajectoryExtractor(
-        call_test(wanted, reading), None if client is None else _is_by_client(client)
+        reading.call_test(wanted), None if client is None else _is_by_client(client)
     )
     with files:
         for trajectory, steps in _read_pieces(reading, trajectories):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from bcapscope.cli.common.data_output import DataOutput
+from bcapscope.cli.common.data_output import write_lines
 from bcapscope.render.columns import align_columns
 from bcapscope.traffic.filter import compiler
 from bcapscope.traffic.filter.field_table import FIELDS, RecordKind
@@ -18,10 +18,8 @@ def command() -> None:
 
     Each line describes one field: its name, its owner (frames, calls or both), its type and its meaning.
     """
-    output = DataOutput()
     rows = [
         (field.name, _KIND_NAMES.get(field.applies_to, "both"), field.type.value, field.meaning)
         for field in FIELDS
     ]
-    lines = list(align_columns(rows, "<<<<"))
-    output.write_lines([*lines, "", *(compiler.__doc__ or "").strip().splitlines()], lambda: None)
+    write_lines([*align_columns(rows, "<<<<"), "", *(compiler.__doc__ or "").strip().splitlines()])

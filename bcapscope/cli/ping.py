@@ -41,9 +41,7 @@ _VARIABLES = (
 
 @dataclass(slots=True)
 class _PingResult:
-    """The result of `ping`. Round trips are in ms. `break_reason` says why `ping` ended early; None if `ping`
-    made all calls.
-    """
+    """Round trips are in ms. `break_reason` says why `ping` ended early."""
 
     is_answering: bool = False
     is_simulator: bool = False

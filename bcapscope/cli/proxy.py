@@ -5,9 +5,8 @@ from __future__ import annotations
 import sys
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -118,11 +117,8 @@ if TYPE_CHECKING:
 @click.pass_context
 def command(
     context: click.Context,
+    /,
     *,
-    listen: tuple[str, ...],
-    to: tuple[str, ...],
-    transport: str,
-    allow: tuple[str, ...],
     record: Path | None,
     ring: RotationLimits | None,
     forget: float,
@@ -137,6 +133,7 @@ def command(
     rules: RuleOptions,
     attended: bool,
     open_subscriber: Callable[[], WatcherSubscriber] | None,
+    **addresses: Any,
 ) -> None:
     """Forward traffic between b-CAP clients and controllers, and watch, record or disturb this traffic.
 
@@ -169,7 +166,7 @@ def command(
         raise click.UsageError("--ring needs --record FILE.pcapng")
     shown = None if quiet else RecordKind.CALL if calls else RecordKind.FRAME
     view = ViewOptions(shown, form or TrafficFormat.LINE, wanted or "", TimeFormat(clock), words.language)
-    listeners = _parse_listeners(listen, to, transport, allow)
+    listeners = _parse_listeners(**addresses)
     _check_filter(context, view)
     if record is not None and ring is None and not is_named_pipe(record):
         check_output_path(record)
@@ -180,11 +177,9 @@ def command(
 command.add_command(ctl)
 
 
-def _parse_listeners(
-    listen: tuple[str, ...], to: tuple[str, ...], transport: str, allow: tuple[str, ...]
-) -> Sequence[ListenerSpec]:
+def _parse_listeners(**addresses: Any) -> Sequence[ListenerSpec]:
     try:
-        return parse_listener_specs(listen, to, transport, allow)
+        return parse_listener_specs(**addresses)
     except ListenerSpecError as error:
         raise click.UsageError(str(error)) from None
 
@@ -220,9 +215,7 @@ class _ProxyRun:
     def _open(
         self, opened: ExitStack, proxy_options: ProxyOptions
     ) -> tuple[ProxySupervisor, Callable[[], None]]:
-        """Start the proxy. Return the proxy and a function. This function tells the user, or the parent
-        process, where the proxy listens.
-        """
+        """Start the proxy. Return it, and a function that reports where it listens."""
         listening: list[str] = []
         scripts = self.rules.start_scripts(opened)
         policy = self.rules.build_rules(scripts)
@@ -239,38 +232,24 @@ class _ProxyRun:
             opened.callback(control.close)
             print_stderr(self.words("rules.control", address=control.address))
         addresses = [proxy.listen(listener, self.forget_ns) for listener in self.listeners]
-        if scripts is None or policy is None:
-            proxy.start_watcher()
-        else:
+        if scripts is not None and policy is not None:
             scripts.attach(policy, proxy.relay, proxy.must_end_now)
-            proxy.start_watcher(scripts.load)
+            proxy.wait_for(scripts.load)
+        proxy.start_watcher()
         pairs = list(zip(self.listeners, addresses, strict=True))
         listening += [f"{address} > {each.to}" for each, address in pairs]
         greetings = [_greeting(*pair) for pair in pairs]
-        if not self.attended:
-            return proxy, partial(_print_greetings, proxy, greetings)
-        control_address = control.address if control else ""
-        texts = [self.words.text(greeting) for greeting in greetings]
-        return proxy, partial(_announce_to_parent, proxy, texts, listening, control_address)
 
+        def greet() -> None:
+            if self.attended:
+                print_stderr("\n".join(map(self.words.text, greetings)))
+                announce_ready(listening, control.address if control else "")
+                proxy.end_with_parent()
+                return
+            for greeting in greetings:  # the watcher prints them, because it writes the terminal's last line
+                proxy.relay.notify(greeting)
 
-def _print_greetings(proxy: ProxySupervisor, greetings: list[Message]) -> None:
-    """Let the watcher process print the greetings, because that process writes the last line of the
-    terminal.
-    """
-    for greeting in greetings:
-        proxy.relay.notify(greeting)
-
-
-def _announce_to_parent(
-    proxy: ProxySupervisor, greetings: list[str], listening: list[str], control: str
-) -> None:
-    """Report to the parent process that the proxy is ready, and end the proxy when the parent process
-    ends.
-    """
-    print_stderr("\n".join(greetings))
-    announce_ready(listening, control)
-    proxy.end_with_parent()
+        return proxy, greet
 
 
 def _greeting(listener: ListenerSpec, address: Endpoint) -> Message:

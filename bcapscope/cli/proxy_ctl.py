@@ -52,7 +52,7 @@ def command(context: click.Context, address: str, as_json: bool, words: MessageF
 
 
 class _ControlCommand:
-    """Sends requests to a running proxy. With --json, it prints the responses of the proxy as JSON."""
+    """Sends requests to a running proxy. With --json, prints the responses."""
 
     def __init__(self, address: str, as_json: bool, words: MessageFormatter) -> None:
         self.words = words
@@ -60,11 +60,7 @@ class _ControlCommand:
         self._as_json = as_json
 
     def request(self, request: control.ControlRequest, kind: type[R]) -> R | None:
-        """Send a request to the proxy and return the response. With --json, print the response and return
-        None.
-
-        If the proxy refuses the request, print the reason and exit.
-        """
+        """Return the response; with --json, print it and return None. Exit if the proxy refuses."""
         with self._connected() as proxy:
             if not self._as_json:
                 return proxy.request(request, kind)
@@ -219,9 +215,7 @@ def _figure_text(value: object) -> str:
 def _add_change_command(
     name: str, help_: str, argument: options.Decorator, make: Callable[..., control.ControlRequest]
 ) -> None:
-    """Add a subcommand to `proxy ctl`. The subcommand sends the request `make(ARGUMENT)` to the proxy and
-    prints nothing.
-    """
+    """Add a subcommand that sends the request `make(ARGUMENT)` and prints nothing."""
 
     @command.command(name, help=help_)
     @argument

@@ -19,7 +19,6 @@ from bcapscope.cli.common.arming_prompt import (
     log_armed_calls,
     unarmed_reason,
 )
-from bcapscope.cli.common.call_reading import read_filtered_calls
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode, exit_on, exit_with
@@ -181,7 +180,6 @@ def _serve(
     delays: bool,
     words: MessageFormatter,
 ) -> None:
-    """Give clients the replies of the recorded controller, until the user ends the command."""
     standin = RecordedController(script, serving.log.on_call, delays=delays)
     with exit_on(SimulatorListenError, ExitCode.UNREADABLE), serving.listen(standin, *address) as server:
         host, port = server.address
@@ -194,7 +192,7 @@ def _serve(
 def _choose_script(
     reader: CaptureReader, wanted: Filter | None, client: str | None, words: MessageFormatter
 ) -> ReplayScript:
-    scripts = scripts_of(read_filtered_calls(reader, wanted))
+    scripts = scripts_of(reader.read_calls(wanted))
     reader.print_summary()
     if client is not None:
         scripts = tuple(script for script in scripts if client in _client_names(script))
@@ -244,9 +242,8 @@ class _PreflightCheck:
             raise click.UsageError(str(error)) from None
 
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
-        """Check all set points, and exit if any of them fail the pre-flight check.
-
-        Print the results of failed checks. If no check failed and `shown` is True, print all results.
+        """Check all set points, and exit if any of them fail. If none fails and `shown` is True, print all
+        results.
         """
         found = [preflight_run(run, with_limits(limits, self._limits)) for run in self.runs]
         bad = [each for each in found if not each.is_playable]
@@ -276,10 +273,7 @@ class _ReplayRunner:
     _most_late_ns: int = 0
 
     async def play(self, target: ControllerTarget, armed: bool, longest_pause: int) -> ExitCode:
-        """Make the recorded calls and return the exit code.
-
-        The calls are sent without an event loop, because the timers of an event loop are too coarse.
-        """
+        """Make the recorded calls without an event loop, whose timers are too coarse."""
         simulated = False
         needs_arm = any(needs_arming(each.kind.function_id, each.arguments) for each in self.script.calls)
         if self.preflight.runs or (needs_arm and not armed):

@@ -7,6 +7,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -14,16 +15,13 @@ from bcapscope import __version__
 from bcapscope.analysis.report_data import ReportData, ReportDataBuilder
 from bcapscope.capture.capture_sequence import STDIN
 from bcapscope.cli.common import options
-from bcapscope.cli.common.call_reading import call_test, read_to_end
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option
 from bcapscope.live.end_signals import interrupt_on_end_signals
 from bcapscope.messages import MessageFormatter
-from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.joining.joined_observation import CapturePlace
 
 _NEEDED = ("jinja2", "plotly")
 
@@ -39,14 +37,11 @@ _NEEDED = ("jinja2", "plotly")
 @options.language
 def command(
     *,
-    paths: tuple[str, ...],
     output: Path,
-    ports: tuple[int, ...],
-    side: CapturePlace | None,
-    taken_at: CapturePoint | None,
     wanted: Filter | None,
     force: bool,
     words: MessageFormatter,
+    **source: Any,
 ) -> None:
     """Write a report about captures: one HTML page that needs no network and no other file.
 
@@ -75,12 +70,12 @@ def command(
     to_stdout = str(output) == STDIN
     if not to_stdout:
         check_output_path(output, force)
-    reading = CaptureReader(paths, ports, words=words, side=side, taken_at=taken_at)
+    reading = CaptureReader(words=words, **source)
     report_data = _read_report_data(reading, wanted)
     reading.print_summary()
     if report_data is None:
         exit_with(words("report.no-bcap"), reading.exit_code or ExitCode.NO_DATA)
-    names, remarks = _capture_names(reading.paths, words), _remarks(reading, wanted, words)
+    names, remarks = _capture_names(reading.captures.paths, words), _remarks(reading, wanted, words)
     page = report_page(report_data, names, __version__, remarks, reading.citing_words()).encode()
     if to_stdout:
         reading.print_lines([page.removesuffix(b"\n")])
@@ -92,16 +87,13 @@ def command(
 
 
 def _read_report_data(reader: CaptureReader, wanted: Filter | None) -> ReportData | None:
-    builder = ReportDataBuilder(call_test(wanted, reader))
-    read_to_end(reader, reader.pipeline(builder.diagnosis, builder))
+    builder = ReportDataBuilder(reader.call_test(wanted))
+    reader.read_to_end(builder.diagnosis, builder)
     return builder.report_data(reader.ended_at)
 
 
 def _capture_names(paths: Sequence[str], words: MessageFormatter) -> list[str]:
-    """Return the file names of the captures.
-
-    The folders of the captures are left out, because a path can reveal private data.
-    """
+    """Return the names of the captures without folders, because a path can reveal private data."""
     return [words("reading.stdin") if path == STDIN else Path(path).name for path in paths]
 
 

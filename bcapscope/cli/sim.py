@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+import textwrap
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import click
@@ -12,22 +13,59 @@ import click
 from bcapscope.cli.common import options
 from bcapscope.cli.common.attended import announce_ready, attended_option
 from bcapscope.cli.common.exit_codes import ExitCode, exit_on
-from bcapscope.cli.common.scenario_options import (
-    choose_scenario,
-    list_behaviours,
-    list_scenarios,
-    scenario_introduction,
-)
+from bcapscope.faults.document import DocumentError
 from bcapscope.live.server_runner import ServerRunner, reachability
-from bcapscope.live.standard_streams import print_stderr
+from bcapscope.live.standard_streams import can_poll_stdin, print_stderr
 from bcapscope.messages import Message, MessageFormatter
+from bcapscope.render.columns import align_columns
+from bcapscope.render.escape import printable
+from bcapscope.simulator.behaviours import read_behaviours
 from bcapscope.simulator.controller_setup import ScenarioProfileError, played_scenario, start_simulator
 from bcapscope.simulator.listening_sockets import SimulatorListenError
 from bcapscope.simulator.profile import DEFAULT_PROFILE, PROFILES, NoArgument
-from bcapscope.simulator.scenario import Scenario, ServerDefect
+from bcapscope.simulator.scenario import ClientProgram, Scenario, ServerDefect, load_scenario, read_scenario
+from bcapscope.simulator.scenario_files import bundled_scenarios
 from bcapscope.simulator.scenario_runner import ScenarioRunner
 from bcapscope.simulator.simulator import Simulator
 from bcapscope.simulator.simulator_server import SimulatorServer
+
+_WIDTH = 98
+_SESSION_TEXTS = {
+    ClientProgram.CALLS: "makes a few calls",
+    ClientProgram.MOTION: "moves the robot",
+    ClientProgram.SLAVE: "enters slave mode 0x{:03X}",
+    ClientProgram.PASSING: "enters slave mode 0x{:03X} after a motion with @P",
+    ClientProgram.GRIPPER: "is in slave mode 0x{:03X} while a second client writes an output",
+}
+
+
+def _choose_scenario(context: click.Context, param: click.Parameter, named: str | None) -> Scenario | None:
+    """Return an included scenario by name, or the scenario of a YAML file."""
+    if named is None:
+        return None
+    try:
+        return load_scenario(named)
+    except DocumentError as error:
+        raise click.BadParameter(f"{named}: {error}") from None
+    except LookupError as error:
+        hint = "--scenarios lists all names. A scenario file must end in .yaml or .yml"
+        raise click.BadParameter(f"{error.args[0]} {hint}") from None
+    except OSError as error:
+        raise click.BadParameter(f"cannot read {named}: {error.strerror or error}") from None
+
+
+def _scenario_lines() -> Iterator[str]:
+    """Return a table of the included scenarios, with the rule that each scenario demonstrates."""
+    scenarios = ((name, read_scenario(text)) for name, text in bundled_scenarios().items())
+    rows = [(name, scenario.shows or "", scenario.title) for name, scenario in scenarios]
+    return align_columns([("NAME", "ROOT CAUSE", "WHAT IT SHOWS"), *rows], "<<<")
+
+
+def _behaviour_lines() -> Iterator[str]:
+    """Return a table of the simulated behaviours, with their sources."""
+    head = ("BEHAVIOUR", "CERTAINTY", "WHAT THE SIMULATOR DOES, OR WHEN IT RETURNS THE RESULT", "SOURCE")
+    rows = [(each.name, each.certainty, each.text, each.source) for each in read_behaviours()]
+    return align_columns([head, *rows], "<<<<")
 
 
 @click.command(short_help="Simulate a controller without a robot.")
@@ -39,25 +77,15 @@ from bcapscope.simulator.simulator_server import SimulatorServer
 )
 @click.option(
     "--scenario",
-    callback=choose_scenario,
+    callback=_choose_scenario,
     metavar="NAME|FILE.yaml",
     help="Play a scenario: begin in the state of the scenario and inject its faults.",
 )
-@click.option(
-    "--scenarios",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=list_scenarios,
-    help="List the scenarios and exit.",
-)
-@click.option(
+@options.text_option("--scenarios", _scenario_lines, "List the scenarios and exit.")
+@options.text_option(
     "--behaviours",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=list_behaviours,
-    help="List the simulated behaviours with their certainty and sources, and exit.",
+    _behaviour_lines,
+    "List the simulated behaviours with their certainty and sources, and exit.",
 )
 @click.option(
     "--seed",
@@ -78,12 +106,7 @@ from bcapscope.simulator.simulator_server import SimulatorServer
     help="Omit the EMPTY argument in replies without a value: never, only in replies to slvChangeMode, or "
     "always. Default: slvchangemode for rc7, never for other profiles.",
 )
-@click.option(
-    "--listen",
-    metavar="HOST",
-    default="127.0.0.1",
-    help="Listen on this address of this machine.",
-)
+@click.option("--listen", metavar="HOST", default="127.0.0.1", help="Listen on this address of this machine.")
 @click.option(
     "-p",
     "--port",
@@ -158,13 +181,12 @@ def _print_introduction(
     print_stderr(words.text(_greeting(simulator, server)))
     print_stderr(words("sim.commands"))
     if scenario is not None:
-        print_stderr(scenario_introduction(scenario))
+        print_stderr(_scenario_introduction(scenario))
 
 
 def _played_scenario(
     scenario: Scenario | None, profile: str | None, defects: tuple[str, ...], no_argument: str | None
 ) -> Scenario:
-    """Return the scenario to play. If the scenario does not fit the profile, raise click.UsageError."""
     try:
         return played_scenario(
             scenario,
@@ -207,13 +229,7 @@ def _actions(
         machine.slave.async_detector = not machine.slave.async_detector
         print_message("sim.detector.on" if machine.slave.async_detector else "sim.detector.off")
 
-    return {
-        "reset": reset,
-        "stop": press,
-        "go": release,
-        "detector": switch_detector,
-        "quit": _quit,
-    }
+    return {"reset": reset, "stop": press, "go": release, "detector": switch_detector, "quit": _quit}
 
 
 class _TypedCommands:
@@ -226,7 +242,7 @@ class _TypedCommands:
         self._print_message = print_message
         self._attended = attended
         self._rest = b""
-        self.watched = [0] if _can_be_read() else []
+        self.watched = [0] if can_poll_stdin() else []
 
     def read_commands(self, descriptor: int) -> None:
         data = os.read(descriptor, 1024)
@@ -246,11 +262,10 @@ class _TypedCommands:
             self._print_message("sim.commands")
 
 
-def _can_be_read() -> bool:
-    """Return whether stdin can be polled. Background jobs cannot poll stdin. On Windows, no program can."""
-    if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
-        return False
-    try:
-        return not os.isatty(0) or os.tcgetpgrp(0) == os.getpgrp()
-    except OSError:
-        return False
+def _scenario_introduction(scenario: Scenario) -> str:
+    client = scenario.client
+    lines = [f"scenario: {scenario.title}", *textwrap.wrap(scenario.story, _WIDTH)]
+    session = _SESSION_TEXTS[client.session].format(client.mode)
+    occurs = f"To see what happens, connect a client that {session} over {client.over.upper()}."
+    cause = f" `diagnose` then reports the root cause {scenario.shows}." if scenario.shows else ""
+    return "\n  ".join(map(printable, [*lines, f"{occurs}{cause}"]))

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 import click
 
 from bcapscope.analysis.slave.selected_sessions import SelectedSlaveSessions
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.capture.capture_input import read_items
-from bcapscope.cli.common.call_reading import call_test
 from bcapscope.cli.common.exit_codes import ExitCode
-from bcapscope.cli.common.figure_command import FigureArguments, figure_command
+from bcapscope.cli.common.figure_command import FigureArguments, figure_options
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.render.json_values import with_packets
 from bcapscope.render.slave_session_record import slave_session_record
@@ -19,8 +19,8 @@ from bcapscope.render.slave_session_text import slave_session_lines
 
 
 @click.command(short_help="Show slave-mode sessions: cycle times, retries, buffer, clock and motion.")
-@figure_command("Print one JSON object per session.")
-def command(arguments: FigureArguments) -> None:
+@figure_options("Print one JSON object per session.")
+def command(**given: Any) -> None:
     """Show each slave-mode session: its client, how it ended, its timing and its motion.
 
     The cycle time is the time from the first attempt of one set point to the first attempt of the next.
@@ -36,6 +36,7 @@ def command(arguments: FigureArguments) -> None:
 
     Exit codes: as for `decode`.
     """
+    arguments = FigureArguments(**given)
     if arguments.as_json:
         arguments.reader.remember_origins()
     sessions = _warn_if_none(_read_slave_sessions(arguments), arguments)
@@ -47,7 +48,7 @@ def command(arguments: FigureArguments) -> None:
 
 def _read_slave_sessions(arguments: FigureArguments) -> Iterator[SlaveSession]:
     sessions: list[SlaveSession] = []
-    is_selected = call_test(arguments.call_filter, arguments.reader)
+    is_selected = arguments.reader.call_test(arguments.call_filter)
     selected = SelectedSlaveSessions(is_selected, sessions.append, arguments.window)
     pipeline = arguments.reader.pipeline(selected)
     yield from read_items(arguments.reader, pipeline, sessions)

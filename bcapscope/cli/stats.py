@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import chain
+from typing import Any
 
 import click
 
 from bcapscope.analysis.statistics.call_statistics import SlicedStatistics, Statistics, StatisticsBuilder
-from bcapscope.cli.common.call_reading import call_test, read_filtered_calls, read_to_end
-from bcapscope.cli.common.figure_command import FigureArguments, figure_command
+from bcapscope.cli.common.figure_command import FigureArguments, figure_options
 from bcapscope.render.statistics_csv import statistics_header, statistics_rows
 from bcapscope.render.statistics_text import statistics_lines, statistics_record
 
 
 @click.command(short_help="Show figures by client and command: rates, latencies, retries, refusals.")
-@figure_command("Print one JSON object; with --window, one per window.", has_csv=True)
-def command(arguments: FigureArguments) -> None:
+@figure_options("Print one JSON object; with --window, one per window.", has_csv=True)
+def command(**given: Any) -> None:
     """Show figures about the calls in captures, by client and by command.
 
     Each row shows the figures of all calls, of one client, or of one command of a client. Line time is the
@@ -25,6 +25,7 @@ def command(arguments: FigureArguments) -> None:
 
     Exit codes: as for `decode`.
     """
+    arguments = FigureArguments(**given)
     found = _by_window(arguments, arguments.window) if arguments.window else _whole_time(arguments)
     if arguments.as_csv:
         rows = chain.from_iterable(map(statistics_rows, found))
@@ -34,8 +35,8 @@ def command(arguments: FigureArguments) -> None:
 
 
 def _whole_time(arguments: FigureArguments) -> Iterator[Statistics]:
-    summary = StatisticsBuilder(call_test(arguments.call_filter, arguments.reader))
-    read_to_end(arguments.reader, arguments.reader.pipeline(summary))
+    summary = StatisticsBuilder(arguments.reader.call_test(arguments.call_filter))
+    arguments.reader.read_to_end(summary)
     statistics = summary.statistics()
     if statistics is not None:
         yield statistics
@@ -43,6 +44,6 @@ def _whole_time(arguments: FigureArguments) -> Iterator[Statistics]:
 
 def _by_window(arguments: FigureArguments, window: int) -> Iterator[Statistics]:
     slices = SlicedStatistics(window)
-    for call in read_filtered_calls(arguments.reader, arguments.call_filter):
+    for call in arguments.reader.read_calls(arguments.call_filter):
         yield from slices.add_call(call)
     yield from slices.close()

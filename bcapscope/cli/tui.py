@@ -5,17 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from functools import partial
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.proxy_rule_options import RuleOptions, rule_options
-from bcapscope.cli.common.serve_options import ServeOptions, serve_options, serve_screen
-from bcapscope.cli.common.tui_sources import choose_language, run_app, show_proxy, show_simulator
-from bcapscope.live.standard_streams import print_stderr
+from bcapscope.cli.common.serve_options import ServeOptions, run_app, serve_options, serve_screen
 from bcapscope.messages import MessageFormatter
 from bcapscope.render.escape import printable
 from bcapscope.traffic.capture_point import CapturePoint
@@ -121,21 +119,21 @@ def command(
         raise click.UsageError("--listen, --to, --record and rules need --proxy: add --proxy")
     if serve.is_wanted:
         serve_screen(serve)
-    choose_language(context, words)
+    _choose_language(context, words)
     if path and not is_file and (os.sep in path or Path(path).suffix in _SUFFIXES):
         exit_with(words("tui.no-file", path=printable(path)), ExitCode.UNREADABLE)
     with _exit_without_folder():
+        if is_file or interface:
+            _show_traffic(path or "", interface or "", ports, taken_at)
+            return
+        from bcapscope.cli.common.tui_sources import show_proxy, show_simulator, show_tester
+
         if proxy is not None:
             show_proxy(proxy, listen, to, record, rules)
         elif sim:
-            arguments = ["--profile", profile] if profile else []
-            show_simulator(_server_port(ports), [*arguments, *(("--scenario", scenario) if scenario else ())])
-        elif is_file or interface:
-            _show_traffic(path or "", interface or "", ports, taken_at)
+            show_simulator(ports, profile, scenario)
         else:
-            _show_tester(
-                requests, path or "", _server_port(ports), tcp=tcp, option=option, profile=profile or ""
-            )
+            show_tester(requests, path or "", ports, tcp=tcp, option=option, profile=profile)
 
 
 def _check_source_options(
@@ -147,19 +145,19 @@ def _check_source_options(
         raise click.UsageError("--taken-at needs a capture: give FILE or -i")
 
 
-def _server_port(ports: tuple[int, ...]) -> int:
-    """Return the given port, or the default port of b-CAP."""
-    from bcapscope.client.controller_target import (
-        # imported here, because this import loads the client, and showing a capture does not need the client
-        DEFAULT_PORT,
-    )
+def _choose_language(context: click.Context, words: MessageFormatter) -> None:
+    """Set the language of the screen and of its processes: that of --lang, or that of the settings."""
+    from bcapscope.tui.reader_language import set_language
+    from bcapscope.tui.settings import default_settings_path, read_settings
 
-    return ports[0] if ports else DEFAULT_PORT
+    if context.get_parameter_source("words") is ParameterSource.COMMANDLINE:
+        set_language(words.language)
+    else:
+        set_language(read_settings(default_settings_path())[0].language)
 
 
 @contextmanager
 def _exit_without_folder() -> Iterator[None]:
-    """If the block cannot create the temporary folder of the screen, print the error and exit."""
     from bcapscope.tui.reader_language import full_error_text
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
 
@@ -167,38 +165,6 @@ def _exit_without_folder() -> Iterator[None]:
         yield
     except TemporaryFolderError as error:
         exit_with(printable(full_error_text(error)), ExitCode.UNWRITABLE)
-
-
-def _show_tester(
-    requests: Path | None, host: str, port: int, *, tcp: bool, option: str, profile: str
-) -> None:
-    from bcapscope.client.action_log import default_folder
-    from bcapscope.live.background_recorder import BackgroundRecorder
-    from bcapscope.live.recorder import Recorder
-    from bcapscope.simulator.profile import DEFAULT_PROFILE
-    from bcapscope.tui.app import ScreenEntry
-    from bcapscope.tui.controller_access import saved_requests
-    from bcapscope.tui.screens.tester_screen import TesterOptions, TesterScreen
-    from bcapscope.tui.screens.traffic_screen import TrafficScreen
-    from bcapscope.tui.traffic_processes.process_messages import ReadJob
-    from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
-    from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
-
-    folder, log_folder = requests or saved_requests.default_requests_folder(), default_folder()
-    profile = profile or DEFAULT_PROFILE
-    with TemporaryFolder() as temporary:
-        own = temporary.path / "own.pcapng"
-        with closing(BackgroundRecorder(Recorder(own, lambda message: None))) as recorder:
-            tap = recorder.on_observation
-            start = TesterOptions(folder, log_folder, host, port, tcp, option, profile, tap)
-            traffic = partial(TrafficFeed, ReadJob(path=str(own), follow=True, own_clients=True))
-            try:
-                run_app(
-                    ScreenEntry("tester", "f2", "tester.name.screen", lambda: TesterScreen(start)),
-                    ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(traffic(), host)),
-                )
-            finally:
-                print_stderr(f"The action log is in {log_folder}.")
 
 
 def _show_traffic(path: str, interface: str, ports: tuple[int, ...], taken_at: CapturePoint | None) -> None:

@@ -22,25 +22,9 @@ class _Action(StrEnum):
 
 
 @click.command(short_help="Decode and capture b-CAP in Wireshark.")
-@click.option(
-    "--install",
-    "actions",
-    flag_value=_Action.INSTALL,
-    type=_Action,
-    multiple=True,
-    help="Install the dissector and the capture interfaces.",
-)
-@click.option(
-    "--print", "actions", flag_value=_Action.PRINT, type=_Action, multiple=True, help="Print the dissector."
-)
-@click.option(
-    "--uninstall",
-    "actions",
-    flag_value=_Action.UNINSTALL,
-    type=_Action,
-    multiple=True,
-    help="Remove what --install wrote.",
-)
+@options.choice_flag(_Action.INSTALL, "actions", "Install the dissector and the capture interfaces.")
+@options.choice_flag(_Action.PRINT, "actions", "Print the dissector.")
+@options.choice_flag(_Action.UNINSTALL, "actions", "Remove what --install wrote.")
 @click.option(
     "--folder",
     type=click.Path(path_type=Path, file_okay=False),

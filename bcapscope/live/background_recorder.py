@@ -11,6 +11,8 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from functools import partial
+from operator import methodcaller
 from typing import TypeAlias
 
 from bcapscope.capture.socket_recording import Address, SocketRecording
@@ -43,7 +45,6 @@ writing these packets.
 """
 
 _WriteStep: TypeAlias = Callable[[SocketRecording], None]
-_Direction: TypeAlias = tuple[Address, Address]
 
 
 class BackgroundRecorder:
@@ -52,20 +53,14 @@ class BackgroundRecorder:
     Call all methods except `on_observation` and `wait_until_written` from the same thread.
     """
 
-    def __init__(self, recorder: Recorder, *, most_waiting: int = MAX_WAITING) -> None:
-        """Start the writing thread.
-
-        The recorder must not record to a ring of files. `most_waiting` replaces the limit `MAX_WAITING`, in
-        bytes.
-        """
+    def __init__(self, recorder: Recorder) -> None:
+        """Start the writing thread. The recorder must not record to a ring of files."""
         self._recorder = recorder
-        self._most_waiting = most_waiting
         self._steps: deque[tuple[int, _WriteStep]] = deque()
         self._queued_size = 0
         self._skipped = self._lost = 0
-        self._recorded_directions: set[_Direction] = set()
-        self._gap_bytes: dict[_Direction, int] = {}
-        self._delayed_steps: list[_WriteStep] = []
+        # for each direction of a recorded TCP connection, the number of bytes missing since the last packet
+        self._gap_bytes: dict[tuple[Address, Address], int] = {}
         self._lock = threading.Lock()
         self._has_work, self._is_closing = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._write_to_disk, name="recorder", daemon=True)
@@ -80,66 +75,35 @@ class BackgroundRecorder:
             self.on_idle()
 
     def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Record a UDP datagram."""
-        if self._has_room(len(data)):
-            comment = self._end_gap()
-            self._queue_step(
-                len(data),
-                lambda recording: recording.write_datagram(source, target, data, time, comment=comment),
-            )
+        self._queue_packet(len(data), SocketRecording.write_datagram, source, target, data, time)
 
     def on_segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Record bytes of a TCP connection."""
         direction = (source, target)
-        if self._has_room(len(data)):
-            comment = self._end_gap()
-            self._recorded_directions.add(direction)
-            self._queue_step(
-                len(data),
-                lambda recording: recording.write_segment(source, target, data, time, comment=comment),
-            )
-        elif direction in self._recorded_directions:
-            self._gap_bytes[direction] = self._gap_bytes.get(direction, 0) + len(data)
+        if self._queue_packet(len(data), SocketRecording.write_segment, source, target, data, time):
+            self._gap_bytes.setdefault(direction, 0)
+        elif direction in self._gap_bytes:
+            self._gap_bytes[direction] += len(data)
 
     def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
         """If a TCP connection has data in the recording, record that one end has closed the connection."""
-        if not self._recorded_directions.isdisjoint(((source, target), (target, source))) and self._has_room(
-            0
-        ):
-            comment = self._end_gap()
-            self._queue_step(
-                0,
-                lambda recording: recording.write_stream_end(
-                    source, target, time, reset=reset, comment=comment
-                ),
-            )
+        if (source, target) in self._gap_bytes or (target, source) in self._gap_bytes:
+            write = partial(SocketRecording.write_stream_end, reset=reset)
+            self._queue_packet(0, write, source, target, time)
 
     def on_connection_end(self, client: Address, server: Address) -> None:
         """Drop the data of a TCP connection that has ended."""
-        directions = {(client, server), (server, client)} & self._recorded_directions
-        if not directions or not self._recorder.is_complete:
-            return
-        self._recorded_directions -= directions
-        for direction in directions:
-            self._gap_bytes.pop(direction, None)
-
-        def drop(recording: SocketRecording) -> None:
-            recording.drop_connection(client, server)
-
-        if self._skipped:
-            self._delayed_steps.append(drop)
-        else:
-            self._queue_step(0, drop)
+        up = self._gap_bytes.pop((client, server), None)
+        down = self._gap_bytes.pop((server, client), None)
+        if up is not None or down is not None:
+            self._queue_step(0, lambda recording: recording.drop_connection(client, server))
 
     def on_idle(self) -> bool:
-        """Encode waiting packets. The server calls this method when all requests are answered.
-
-        Return whether there are still packets to encode.
+        """Encode waiting packets, while no request waits for a reply. Return whether there are still packets
+        to encode.
         """
         return self._make_packets(_MAKE_FOR_NS)
 
     def _make_packets(self, most: int) -> bool:
-        """Encode packets for at most `most` ns; return whether there are still packets to encode."""
         steps = self._steps
         if not steps:
             return False
@@ -153,9 +117,7 @@ class BackgroundRecorder:
         return bool(steps)
 
     def wait_until_written(self, seconds: float) -> None:
-        """Wait until the encoded packets are in the file, but no longer than `seconds`. Any thread may call
-        this method.
-        """
+        """Wait at most `seconds` until the encoded packets are in the file. Any thread may call this."""
         until = time.monotonic() + seconds
         while (
             self._recorder.is_complete
@@ -186,34 +148,34 @@ class BackgroundRecorder:
             self._recorder.warn(Message("recording.lacks", name=self._recorder.name, lost=lost))
         return not self._lost and self._recorder.is_complete
 
-    def _has_room(self, size: int) -> bool:
+    def _queue_packet(self, size: int, write: Callable[..., None], *arguments: object) -> bool:
+        """Queue a packet with `size` bytes of data. If there is no room, count it and return False."""
         if not self._recorder.is_complete:
             return False
         waiting = self._queued_size + self._recorder.files.bytes_pending
         # After packets were left out, recording resumes only when half of the memory for waiting packets is
         # free. One long gap in a recording is better than many short gaps.
-        if waiting + size + _STEP_OVERHEAD <= (
-            self._most_waiting // 2 if self._skipped else self._most_waiting
-        ):
-            return True
-        if not self._skipped and not self._lost:
-            self._recorder.warn(Message("recording.slow", name=self._recorder.name))
-        self._skipped += 1
-        return False
+        if waiting + size + _STEP_OVERHEAD > (MAX_WAITING // 2 if self._skipped else MAX_WAITING):
+            if not self._skipped and not self._lost:
+                self._recorder.warn(Message("recording.slow", name=self._recorder.name))
+            self._skipped += 1
+            return False
+        comment = self._end_gap()
+        self._queue_step(size, lambda recording: write(recording, *arguments, comment=comment))
+        return True
 
     def _end_gap(self) -> str:
-        """Resume after missing packets.
-
-        Return a comment for the next packet. The comment states how many packets are missing before that
-        packet. If no packets are missing, return "".
+        """Resume after missing packets. Return a comment for the next packet with their number; "" if none is
+        missing.
         """
         if not self._skipped:
             return ""
         missing, self._skipped = self._skipped, 0
         self._lost += missing
-        steps = self._delayed_steps, self._gap_bytes
-        self._delayed_steps, self._gap_bytes = [], {}
-        self._queue_step(0, lambda recording: _write_gap(recording, *steps))
+        for direction, size in self._gap_bytes.items():
+            if size:
+                self._queue_step(0, methodcaller("skip_bytes", *direction, size))
+                self._gap_bytes[direction] = 0
         return f"{counted(missing, 'packet')} before this packet could not be written in time"
 
     def _queue_step(self, size: int, step: _WriteStep) -> None:
@@ -226,10 +188,3 @@ class BackgroundRecorder:
             self._has_work.clear()
             self._recorder.flush()
         self._recorder.flush()
-
-
-def _write_gap(recording: SocketRecording, late: list[_WriteStep], gaps: dict[_Direction, int]) -> None:
-    for step in late:
-        step(recording)
-    for direction, size in gaps.items():
-        recording.skip_bytes(*direction, size)

@@ -35,10 +35,8 @@ _MAX_LINES = 500
 
 
 class ChildStartError(BcapError):
-    """The command did not start.
-
-    The error text is the last line that the command printed. `code` is the command's exit code. `lines` are
-    all lines that the command printed on standard error.
+    """The command did not start. `code` is its exit code; `lines` are all lines that it printed on standard
+    error.
     """
 
     def __init__(self, message: Message, code: int, lines: Sequence[str] = ()) -> None:
@@ -115,7 +113,6 @@ class ChildProcess:
             on_end(self._end_reason())
 
     def _end_reason(self) -> str:
-        """Return the last line of the command's output; "" if a signal killed the command."""
         return "" if self._process.returncode < 0 else self.last_line
 
     @property
@@ -124,23 +121,20 @@ class ChildProcess:
 
     @property
     def last_line(self) -> str:
-        """The last line with text that the command printed on standard error; "" if there is none."""
         with self._lock:
             return next((text for text in reversed(self._output) if text), "")
 
     def hand_over_stdout(self) -> BinaryIO:
-        """Return the command's standard output as a stream. The stream begins after the line that reports the
-        addresses.
-
-        Your code must read and close this stream.
+        """Return the command's standard output after the line that reports the addresses. Your code must read
+        and close this stream.
         """
         assert self._stdout is not None
         stdout, self._stdout = self._stdout, None
         return stdout
 
     def subscribe_output(self, on_output: Callable[[str], None]) -> None:
-        """Call `on_output` with each line that the command has printed so far. Later lines are passed to
-        `on_output` from another thread.
+        """Call `on_output` with each line that the command has printed so far, and from another thread with
+        later lines.
         """
         with self._lock:
             self._on_output = on_output
@@ -150,7 +144,7 @@ class ChildProcess:
 
     def subscribe_end(self, on_end: Callable[[str], None]) -> None:
         """If the command ends unexpectedly, call `on_end` with its last line, or with "" if a signal killed
-        the command.
+        it.
 
         If the command has ended already, `on_end` is called at once; otherwise, another thread calls it
         later.

@@ -65,10 +65,6 @@ _USUAL_LATENCY_US = 2
 report the time.
 """
 
-_FIRST_LINE_BYTES = 256
-"""Number of bytes to read from /proc/stat. Its first line is always shorter.
-"""
-
 _STEAL_COLUMN = 8
 """Index of the column "steal" in the first line of /proc/stat: processor time that the host took
 (proc_stat(5)).
@@ -76,15 +72,24 @@ _STEAL_COLUMN = 8
 
 
 class CpuWakefulness:
-    """Keeps the processors out of deep sleep while there is much traffic."""
+    """Keeps the processors out of deep sleep while there is much traffic.
 
-    def __init__(self, sleep: CpuLatencyLimit) -> None:
-        self._sleep = sleep
-        self._is_awake = False
+    The limit needs root rights, unless a udev rule grants access. In a KVM guest with the haltpoll driver,
+    idle processors then do not sleep at all. Linux drops the limit when the process closes the device file or
+    ends.
+    """
+
+    def __init__(self) -> None:
+        self._has_haltpoll = _uses_haltpoll()
+        self._limit_us = 0 if self._has_haltpoll else _lightest_latency_us()
+        self._device: int | None = None  # open while the limit is set
         self._count_before, self._counted_at = 0, -math.inf
         self._busy_at = self._not_before = -math.inf
-        self._stolen_before: float | None = None
-        self._measured_at = 0.0
+        self._measured_at = self._stolen_before = 0.0
+
+    @property
+    def is_limit_set(self) -> bool:
+        return self._device is not None
 
     def update(self, datagrams: int, now: float) -> None:
         """Decide whether the processors may sleep deeply. This depends on the number of datagrams so far.
@@ -96,37 +101,43 @@ class CpuWakefulness:
             self._busy_at = now
         if is_much or now - self._counted_at >= BUSY_WITHIN:
             self._count_before, self._counted_at = datagrams, now
-        if self._is_awake and now - self._measured_at >= _MEASURED_EVERY and self._is_much_stolen(now):
+        if self.is_limit_set and now - self._measured_at >= _MEASURED_EVERY and self._is_much_stolen(now):
             self._not_before = now + PAUSED_FOR
-        wanted = now - self._busy_at < AWAKE_FOR and now >= self._not_before
-        if wanted and not self._is_awake:
-            self._keep_awake(now)
-        elif not wanted:
-            self.allow_sleep()
+        if now - self._busy_at >= AWAKE_FOR or now < self._not_before:
+            self.allow_deep_sleep()
+        elif not self.is_limit_set:
+            self._forbid_deep_sleep(now)
 
-    def allow_sleep(self) -> None:
-        if self._is_awake:
-            self._is_awake = False
-            self._sleep.allow_deep_sleep()
-
-    def _keep_awake(self, now: float) -> None:
-        self._is_awake = self._sleep.forbid_deep_sleep()
-        if self._is_awake:
-            self._measured_at, self._stolen_before = now, self._sleep.stolen_seconds()
-        else:
+    def _forbid_deep_sleep(self, now: float) -> None:
+        self._measured_at, self._stolen_before = now, self._stolen_seconds()
+        try:
+            # If the device file does not exist, this call does not create it.
+            self._device = os.open(_DEVICE, os.O_WRONLY)
+            os.write(self._device, _REQUEST.pack(self._limit_us))
+        except (OSError, struct.error):
+            self.allow_deep_sleep()
             self._not_before = now + PAUSED_FOR
+
+    def allow_deep_sleep(self) -> None:
+        device, self._device = self._device, None
+        if device is not None:
+            with suppress(OSError):
+                os.close(device)
 
     def _is_much_stolen(self, now: float) -> bool:
-        """Return whether the host has taken too much processor time since the last check: more than
-        `MAX_STOLEN_SHARE` allows.
-        """
+        """Return whether the host took more time since the last check than `MAX_STOLEN_SHARE` allows."""
         since, before = now - self._measured_at, self._stolen_before
-        self._measured_at, self._stolen_before = now, self._sleep.stolen_seconds()
-        return (
-            before is not None
-            and self._stolen_before is not None
-            and self._stolen_before - before > MAX_STOLEN_SHARE * since
-        )
+        self._measured_at, self._stolen_before = now, self._stolen_seconds()
+        return self._stolen_before - before > MAX_STOLEN_SHARE * since
+
+    def _stolen_seconds(self) -> float:
+        """Return the processor time in seconds that the host has taken so far; NaN if it is not known, or if
+        the haltpoll driver is not used.
+        """
+        if sys.platform == "linux" and self._has_haltpoll:
+            with suppress(OSError, IndexError, ValueError), _STATISTICS.open("rb") as file:
+                return int(file.readline().split()[_STEAL_COLUMN]) / os.sysconf("SC_CLK_TCK")
+        return math.nan
 
 
 def datagrams_passed(counts: Sequence[int]) -> int:
@@ -135,55 +146,6 @@ def datagrams_passed(counts: Sequence[int]) -> int:
     """
     datagrams = counts[RelayCounter.CAME_UP] + counts[RelayCounter.CAME_DOWN]
     return datagrams + (counts[RelayCounter.BYTES_UP] + counts[RelayCounter.BYTES_DOWN]) // _STREAM_BYTES_EACH
-
-
-class CpuLatencyLimit:
-    """Asks Linux to put the processors only into their lightest sleep.
-
-    The request needs root rights, unless a udev rule grants access.
-
-    In a KVM guest with the haltpoll driver, idle processors then do not sleep at all. Linux drops the request
-    when the process closes the device file or ends.
-    """
-
-    def __init__(self) -> None:
-        self._has_haltpoll = _uses_haltpoll()
-        self._limit_us = 0 if self._has_haltpoll else _lightest_latency_us()
-        self._device: int | None = None
-        self._statistics: int | None = None
-
-    def forbid_deep_sleep(self) -> bool:
-        """Set the limit. Return whether Linux accepted it."""
-        if sys.platform != "linux":
-            return False
-        try:
-            # If the device file does not exist, this call does not create it.
-            self._device = os.open(_DEVICE, os.O_WRONLY)
-            os.write(self._device, _REQUEST.pack(self._limit_us))
-            if self._has_haltpoll:
-                self._statistics = os.open(_STATISTICS, os.O_RDONLY)
-        except (OSError, struct.error):
-            self.allow_deep_sleep()
-            return False
-        return True
-
-    def allow_deep_sleep(self) -> None:
-        descriptors = self._device, self._statistics
-        self._device = self._statistics = None
-        for descriptor in descriptors:
-            if descriptor is not None:
-                with suppress(OSError):
-                    os.close(descriptor)
-
-    def stolen_seconds(self) -> float | None:
-        """Return the processor time in seconds that the host has taken so far; None if the haltpoll driver is
-        not used.
-        """
-        if sys.platform == "linux" and self._statistics is not None:
-            with suppress(OSError, IndexError, ValueError):
-                line = os.pread(self._statistics, _FIRST_LINE_BYTES, 0)
-                return int(line.split()[_STEAL_COLUMN]) / os.sysconf("SC_CLK_TCK")
-        return None
 
 
 def low_latency_problem() -> Message | None:

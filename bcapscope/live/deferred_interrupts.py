@@ -28,9 +28,7 @@ class DeferredInterrupts:
         }
 
     def read_or_stop(self, read: Callable[[], T]) -> T | None:
-        """Call `read` and return its result. If the user pressed Ctrl-C before or during the call, return
-        None.
-        """
+        """Call `read` and return its result; None if the user pressed Ctrl-C before or during the call."""
         if self._is_interrupted:
             return None
         try:

@@ -52,7 +52,7 @@ class CaptureFailedError(BcapError):
 
 @contextmanager
 def wireshark_connected(pipe: str) -> Iterator[CaptureEnds]:
-    """Connect to Wireshark. During the block, watch for the end of the capture.
+    """Connect to Wireshark, and watch for the end of the capture during the block.
 
     The pipe stays open until the program ends. If the capture fails, Wireshark then sees the end of the pipe.
     Without this end, tshark 4.0 would wait forever for the first packet.
@@ -96,9 +96,7 @@ def run_capture(words: Sequence[str], pipe: str, ends: CaptureEnds) -> None:
 
 
 def _start_failure(error: ChildStartError) -> Message:
-    """Return the error text of the command, without the lines about usage. The text can have several
-    lines.
-    """
+    """Return the error text of the command, without the lines about usage."""
     starts = [number for number, line in enumerate(error.lines) if line.startswith(_ERROR)]
     if not starts:
         return error.message
@@ -106,7 +104,7 @@ def _start_failure(error: ChildStartError) -> Message:
 
 
 def _open_pipe(pipe: str, ends: CaptureEnds) -> int | None:
-    """Open the pipe once a program reads it, and return its descriptor; None if a signal ends the capture."""
+    """Open the pipe once a program reads it; return None if a signal ends the capture."""
     assert sys.platform != "win32"
     until = time.monotonic() + _READ_WITHIN
     while ends.empty():
@@ -122,9 +120,7 @@ def _open_pipe(pipe: str, ends: CaptureEnds) -> int | None:
 
 
 def _wait_for_end(descriptor: int | None, ends: CaptureEnds) -> None:
-    """Wait until Wireshark closes the pipe or is killed. On Windows, wait until Wireshark ends the
-    launcher.
-    """
+    """Wait until Wireshark closes the pipe or is killed; on Windows, until Wireshark ends the launcher."""
     if sys.platform == "win32":
         import ctypes
 

@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from bcapscope.traffic.observation import Observation
     from bcapscope.traffic.pipeline import PipelineSubscriber
 
-BEGIN, CLOSE_SESSIONS, READY = b"begin", b"close sessions", b"ready"
+CLOSE_SESSIONS, READY = b"close sessions", b"ready"
 """Messages between relay and watcher.
 
-The relay sends `BEGIN`, and the watcher answers with `READY`. The relay sends `CLOSE_SESSIONS`, and the
-watcher answers with a JSON list of `ClosingRequests`. All other messages from the relay are hints for the
-user, which the watcher prints if the proxy is too slow.
+The watcher sends `READY` when it is ready. The relay sends `CLOSE_SESSIONS`, and the watcher answers with a
+JSON list of `ClosingRequests`. All other messages from the relay are hints for the user, which the watcher
+prints if the proxy is too slow.
 """
 
 INCOMPLETE = 6
@@ -55,8 +55,6 @@ class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
 
 
 class TrafficFormat(StrEnum):
-    """Format in which a frame or call is displayed."""
-
     LINE = "line"
     TREE = "tree"
     JSON = "json"
@@ -64,9 +62,7 @@ class TrafficFormat(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ViewOptions:
-    """Which traffic the proxy displays, and how. `shown` selects frames or calls; None shows no traffic.
-    `expression` is a filter.
-    """
+    """Which traffic the proxy displays, and how. `shown` selects frames or calls; None shows no traffic."""
 
     shown: RecordKind | None
     form: TrafficFormat = TrafficFormat.LINE
@@ -75,7 +71,7 @@ class ViewOptions:
     language: Language = Language.ENGLISH
 
     def compiled_filter(self) -> Filter | None:
-        """Compile the filter expression; return None if there is no filter.
+        """Return the filter; None if there is none.
 
         Raises:
             FilterError: The filter expression is invalid.
@@ -94,13 +90,13 @@ class WatcherSubscriber(Protocol):
     subscribers: tuple[PipelineSubscriber, ...]
 
     def on_frame(self, observation: Observation, note: str) -> None:
-        """Receive a frame. `note` says in the user's language what rules of the proxy did to the frame; "" if
-        they did nothing.
+        """Receive a frame. `note` says in the user's language what rules of the proxy did to it; "" if
+        nothing.
         """
 
     def report_if_due(self, client_count: int) -> None:
-        """Send the reports whose time has come. The watcher calls this method even without traffic.
-        `client_count` is the number of clients so far.
+        """Send the reports that are due, even without traffic. `client_count` is the number of clients so
+        far.
         """
 
     def close(self, end_time: int) -> None:
@@ -109,10 +105,7 @@ class WatcherSubscriber(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ProxyOptions:
-    """Options of a proxy's watcher: how to record, display and diagnose the traffic.
-
-    The watcher process calls `open_subscriber`, which can raise an OSError.
-    """
+    """Options of a proxy's watcher, which calls `open_subscriber`. That function can raise an OSError."""
 
     record: Path | None
     ring: RotationLimits | None
@@ -122,15 +115,12 @@ class ProxyOptions:
 
 
 def run_watcher(memory: str, relay: Connection, options: ProxyOptions) -> None:
-    """Watch a relay until the relay ends. This function is the entry point of the watcher process.
-
-    The process exits with `INCOMPLETE` if the recording is incomplete.
+    """Watch a relay until the relay ends; exit with `INCOMPLETE` if the recording is incomplete. This
+    function is the entry point of the watcher process.
     """
     from bcapscope.live.proxy_watcher import watch_relay
 
-    try:
-        relay.recv_bytes()
-    except (EOFError, OSError):  # the relay has ended
+    if relay.poll():  # the relay, which sends nothing before `READY`, has ended
         return
     if not watch_relay(memory, relay, options):
         sys.exit(INCOMPLETE)

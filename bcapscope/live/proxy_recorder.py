@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import accumulate
 from operator import itemgetter
 from typing import TypeAlias
@@ -21,31 +22,21 @@ from bcapscope.traffic.observation import Transport
 _Endpoints: TypeAlias = tuple[tuple[str, int], tuple[str, int]]
 
 
+@dataclass(slots=True)
 class _ProxySide:
     """One leg of a client's traffic: between client and proxy, or between proxy and controller.
 
     Attributes:
-        begun: Whether the recording contains the start of the TCP connection.
         endpoints: Source and target of packets. The first pair is for packets to the client, the second pair
             for packets to the controller.
+        begun: Whether the recording contains the start of the TCP connection.
     """
 
-    __slots__ = ("begun", "endpoints", "interface", "is_client_side", "is_stream")
-
-    def __init__(
-        self,
-        name: str,
-        client: tuple[str, int],
-        controller: tuple[str, int],
-        *,
-        is_client_side: bool,
-        is_stream: bool,
-    ) -> None:
-        self.interface = Interface(RAW_IP, name)
-        self.is_client_side = is_client_side
-        self.is_stream = is_stream
-        self.begun = False
-        self.endpoints: tuple[_Endpoints, _Endpoints] = (controller, client), (client, controller)
+    is_client_side: bool
+    is_stream: bool
+    interface: Interface
+    endpoints: tuple[_Endpoints, _Endpoints]
+    begun: bool = False
 
     def hop(self, up: bool) -> Hop:
         return (*self.endpoints[up], self.interface)
@@ -64,9 +55,7 @@ the cache is full, it is emptied.
 
 
 class ProxyRecorder:
-    """Converts the relay's records into packets, sorts the packets by time, and writes them to a
-    recording.
-    """
+    """Converts the relay's records into packets, sorts them by time, and writes them to a recording."""
 
     def __init__(self, recorder: Recorder, *, keeps_packet_numbers: bool = False) -> None:
         """If `keeps_packet_numbers` is True, your code must call `next_packet_numbers` to read the numbers.
@@ -112,12 +101,11 @@ class ProxyRecorder:
         self._write_steps(bisect_right(steps, came, key=_step_time))
 
     def _write_plain_run(self, records: Sequence[RingRecord]) -> int:
-        """Write records fast, from the start of the list. Stop before the first datagram that was changed or
-        was not forwarded.
+        """Write records fast, from the start of the list, and return their number. Stop before the first
+        datagram that was changed or was not forwarded.
 
         If all `records` are later than the waiting packets, write the waiting packets first. Do not write the
-        last record, because a packet that arrives later may have an earlier time. Return the number of
-        records written.
+        last record, because a packet that arrives later may have an earlier time.
         """
         first = [
             came if 0 < came <= left else left or came for _, _, _, came, left, _, _ in reversed(records)
@@ -149,8 +137,8 @@ class ProxyRecorder:
         return written
 
     def next_packet_numbers(self, count: int) -> list[int]:
-        """For each of the next `count` records, return the number of its last packet on the client's leg.
-        Return 0 for a record without such a packet.
+        """For each of the next `count` records, return the number of its last packet on the client's leg; 0
+        if there is none.
 
         The numbers are valid only for a recording in one file.
         """
@@ -159,10 +147,7 @@ class ProxyRecorder:
         return [numbers.pop(number, 0) for number in range(first, first + count)]
 
     def _write_blocks(self, blocks: list[bytes]) -> int:
-        """Write encoded packet pairs to the recording, then remove them from the list.
-
-        Return the number of pairs written.
-        """
+        """Write encoded packet pairs and empty the list. Return the number of pairs."""
         count = len(blocks)
         if count:
             self._packets.write_blocks(b"".join(blocks), count)
@@ -170,10 +155,7 @@ class ProxyRecorder:
         return count
 
     def _make_pair_encoder(self, number: int, up: bool, size: int) -> PacketPairEncoder | None:
-        """Return an encoder for a client's datagrams of `size` bytes.
-
-        Return None if the client uses TCP or is unknown.
-        """
+        """Return an encoder for a client's datagrams; None if the client uses TCP or is unknown."""
         if not self._sends_datagrams(number):
             return None
         if len(self._pair_encoders) >= _MAX_PAIR_ENCODERS:
@@ -202,17 +184,12 @@ class ProxyRecorder:
     def _add_client(self, record: RingRecord) -> None:
         who = read_endpoints(record.data)
         is_stream = who.transport is Transport.TCP
+        near = Interface(RAW_IP, f"{CLIENT_LEG}{who.listen}")
+        far = Interface(RAW_IP, f"{CONTROLLER_LEG}{who.controller}")
+        near_ends, far_ends = (who.client, who.listen), (who.upstream, who.controller)
         self._sides[record.client] = (
-            _ProxySide(
-                f"{CLIENT_LEG}{who.listen}", who.client, who.listen, is_client_side=True, is_stream=is_stream
-            ),
-            _ProxySide(
-                f"{CONTROLLER_LEG}{who.controller}",
-                who.upstream,
-                who.controller,
-                is_client_side=False,
-                is_stream=is_stream,
-            ),
+            _ProxySide(True, is_stream, near, (near_ends[::-1], near_ends)),
+            _ProxySide(False, is_stream, far, (far_ends[::-1], far_ends)),
         )
 
     def _write_steps(self, count: int) -> None:
@@ -254,9 +231,6 @@ class ProxyRecorder:
         )
 
     def _skip_bytes(self, side: _ProxySide, record: RingRecord, time: int) -> None:
-        """Leave a gap in the TCP sequence numbers of the recording, in place of bytes that are not
-        recorded.
-        """
         came, left = hole_sizes(record)
         if not side.begun:
             self._begin_stream(side, time)
@@ -264,7 +238,6 @@ class ProxyRecorder:
         self._packets.skip_bytes(*side.endpoints[record.up], size)
 
     def _end_stream(self, side: _ProxySide, record: RingRecord, time: int) -> None:
-        """If the recording contains the TCP connection, record the end of one direction."""
         if side.begun:
             self._begin_packet()
             self._packets.write_stream_end(
@@ -283,5 +256,4 @@ class ProxyRecorder:
 
 
 def _comment(message: bytes) -> str:
-    """Return the English text of an encoded message; "" if there is no message."""
     return str(decode_message(message)) if message else ""

@@ -18,10 +18,9 @@ from multiprocessing.shared_memory import SharedMemory
 import msgspec
 
 from bcapscope.errors import FileWriteError
-from bcapscope.live.cpu_wakefulness import CpuLatencyLimit, CpuWakefulness, datagrams_passed
+from bcapscope.live.cpu_wakefulness import CpuWakefulness, datagrams_passed
 from bcapscope.live.end_signals import end_signals_blocked
 from bcapscope.live.proxy_options import (
-    BEGIN,
     CLOSE_SESSIONS,
     INCOMPLETE,
     READY,
@@ -78,9 +77,8 @@ _SILENT_FOR_NS = 30_000_000_000
 
 
 class ProxySupervisor:
-    """Runs the relay, and starts and ends the watcher process.
-
-    Callers can attach a control socket or scripts to `relay` before it runs.
+    """Runs the relay, and starts and ends the watcher process. A control socket or scripts may use `relay`
+    before it runs.
     """
 
     def __init__(
@@ -116,7 +114,7 @@ class ProxySupervisor:
         self._is_watched = self._has_watcher_begun = False
         self.is_recording_incomplete = False
         self._watcher_priority: WatcherPriority | None = None
-        self._wakefulness = CpuWakefulness(CpuLatencyLimit()) if low_latency else None
+        self._wakefulness = CpuWakefulness() if low_latency else None
         self._ports: list[TcpListener | UdpListener] = []
         self._ending_since = 0.0
         self._is_terminal_closed = self._must_end_now = False
@@ -134,12 +132,17 @@ class ProxySupervisor:
         self._ports += ports
         return address
 
-    def start_watcher(self, wait_for_scripts: Callable[[float], bool] | None = None) -> None:
-        """Start the watcher process and wait until it is ready.
+    def wait_for(self, is_ready: Callable[[float], bool]) -> None:
+        """Call `is_ready` until it returns True. `is_ready(seconds)` waits, but at most this time.
 
-        `wait_for_scripts(seconds)` waits until the scripts have started, but at most this time, and returns
-        whether they have started. The watcher process loads while the scripts start. Recording begins when
-        all scripts have started.
+        Raises:
+            KeyboardInterrupt: A signal has asked the proxy to end.
+        """
+        while not is_ready(_POLL_INTERVAL):
+            self._raise_if_ended()
+
+    def start_watcher(self) -> None:
+        """Start the watcher process, which begins to record, and wait until it is ready.
 
         Raises:
             FileWriteError: The recording cannot be written, or the process cannot be started.
@@ -154,24 +157,17 @@ class ProxySupervisor:
             raise FileWriteError(Message("proxy.part.watcher"), os_reason(error)) from None
         self._watcher = watcher
         self._watcher_end.close()
-        while wait_for_scripts is not None and not wait_for_scripts(_POLL_INTERVAL):
-            self._raise_if_ended()
-        self._send_to_watcher(BEGIN)
         until = time.monotonic() + _BEGINS_WITHIN
-        while not self._watcher_pipe.poll(_POLL_INTERVAL) and time.monotonic() < until:
-            self._raise_if_ended()
+        self.wait_for(lambda seconds: self._watcher_pipe.poll(seconds) or time.monotonic() > until)
+        answer = encode_message(Message("os.no-answer"))
         try:
-            answer = (
-                self._watcher_pipe.recv_bytes()
-                if self._watcher_pipe.poll()
-                else encode_message(Message("os.no-answer"))
-            )
+            if self._watcher_pipe.poll():
+                answer = self._watcher_pipe.recv_bytes()
         except (EOFError, OSError):
             answer = encode_message(Message("proxy.writer-ended"))
         if answer != READY:
-            raise FileWriteError(
-                self._options.record or Message("proxy.part.recording"), decode_message(answer)
-            )
+            path = self._options.record or Message("proxy.part.recording")
+            raise FileWriteError(path, decode_message(answer))
         self._is_watched = self._has_watcher_begun = True
         self._unlink_memory()
         if sys.platform != "win32":  # Windows cannot wait for a pipe and sockets together
@@ -222,9 +218,7 @@ class ProxySupervisor:
                 self._print_totals()
 
     def _print_totals(self) -> None:
-        """Print the totals of the traffic. The relay prints totals only if the watcher has ended without a
-        summary.
-        """
+        """Print the totals of the traffic, because the watcher has ended without a summary."""
         from bcapscope.live.relay_figures import losses, totals  # imports NumPy
 
         report = () if self.relay.policy is None else self.relay.policy.report()
@@ -237,7 +231,7 @@ class ProxySupervisor:
         wait.
         """
         if self._wakefulness is not None:
-            self._wakefulness.allow_sleep()
+            self._wakefulness.allow_deep_sleep()
         for port in self._ports:  # `run` was not called, so the relay does not own the listeners
             port.close()
             port.release()
@@ -274,30 +268,27 @@ class ProxySupervisor:
         self._unlink_memory()
 
     def _unlink_memory(self) -> None:
-        """Remove the name of the shared memory, so that the operating system frees the memory when all
-        processes that use it have ended.
+        """Remove the name of the shared memory. The memory is freed when all processes that use it have
+        ended.
         """
         if self._is_memory_linked:
             self._is_memory_linked = False
             self._memory.unlink()
 
     def _raise_if_ended(self) -> None:
-        """Raise `KeyboardInterrupt` if a signal arrived before the proxy started."""
         with suppress(BlockingIOError):
             self._end_signals.recv(1)
             raise KeyboardInterrupt
 
     def must_end_now(self) -> bool:
-        """Return whether the shutdown must end immediately, because a signal other than SIGHUP arrived."""
+        """Return whether a signal other than SIGHUP arrived during the shutdown."""
         with suppress(BlockingIOError):
             if any(number != getattr(signal, "SIGHUP", None) for number in self._end_signals.recv(16)):
                 self._must_end_now = True
         return self._must_end_now
 
     def _on_signal(self, _: int) -> None:
-        """Shut down after a signal. If the signal is SIGHUP, run without the terminal until all clients are
-        silent, then shut down.
-        """
+        """Shut down after a signal. After SIGHUP, run without the terminal until all clients are silent."""
         for number in self._end_signals.recv(16):
             if number == getattr(signal, "SIGHUP", None):
                 self._is_terminal_closed = True
@@ -361,9 +352,7 @@ class ProxySupervisor:
         return self._is_watched
 
     def _close_udp_sessions(self) -> None:
-        """Close the sessions that UDP clients left open. First close the sessions that have a robot that may
-        move.
-        """
+        """Close the sessions that UDP clients left open; first those with a robot that may move."""
         until = time.monotonic() + _SESSIONS_CLOSE_WITHIN
         for closing in sorted(self._closing_requests, key=lambda each: not each.open_state):
             session = self.relay.sessions.get(closing.client)
@@ -385,8 +374,8 @@ class ProxySupervisor:
 
 
 def _has_other_end(descriptor: int) -> bool:
-    """Return whether a file descriptor is a pipe, a socket or a terminal. Only pipes, sockets and terminals
-    report that their other end was closed.
+    """Return whether a descriptor is a pipe, a socket or a terminal, which report that their other end was
+    closed.
     """
     mode = os.fstat(descriptor).st_mode
     return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or os.isatty(descriptor)

@@ -34,7 +34,7 @@ from bcapscope.live.relay_figures import DelayStatistics, losses, rates, totals
 from bcapscope.live.relayed_traffic import RelayedTraffic
 from bcapscope.live.standard_streams import choose_palette
 from bcapscope.live.terminal_writer import TerminalWriter
-from bcapscope.live.watcher_priority import WatcherUrgency, lower_priority, yield_function
+from bcapscope.live.watcher_priority import lower_priority, yield_function
 from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.message_codec import decode_message, encode_message
 from bcapscope.messages.os_errors import os_reason
@@ -103,24 +103,16 @@ Recording has no such limit: all remaining records are recorded.
 
 
 def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
-    """Watch a relay until the relay closes its end of the pipe.
-
-    Return False if a requested recording is incomplete.
-    """
+    """Watch a relay until it closes its end of the pipe. Return False if the recording is incomplete."""
     _give_relay_priority()
-    words = MessageFormatter(options.view.language)
-    screen = TerminalWriter(words)
-
-    def warn(message: Message) -> None:
-        screen.write_message(printable(words.text(message)))
-
+    screen = TerminalWriter(MessageFormatter(options.view.language))
     recorder = subscriber = None
     try:
         if options.open_subscriber is not None:
             subscriber = options.open_subscriber()
         if options.record is not None:
             recorder = ProxyRecorder(
-                Recorder(options.record, warn, options.ring),
+                Recorder(options.record, screen.show, options.ring),
                 keeps_packet_numbers=subscriber is not None,
             )
     except FileWriteError as error:
@@ -149,7 +141,6 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
 
 
 def _give_relay_priority() -> None:
-    """Lower this process's priority, so that the relay runs first. Also ignore Ctrl-C, SIGHUP and SIGTERM."""
     for name in ("SIGINT", "SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -158,9 +149,8 @@ def _give_relay_priority() -> None:
 
 
 class RecorderTask:
-    """Writes the relay's traffic to the recording, before the watcher decodes the traffic.
-
-    Records stay in the ring until the watcher decodes them.
+    """Writes the relay's traffic to the recording, before the watcher decodes it. Records stay in the ring
+    until then.
     """
 
     def __init__(self, reader: RingReader, recorder: ProxyRecorder) -> None:
@@ -182,11 +172,10 @@ class RecorderTask:
 
 
 class ProxyWatcher:
-    """Reads the relay's records from the ring. Decodes, displays and diagnoses the traffic according to the
-    options.
+    """Reads the relay's records from the ring. Decodes, displays and diagnoses the traffic.
 
-    Undecoded records wait in the ring, whose size is fixed. The relay, the tracker and the diagnosis limit
-    their data, so the watcher needs limited memory.
+    The watcher needs limited memory: undecoded records wait in the ring, and all subscribers limit their
+    data.
     """
 
     def __init__(
@@ -198,7 +187,6 @@ class ProxyWatcher:
         subscriber: WatcherSubscriber | None = None,
     ) -> None:
         self._reader = reader
-        self._options = options
         self._terminal = terminal
         self._recorder_task = recorder_task
         self._subscriber = subscriber
@@ -248,9 +236,8 @@ class ProxyWatcher:
         self._finish()
 
     def poll(self) -> float:
-        """Write all new records of the ring to the recording, then decode for at most `_DECODE_FOR` seconds.
-
-        Return how many seconds to wait before the next poll.
+        """Record all new records of the ring, then decode for at most `_DECODE_FOR` seconds. Return how many
+        seconds to wait before the next poll.
         """
         began = time.monotonic()
         if self._recorder_task is not None:
@@ -265,14 +252,14 @@ class ProxyWatcher:
         )
 
     def _may_rest(self) -> bool:
-        """Return whether undecoded records may wait. Records may wait if new traffic arrives, the ring has
-        enough space, and the oldest undecoded record is not too old.
+        """Return whether undecoded records may wait: new traffic arrives, the ring has space, and no record
+        is too old.
         """
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written
         if (
             self._written_before == before
-            or reader.urgency >= WatcherUrgency.ALL
+            or reader.urgency
             or time.time_ns() - self._decoded_until > self._shown_within_ns
         ):
             return False
@@ -313,10 +300,7 @@ class ProxyWatcher:
     def _show_relay_messages(self, records: Iterable[RingRecord]) -> None:
         for record in records:
             if record.kind is RingRecordKind.NOTICE:
-                self._write_message(decode_message(record.data))
-
-    def _write_message(self, message: Message) -> None:
-        self._terminal.write_message(printable(self._words.text(message)))
+                self._terminal.show(decode_message(record.data))
 
     def _write_finding(self, severity: str, rule: str, sentence: str) -> None:
         head = f"{self._colors.problem}{severity}{self._colors.reset} {rule}"
@@ -331,16 +315,14 @@ class ProxyWatcher:
         is_reported = self._has_sent_closing and conversation.transport is Transport.UDP
         if left is not None and not is_reported:
             client = str(conversation.client)
-            self._write_message(Message("session.left-open", client=client, reason=why, state=left))
+            self._terminal.show(Message("session.left-open", client=client, reason=why, state=left))
 
     def _write_lines(self) -> None:
         self._terminal.write_lines(self._view.lines)
         self._view.lines = []
 
     def _do_periodic_work(self) -> None:
-        """Do the work that is due even if there is no traffic: complete old calls, print findings, update the
-        status.
-        """
+        """Complete old calls, print findings and update the status, even if there is no traffic."""
         now = time.time_ns()
         if not self._reader.bytes_waiting:
             self._traffic.expire(now - _DECODING_DELAY_NS)
@@ -391,7 +373,7 @@ class ProxyWatcher:
     def _write_clauses(self, clauses: Iterable[Message]) -> None:
         message = joined_clauses(clauses)
         if message is not None:
-            self._write_message(message)
+            self._terminal.show(message)
 
     def _closing_requests(self) -> bytes:
         """Return a JSON list of `ClosingRequests`, which close all open sessions."""
@@ -414,9 +396,9 @@ class ProxyWatcher:
         )
 
     def _skip_undecoded(self) -> None:
-        """Skip records when there is no time left to decode them, but still print messages from the relay."""
+        """Skip records that there is no time left to decode, but still print messages from the relay."""
         if self._reader.bytes_waiting:
-            self._write_message(Message("watcher.skipped"))
+            self._terminal.show(Message("watcher.skipped"))
         while self._reader.bytes_waiting:
             self._show_relay_messages(self._reader.read_records())
 
@@ -433,7 +415,7 @@ class ProxyWatcher:
         counts = tuple(self._reader.counts)
         self._write_clauses((self._call_totals(), *totals(counts)))
         for message in (*losses(counts), *self._delays.summary()):
-            self._write_message(message)
+            self._terminal.show(message)
         if self._decoder.observation_count:
             width = shutil.get_terminal_size().columns
             renderer = FindingsRenderer(self._colors, width, words=self._words)

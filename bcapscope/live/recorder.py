@@ -44,10 +44,7 @@ class Recorder:
         self._has_warned_full = False
 
     def begin_packet(self) -> bool:
-        """Call this method before each packet of a ring of files.
-
-        If the previous file is full, begin a new file and return True.
-        """
+        """Call this method before each packet of a ring of files. Return whether a new file has begun."""
         try:
             return self.is_complete and self.files.rotate_if_full()
         except OSError as error:

@@ -20,7 +20,6 @@ _LOSSES = (
     RelayCounter.RULED,
     RelayCounter.UNWATCHED,
 )
-_DIRECTIONS = ((True, "up"), (False, "down"))
 
 
 class DelayStatistics:
@@ -33,9 +32,7 @@ class DelayStatistics:
         self._has_warned = False
 
     def add_records(self, records: Iterable[RingRecord]) -> None:
-        """Add the delays of records. Leave out data that a rule of the proxy affected, because such a rule
-        may delay data on purpose.
-        """
+        """Add the delays of records, except where a rule of the proxy may have delayed data on purpose."""
         found: dict[bool, list[int]] = {True: [], False: []}
         for kind, up, _, received, sent, _, note in records:
             if kind is RingRecordKind.DATA and received and sent and not note:
@@ -48,52 +45,46 @@ class DelayStatistics:
                 self._worst_ns = max(self._worst_ns, *delays)
 
     def pop_warning(self) -> Message | None:
-        """Return a warning after the relay has delayed data for longer than set points permit. Return the
-        warning only once; at all other times, return None.
-        """
+        """Return a warning once after the relay has delayed data for longer than set points permit."""
         if self._has_warned or not self._slow_count:
             return None
         self._has_warned = True
         return Message("relay.slow", time=self._worst, limit=_DEADLINE)
 
     def status(self) -> Message | None:
-        """Return the median and the 99.9th percentile of the delay in each direction; None if there are no
-        data.
-        """
-        parts = []
-        for up, name in _DIRECTIONS:
-            spread = self._histograms[up].distribution()
-            if spread is not None:
-                figures = f"{spread.p50:.0f}/{spread.p999:.0f}"
-                parts.append(Message(f"relay.status.{name}", figures=figures))
+        """Return the median and the 99.9th percentile of the delay in each direction, if there are data."""
+        parts = [
+            Message(f"relay.status.{name}", figures=f"{spread.p50:.0f}/{spread.p999:.0f}")
+            for name, spread in self._spreads()
+            if spread is not None
+        ]
         return Message("relay.status", parts=Enumeration(tuple(parts))) if parts else None
 
     def figures(self) -> list[int]:
         """Return the delay figures in ns, in the order of `ring_buffer.DELAY_FIGURES`."""
         found: list[int] = []
-        for up, _ in _DIRECTIONS:
-            spread = self._histograms[up].distribution()
+        for _, spread in self._spreads():
             values = (0.0,) * 4 if spread is None else (spread.p50, spread.p99, spread.p999, spread.most)
             found += [round(value * 1000) for value in values]
         return [*found, self._slow_count]
 
     def summary(self) -> Iterator[Message]:
-        for up, name in _DIRECTIONS:
-            spread = self._histograms[up].distribution()
+        for name, spread in self._spreads():
             if spread is not None:
-                yield Message(f"relay.held.{name}", **_microseconds(spread))
+                levels = ("p50", "p99", "p999", "most")
+                figures = {level: f"{getattr(spread, level):.0f} µs" for level in levels}
+                yield Message(f"relay.held.{name}", **figures)
         if self._slow_count:
             count = Count(self._slow_count, "time")
             yield Message("relay.slow.times", count=count, limit=_DEADLINE, worst=self._worst)
 
+    def _spreads(self) -> Iterator[tuple[str, DistributionSummary | None]]:
+        yield "up", self._histograms[True].distribution()
+        yield "down", self._histograms[False].distribution()
+
     @property
     def _worst(self) -> str:
         return f"{self._worst_ns / 1e6:.1f} ms"
-
-
-def _microseconds(spread: DistributionSummary) -> dict[str, str]:
-    figures = {"p50": spread.p50, "p99": spread.p99, "p999": spread.p999, "most": spread.most}
-    return {name: f"{value:.0f} µs" for name, value in figures.items()}
 
 
 def rates(counts: Sequence[int], before: Sequence[int], seconds: float) -> Message:
@@ -106,8 +97,8 @@ def rates(counts: Sequence[int], before: Sequence[int], seconds: float) -> Messa
 
 
 def losses(counts: Sequence[int]) -> Iterator[Message]:
-    """Yield a message for each kind of loss: traffic that was lost, denied, changed by rules of the proxy, or
-    not watched.
+    """Yield a message for each kind of traffic that was lost, denied, changed by rules of the proxy, or not
+    watched.
     """
     for counter in _LOSSES:
         if counts[counter]:

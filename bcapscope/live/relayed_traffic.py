@@ -22,7 +22,7 @@ class RelayedTraffic:
     def __init__(
         self, pipeline: Pipeline, show_frame: Callable[[Observation, Message | None], object]
     ) -> None:
-        """Start without frames. `show_frame` receives each frame, and a note of what a rule did to it."""
+        """`show_frame` receives each frame, and a note of what a rule did to it."""
         self._pipeline = pipeline
         self._show_frame = show_frame
         self._legs = LegJoiner()
@@ -34,7 +34,6 @@ class RelayedTraffic:
         return self._legs.delivered_until
 
     def add(self, seen: Observation, note: Message | None) -> None:
-        """Add the next frame of the decoder."""
         if seen.number:
             self._show_frame(seen, note)
         if self._legs.is_idle:

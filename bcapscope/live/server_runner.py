@@ -18,7 +18,6 @@ from bcapscope.live.recorder import Recorder
 from bcapscope.live.terminal_writer import TerminalWriter
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.player.realtime import realtime_priority
-from bcapscope.render.escape import printable
 from bcapscope.render.simulator_log import call_log_line, refusal_line
 from bcapscope.simulator.call_executor import CallReport
 from bcapscope.simulator.simulator import Peer
@@ -38,16 +37,13 @@ def _do_nothing(descriptor: int) -> None:
 
 
 class ServerRunner:
-    """Runs a server for a command until the command ends. Writes the log and the recording of the server."""
+    """Runs a server for a command, and writes its log and its recording."""
 
     def __init__(self, *, quiet: bool, record: Path | None, words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Prepare the output. If `quiet` is True, calls are not logged. `record` is the file for the
-        recording.
-        """
+        """Prepare the output. If `quiet` is True, calls are not logged."""
         self._terminal = TerminalWriter(words)
         self.print_message = self._terminal.write_message
         self.log = ServerCallLog(not quiet, self._terminal, words)
-        self._words = words
         self._recording_path = record
         self._recorder: BackgroundRecorder | None = None
 
@@ -62,7 +58,8 @@ class ServerRunner:
         interrupt_on_end_signals()
         with closing(SimulatorServer(answerer, host, port)) as server:
             if self._recording_path is not None:
-                server.tap = self._recorder = BackgroundRecorder(Recorder(self._recording_path, self._warn))
+                recorder = Recorder(self._recording_path, self._terminal.show)
+                server.tap = self._recorder = BackgroundRecorder(recorder)
             with suppress(KeyboardInterrupt):
                 yield server
 
@@ -93,18 +90,12 @@ class ServerRunner:
             serve(server, self._on_idle, take_or_end, watched)
 
     def close(self, summary: str) -> bool:
-        """Write the remaining log lines and the summary, and close the recording.
-
-        Return whether the recording is complete.
-        """
+        """Write the remaining log lines and the summary. Return whether the recording is complete."""
         self.log.flush()
         complete = self._recorder is None or self._recorder.close()
         self.print_message(summary)
         self._terminal.close()
         return complete
-
-    def _warn(self, message: Message) -> None:
-        self.print_message(printable(self._words.text(message)))
 
     def _on_idle(self) -> bool:
         self.log.flush_if_due()
@@ -141,9 +132,8 @@ class ServerCallLog:
             self._pending.append(f"# {self._words.text(note)}")
 
     def flush_if_due(self) -> None:
-        """Format the pending entries.
-
-        If more than `_FLUSH_AFTER_NS` ns have passed since the last write, write the entries.
+        """Format the pending entries, and write them if the last write was more than `_FLUSH_AFTER_NS` ns
+        ago.
         """
         self._format_pending()
         if self._lines and time.monotonic_ns() - self._flushed_at > self._FLUSH_AFTER_NS:

@@ -13,7 +13,7 @@ _ANSI_SEQUENCE = re.compile(r"\x1b\[[;?0-9]*[a-zA-Z]")
 
 
 def print_stderr(text: str) -> None:
-    """Write a line to stderr. If stderr is not a terminal, remove colours. If the terminal is closed, write
+    """Write a line to stderr, without colours if stderr is not a terminal. If the terminal is closed, write
     nothing.
     """
     stream = sys.stderr
@@ -34,6 +34,18 @@ def choose_palette(color: str) -> Palette:
     if color == "auto":
         return ANSI if sys.stdout.isatty() and not os.environ.get("NO_COLOR") else PLAIN
     return ANSI if color == "always" else PLAIN
+
+
+def can_poll_stdin() -> bool:
+    """Return whether this process can wait for stdin. A background job cannot wait for its terminal. On
+    Windows, no program can wait for stdin.
+    """
+    if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
+        return False
+    try:
+        return not os.isatty(0) or os.tcgetpgrp(0) == os.getpgrp()
+    except OSError:
+        return False
 
 
 def discard_stdout() -> None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 from contextlib import suppress
 from typing import Any
+
+from bcapscope.live.standard_streams import can_poll_stdin
 
 _ESCAPE = "\x1b"
 _SEQUENCE = re.compile(r"\x1b(\[[0-9;]*[A-Za-z~]|O[A-Za-z])")  # matches arrow keys, function keys and similar
@@ -19,7 +20,7 @@ class TerminalKeys:
 
     def __init__(self) -> None:
         self.is_on = False
-        self._is_available = _has_terminal()
+        self._is_available = can_poll_stdin() and os.isatty(0)
         self._saved_attributes: list[Any] = []
         self._escape_count = 0
 
@@ -54,15 +55,3 @@ class TerminalKeys:
         others = text.replace(_ESCAPE, "")
         self._escape_count = 0 if others else self._escape_count + len(text)
         return _ESCAPE * 2 if self._escape_count > 1 else others
-
-
-def _has_terminal() -> bool:
-    """Return whether this process can read keys from a terminal. Background jobs cannot read keys. On
-    Windows, no program can.
-    """
-    if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
-        return False
-    try:
-        return os.isatty(0) and os.tcgetpgrp(0) == os.getpgrp()
-    except OSError:
-        return False

@@ -15,7 +15,8 @@ from contextlib import AbstractContextManager, nullcontext, suppress
 from typing import TextIO
 
 from bcapscope.live.standard_streams import discard_stdout
-from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
+from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
+from bcapscope.render.escape import printable
 
 MAX_WAITING = 20_000
 """Maximum number of lines that may wait to be written. The same limit applies to messages. When the limit is
@@ -47,9 +48,7 @@ class TerminalWriter:
     """
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Start the threads. `words` formats the messages of the writer itself, for example about lost
-        lines.
-        """
+        """Start the threads. `words` formats messages of the writer itself, for example about lost lines."""
         self._words = words
         self._lines: deque[bytes] = deque()
         self._messages: deque[str] = deque()
@@ -73,7 +72,6 @@ class TerminalWriter:
 
     @property
     def shows_status(self) -> bool:
-        """Whether the writer shows the status line. This requires that stderr is a terminal."""
         return self._stderr_is_terminal
 
     def write_lines(self, lines: Sequence[bytes | str]) -> None:
@@ -86,6 +84,9 @@ class TerminalWriter:
                 line if isinstance(line, bytes) else line.encode("utf-8", "replace") for line in lines[:room]
             ]
             self._changed.notify_all()
+
+    def show(self, message: Message) -> None:
+        self.write_message(printable(self._words.text(message)))
 
     def write_message(self, text: str) -> None:
         with self._changed:

@@ -78,7 +78,8 @@ def record_on(monkeypatch: pytest.MonkeyPatch) -> MakeRecorder:
         disk: RawIOBase, told: list[str], most_waiting: int = MAX_WAITING, name: str = "a.pcapng"
     ) -> BackgroundRecorder:
         monkeypatch.setattr(RotatingRecording, "_create_file", lambda files, path: disk)
-        return BackgroundRecorder(Recorder(Path(name), collects(told)), most_waiting=most_waiting)
+        monkeypatch.setattr(module, "MAX_WAITING", most_waiting)
+        return BackgroundRecorder(Recorder(Path(name), collects(told)))
 
     return make
 
@@ -182,9 +183,8 @@ def test_a_connection_that_ended_unseen_is_forgotten(record_on: MakeRecorder) ->
     for port in range(1000):
         recorder.on_segment((CLIENT[0], port), SERVER, REQUEST, TIME)
         recorder.on_connection_end((CLIENT[0], port), SERVER)
-    assert len(recorder._delayed_steps) == 1
+    assert len(recorder._steps) == 1
     assert not recorder._gap_bytes
-    assert not recorder._recorded_directions
     disk.runs.set()
     recorder.close()
 

@@ -6,7 +6,9 @@ import os
 import socket
 import struct
 import sys
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +19,6 @@ from bcapscope.live.cpu_wakefulness import (
     BUSY_WITHIN,
     MAX_STOLEN_SHARE,
     PAUSED_FOR,
-    CpuLatencyLimit,
     CpuWakefulness,
     datagrams_passed,
     low_latency_problem,
@@ -29,139 +30,6 @@ from tests.english import english
 
 LOOK = 0.05
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="Linux can be asked")
-
-
-class Scene(CpuLatencyLimit):
-    """A relay that looks twenty times a second, and processors that are watched."""
-
-    def __init__(self, *, refused: bool = False) -> None:
-        self.asked: list[tuple[float, str]] = []
-        self.now, self.count = 100.0, 0
-        self.taken: float | None = 0.0
-        self.measured: list[float] = []
-        self._refused = refused
-        self.wakefulness = CpuWakefulness(self)
-
-    def forbid_deep_sleep(self) -> bool:
-        self._note("refused" if self._refused else "awake")
-        return not self._refused
-
-    def allow_deep_sleep(self) -> None:
-        self._note("asleep")
-
-    def stolen_seconds(self) -> float | None:
-        self.measured.append(self.now)
-        return self.taken
-
-    def _note(self, what: str) -> None:
-        self.asked.append((round(self.now, 2), what))
-
-    @property
-    def states(self) -> list[str]:
-        return [what for _, what in self.asked]
-
-    def go_on(self, seconds: float, a_second: float, robbed: float = 0.0) -> None:
-        """Pass so many datagrams, while the host takes a share of a processor's time."""
-        start, already = self.now, self.count
-        while self.now < start + seconds - LOOK / 2:
-            self.now += LOOK
-            self.count = already + int((self.now - start) * a_second)
-            if self.taken is not None:
-                self.taken += robbed * LOOK
-            self.wakefulness.update(self.count, self.now)
-
-
-@pytest.mark.parametrize(("a_second", "after"), [(250, 0.4), (2000, 0.05), (40_000, 0.05), (110, 0.95)])
-def test_they_stay_awake_as_soon_as_much_has_passed(a_second: float, after: float) -> None:
-    scene = Scene()
-    scene.go_on(30, a_second)
-    ((when, what),) = scene.asked
-    assert what == "awake"
-    assert when - 100 == pytest.approx(after, abs=2 * LOOK)
-
-
-def test_little_keeps_no_one_awake_nor_do_a_few_calls_at_once() -> None:
-    scene = Scene()
-    scene.go_on(100, 90)
-    for _ in range(100):
-        scene.go_on(LOOK, 30 / LOOK)
-        scene.go_on(BUSY_WITHIN - LOOK, 0)
-    assert scene.asked == []
-
-
-def test_they_may_sleep_two_seconds_after_that() -> None:
-    scene = Scene()
-    scene.go_on(10, 2000)
-    scene.go_on(30, 20)
-    scene.go_on(1, 250)
-    assert scene.states == ["awake", "asleep", "awake"]
-    assert scene.asked[1][0] == pytest.approx(112, abs=2 * LOOK)
-
-
-def test_a_host_that_takes_much_of_the_time_is_left_in_peace_for_a_minute() -> None:
-    scene = Scene()
-    scene.go_on(10, 250, robbed=0.8 * MAX_STOLEN_SHARE)
-    assert scene.states == ["awake"]
-    scene.go_on(30, 250, robbed=4 * MAX_STOLEN_SHARE)
-    assert scene.states == ["awake", "asleep"]
-    assert scene.asked[1][0] == pytest.approx(111, abs=BUSY_WITHIN)
-    scene.go_on(30, 250, robbed=1)
-    scene.go_on(200, 250)  # what it took meanwhile counts no more
-    assert scene.states == ["awake", "asleep", "awake"]
-    assert scene.asked[2][0] - scene.asked[1][0] == pytest.approx(60, abs=2 * LOOK)
-
-
-@pytest.mark.parametrize(("robbed", "states"), [(0.04, ["awake"]), (0.06, ["awake", "asleep"])])
-def test_how_much_a_host_may_take(robbed: float, states: list[str]) -> None:
-    scene = Scene()
-    scene.go_on(10, 2000, robbed=robbed)
-    assert scene.states == states
-
-
-def test_what_the_host_takes_is_measured_once_a_second_from_the_beginning_on() -> None:
-    scene = Scene()
-    scene.go_on(10.5, 2000)
-    assert [scene.measured[0], *np.diff(scene.measured)] == pytest.approx([100.1, *[1.0] * 9], abs=2 * LOOK)
-    scene = Scene()
-    scene.go_on(3, 2000, robbed=1)
-    assert scene.states == ["awake", "asleep"]
-    assert scene.asked[1][0] == pytest.approx(101.1, abs=2 * LOOK)
-
-
-def test_a_host_of_which_nothing_is_known_took_nothing() -> None:
-    scene = Scene()
-    scene.taken = 1000.0
-    scene.go_on(10, 250)
-    scene.taken = None
-    scene.go_on(10, 250)
-    scene.taken = 1001.0
-    scene.go_on(10, 250)
-    assert scene.states == ["awake"]
-
-
-def test_who_is_refused_asks_again_after_a_minute_and_measures_nothing() -> None:
-    scene = Scene(refused=True)
-    scene.go_on(PAUSED_FOR + 30, 250)
-    scene.wakefulness.allow_sleep()
-    assert scene.states == ["refused", "refused"]
-    assert not scene.measured
-
-
-def test_at_the_end_they_may_sleep() -> None:
-    scene = Scene()
-    scene.wakefulness.allow_sleep()
-    assert scene.asked == []
-    scene.go_on(1, 250)
-    scene.wakefulness.allow_sleep()
-    scene.wakefulness.allow_sleep()
-    assert scene.states == ["awake", "asleep"]
-
-
-def test_bytes_of_streams_count_as_well() -> None:
-    counts = [0] * len(RelayCounter)
-    counts[RelayCounter.CAME_UP], counts[RelayCounter.CAME_DOWN], counts[RelayCounter.LEFT_UP] = 3, 4, 1000
-    counts[RelayCounter.BYTES_UP], counts[RelayCounter.BYTES_DOWN] = 100, 91
-    assert datagrams_passed(counts) == 3 + 4 + 2
 
 
 @pytest.fixture
@@ -187,12 +55,181 @@ def be_driven_by(folder: Path, driver: str, *latencies: int) -> None:
         (state / "disable").write_text("0\n")
 
 
-def is_asked(device: Path, descriptor: int | None) -> bool:
-    """Tell whether that is the device, open."""
+def descriptors() -> int:
+    """Return how many files are open."""
+    return len(os.listdir("/proc/self/fd"))
+
+
+@contextmanager
+def closing_limit(wakefulness: CpuWakefulness) -> Iterator[CpuWakefulness]:
+    """Let the processors sleep in the end."""
     try:
-        return os.path.samestat(os.fstat(-1 if descriptor is None else descriptor), device.stat())
-    except OSError:
-        return False
+        yield wakefulness
+    finally:
+        wakefulness.allow_deep_sleep()
+
+
+class Statistics:
+    """What /proc/stat says of a host that took so many seconds, and when it was read."""
+
+    def __init__(self) -> None:
+        self.now, self.taken = 0.0, 0.0
+        self.read_at: list[float] = []
+
+    def open(self, mode: str) -> BytesIO:
+        """Return the file, as `Path.open` does."""
+        self.read_at.append(self.now)
+        return BytesIO(f"cpu  {'0 ' * 7}{round(self.taken * 100)} 9 10\n".encode())
+
+
+class Scene:
+    """A relay that looks twenty times a second, and processors that are watched."""
+
+    def __init__(self, statistics: Statistics) -> None:
+        self.seen: list[tuple[float, str]] = []
+        self.now, self.count = 100.0, 0
+        self.statistics = statistics
+        self.wakefulness = CpuWakefulness()
+
+    @property
+    def states(self) -> list[str]:
+        return [what for _, what in self.seen]
+
+    def go_on(self, seconds: float, a_second: float, robbed: float = 0.0) -> None:
+        """Pass so many datagrams, while the host takes a share of a processor's time."""
+        start, already = self.now, self.count
+        while self.now < start + seconds - LOOK / 2:
+            self.now += LOOK
+            self.count = already + int((self.now - start) * a_second)
+            self.statistics.now = self.now
+            self.statistics.taken += robbed * LOOK
+            before = self.wakefulness.is_limit_set
+            self.wakefulness.update(self.count, self.now)
+            if self.wakefulness.is_limit_set != before:
+                self.seen.append((round(self.now, 2), "asleep" if before else "awake"))
+
+
+@pytest.fixture
+def scene(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, device: Path) -> Scene:
+    """Return a guest of a host that can take its time."""
+    statistics = Statistics()
+    monkeypatch.setattr(cpu_wakefulness, "_STATISTICS", statistics)
+    monkeypatch.setattr("os.sysconf", {"SC_CLK_TCK": 100}.__getitem__)
+    be_driven_by(tmp_path, "haltpoll")
+    return Scene(statistics)
+
+
+@LINUX
+@pytest.mark.parametrize(("a_second", "after"), [(250, 0.4), (2000, 0.05), (40_000, 0.05), (110, 0.95)])
+def test_they_stay_awake_as_soon_as_much_has_passed(scene: Scene, a_second: float, after: float) -> None:
+    scene.go_on(30, a_second)
+    ((when, what),) = scene.seen
+    assert what == "awake"
+    assert when - 100 == pytest.approx(after, abs=2 * LOOK)
+
+
+@LINUX
+def test_little_keeps_no_one_awake_nor_do_a_few_calls_at_once(scene: Scene) -> None:
+    scene.go_on(100, 90)
+    for _ in range(100):
+        scene.go_on(LOOK, 30 / LOOK)
+        scene.go_on(BUSY_WITHIN - LOOK, 0)
+    assert scene.seen == []
+
+
+@LINUX
+def test_they_may_sleep_two_seconds_after_that(scene: Scene) -> None:
+    scene.go_on(10, 2000)
+    scene.go_on(30, 20)
+    scene.go_on(1, 250)
+    assert scene.states == ["awake", "asleep", "awake"]
+    assert scene.seen[1][0] == pytest.approx(112, abs=2 * LOOK)
+
+
+@LINUX
+def test_a_host_that_takes_much_of_the_time_is_left_in_peace_for_a_minute(scene: Scene) -> None:
+    scene.go_on(10, 250, robbed=0.8 * MAX_STOLEN_SHARE)
+    assert scene.states == ["awake"]
+    scene.go_on(30, 250, robbed=4 * MAX_STOLEN_SHARE)
+    assert scene.states == ["awake", "asleep"]
+    assert scene.seen[1][0] == pytest.approx(111, abs=BUSY_WITHIN)
+    scene.go_on(30, 250, robbed=1)
+    scene.go_on(200, 250)  # what it took meanwhile counts no more
+    assert scene.states == ["awake", "asleep", "awake"]
+    assert scene.seen[2][0] - scene.seen[1][0] == pytest.approx(60, abs=2 * LOOK)
+
+
+@LINUX
+@pytest.mark.parametrize(("robbed", "states"), [(0.04, ["awake"]), (0.06, ["awake", "asleep"])])
+def test_how_much_a_host_may_take(scene: Scene, robbed: float, states: list[str]) -> None:
+    scene.go_on(10, 2000, robbed=robbed)
+    assert scene.states == states
+
+
+@LINUX
+def test_what_the_host_takes_is_measured_once_a_second_from_the_beginning_on(scene: Scene) -> None:
+    scene.go_on(10.5, 2000)
+    read_at = scene.statistics.read_at
+    assert [read_at[0], *np.diff(read_at)] == pytest.approx([100.1, *[1.0] * 9], abs=2 * LOOK)
+
+
+@LINUX
+def test_a_host_that_takes_much_at_once(scene: Scene) -> None:
+    scene.go_on(3, 2000, robbed=1)
+    assert scene.states == ["awake", "asleep"]
+    assert scene.seen[1][0] == pytest.approx(101.1, abs=2 * LOOK)
+
+
+@LINUX
+@pytest.mark.parametrize("text", ["", "cpu 1 2 3\n", "cpu 1 2 3 4 5 6 7 much\n", None])
+def test_a_host_of_which_nothing_is_known_took_nothing(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, scene: Scene, text: str | None
+) -> None:
+    scene.go_on(10, 250)
+    monkeypatch.setattr(cpu_wakefulness, "_STATISTICS", tmp_path / "other")
+    if text is not None:
+        (tmp_path / "other").write_text(text)
+    scene.go_on(10, 250)
+    scene.statistics.taken = 1000.0
+    monkeypatch.setattr(cpu_wakefulness, "_STATISTICS", scene.statistics)
+    scene.go_on(10, 250)
+    assert scene.states == ["awake"]
+
+
+@LINUX
+def test_who_is_refused_asks_again_after_a_minute(scene: Scene, device: Path) -> None:
+    device.unlink()
+    scene.go_on(10, 250)
+    device.touch()
+    scene.go_on(PAUSED_FOR, 250)
+    ((when, what),) = scene.seen
+    assert what == "awake"
+    assert when - 100.4 == pytest.approx(PAUSED_FOR, abs=2 * LOOK)
+
+
+@LINUX
+def test_at_the_end_they_may_sleep(scene: Scene, device: Path) -> None:
+    scene.wakefulness.allow_deep_sleep()
+    before = descriptors()
+    scene.go_on(1, 250)
+    assert scene.states == ["awake"]
+    assert descriptors() == before + 1
+    for _ in range(2):
+        scene.wakefulness.allow_deep_sleep()
+        assert descriptors() == before
+
+
+def test_bytes_of_streams_count_as_well() -> None:
+    counts = [0] * len(RelayCounter)
+    counts[RelayCounter.CAME_UP], counts[RelayCounter.CAME_DOWN], counts[RelayCounter.LEFT_UP] = 3, 4, 1000
+    counts[RelayCounter.BYTES_UP], counts[RelayCounter.BYTES_DOWN] = 100, 91
+    assert datagrams_passed(counts) == 3 + 4 + 2
+
+
+def set_limit(wakefulness: CpuWakefulness) -> bool:
+    """Let much pass, and tell whether the limit could be set."""
+    wakefulness.update(1000, 100.0)
+    return wakefulness.is_limit_set
 
 
 @LINUX
@@ -209,24 +246,23 @@ def test_what_is_asked_of_linux(
     tmp_path: Path, device: Path, driver: str, latencies: tuple[int, ...], longest: int
 ) -> None:
     be_driven_by(tmp_path, driver, *latencies)
-    sleep = CpuLatencyLimit()
-    for _ in range(2):
-        assert sleep.forbid_deep_sleep()
-        asked = sleep._device
-        assert is_asked(device, asked)
+    wakefulness, before = CpuWakefulness(), descriptors()
+    for passed in (1000, 2000):
+        wakefulness.update(passed, 100.0)
+        assert wakefulness.is_limit_set
         assert struct.unpack("@i", device.read_bytes()) == (longest,)
-        sleep.allow_deep_sleep()
-        assert not is_asked(device, asked)
-        sleep.allow_deep_sleep()
+        assert descriptors() == before + 1
+        wakefulness.allow_deep_sleep()
+        assert not wakefulness.is_limit_set
+        assert descriptors() == before
 
 
 @LINUX
 def test_a_sleep_that_is_switched_off_is_not_the_lightest(tmp_path: Path, device: Path) -> None:
     be_driven_by(tmp_path, "intel_idle", 0, 1, 10)
     (tmp_path / "cpu0" / "cpuidle" / "state1" / "disable").write_text("1\n")
-    sleep = CpuLatencyLimit()
-    assert sleep.forbid_deep_sleep()
-    sleep.allow_deep_sleep()
+    with closing_limit(CpuWakefulness()) as wakefulness:
+        assert set_limit(wakefulness)
     assert struct.unpack("@i", device.read_bytes()) == (10,)
 
 
@@ -241,24 +277,18 @@ def test_where_nobody_says_how_long_waking_takes_it_is_not_forbidden_to_sleep(
         stated.unlink()
     else:
         stated.write_text(latency)
-    sleep = CpuLatencyLimit()
-    assert sleep.forbid_deep_sleep()
-    sleep.allow_deep_sleep()
+    with closing_limit(CpuWakefulness()) as wakefulness:
+        assert set_limit(wakefulness)
     assert struct.unpack("@i", device.read_bytes()) == (2,)
-
-
-def descriptors() -> int:
-    """Return how many files are open."""
-    return len(os.listdir("/proc/self/fd"))
 
 
 @LINUX
 def test_who_may_not_ask_makes_no_file(device: Path) -> None:
     before = descriptors()
     device.unlink()
-    assert not CpuLatencyLimit().forbid_deep_sleep()
+    assert not set_limit(CpuWakefulness())
     device.mkdir()
-    assert not CpuLatencyLimit().forbid_deep_sleep()
+    assert not set_limit(CpuWakefulness())
     device.rmdir()
     assert not device.exists()
     assert descriptors() == before
@@ -268,33 +298,22 @@ def test_who_may_not_ask_makes_no_file(device: Path) -> None:
 def test_what_cannot_be_asked_is_left(tmp_path: Path, device: Path) -> None:
     before = descriptors()
     be_driven_by(tmp_path, "intel_idle", 1 << 32)
-    assert not CpuLatencyLimit().forbid_deep_sleep()
+    assert not set_limit(CpuWakefulness())
     assert not device.read_bytes()
-    (tmp_path / "cpuidle" / "current_driver").write_text("haltpoll")
-    (tmp_path / "stat").unlink()
-    assert not CpuLatencyLimit().forbid_deep_sleep()
     assert descriptors() == before
 
 
 @LINUX
-@pytest.mark.parametrize(("driver", "seconds"), [("haltpoll", 8.0), ("intel_idle", None)])
-def test_the_host_can_take_time_only_from_those_that_never_sleep(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, device: Path, driver: str, seconds: float | None
+def test_a_host_can_take_no_time_from_those_that_sleep(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, device: Path
 ) -> None:
-    monkeypatch.setattr("os.sysconf", {"SC_CLK_TCK": 100}.__getitem__)
-    be_driven_by(tmp_path, driver)
-    before = descriptors()
-    sleep = CpuLatencyLimit()
-    assert sleep.stolen_seconds() is None
-    assert sleep.forbid_deep_sleep()
-    assert [sleep.stolen_seconds(), sleep.stolen_seconds()] == [seconds, seconds]
-    for text in ("cpu 1 2 3\n", "", "cpu 1 2 3 4 5 6 7 much\n"):
-        (tmp_path / "stat").write_text(text)
-        assert sleep.stolen_seconds() is None
-    sleep.allow_deep_sleep()
-    assert sleep.stolen_seconds() is None
-    assert device.read_bytes()
-    assert descriptors() == before
+    statistics = Statistics()
+    monkeypatch.setattr(cpu_wakefulness, "_STATISTICS", statistics)
+    be_driven_by(tmp_path, "intel_idle")
+    scene = Scene(statistics)
+    scene.go_on(10, 250, robbed=1)
+    assert scene.states == ["awake"]
+    assert not statistics.read_at
 
 
 @LINUX
@@ -326,13 +345,11 @@ def test_a_proxy_asks_while_much_passes_and_no_more_once_it_is_closed(device: Pa
     options = ProxyOptions(None, None, ViewOptions(None), "never")
     with here, there, closing(ProxySupervisor(options, here, low_latency=True)) as proxy:
         assert proxy._wakefulness is not None
-        sleep = proxy._wakefulness._sleep
-        assert isinstance(sleep, CpuLatencyLimit)
         proxy._do_periodic_work()
         assert not device.read_bytes()
         proxy._ring.counts[RelayCounter.CAME_UP] += 1000
         proxy._do_periodic_work()
-        asked = sleep._device
-        assert is_asked(device, asked)
+        assert proxy._wakefulness.is_limit_set
         assert device.read_bytes()
-    assert not is_asked(device, asked)
+        wakefulness = proxy._wakefulness
+    assert not wakefulness.is_limit_set

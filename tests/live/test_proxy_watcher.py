@@ -23,16 +23,17 @@ from bcapscope.live.proxy_recorder import ProxyRecorder
 from bcapscope.live.proxy_watcher import ProxyWatcher, RecorderTask
 from bcapscope.live.recorder import Recorder
 from bcapscope.live.terminal_writer import TerminalWriter
-from bcapscope.live.watcher_priority import WatcherUrgency
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.arguments import Argument
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.frame_template import FrameTemplate
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RelayCounter, RingReader, RingRecordKind, RingWriter
 from bcapscope.render import frame_line
+from bcapscope.render.escape import printable
 from bcapscope.traffic.filter.field_table import RecordKind
 from tests.cli.run import run
-from tests.english import encoded
+from tests.english import encoded, english
 
 MS = 1_000_000
 TEXT = Variant(VT.BSTR, "")
@@ -67,6 +68,9 @@ class Silent(TerminalWriter):
 
     def write_message(self, text: str) -> None:
         self.told.append(text)
+
+    def show(self, message: Message) -> None:
+        self.told.append(printable(english(message)))
 
 
 class Chain:
@@ -253,9 +257,9 @@ def test_others_have_a_tick_for_themselves_while_more_comes_but_not_once_all_is_
     assert rests == [proxy_watcher.POLL_INTERVAL, proxy_watcher.POLL_INTERVAL, proxy_watcher.POLL_INTERVAL, 0]
     assert rest_after(more=False) == proxy_watcher.POLL_INTERVAL  # there was nothing to do
     rest_after(more=True)
-    chain.ring.urgency = WatcherUrgency.ALL
+    chain.ring.urgency = 1
     assert rest_after(more=True) == 0
-    chain.ring.urgency = WatcherUrgency.NONE
+    chain.ring.urgency = 0
     assert rest_after(more=True) == proxy_watcher.POLL_INTERVAL
     chain.now -= 3000 * MS  # what comes is shown that late
     assert rest_after(more=True) == proxy_watcher.POLL_INTERVAL

@@ -46,12 +46,11 @@ def can_prompt() -> bool:
 
 
 def unarmed_reason(host: str) -> Message:
-    """Return a message that says why a call that needs arming was not sent to `host`, and what to do."""
     return Message("arm.missing", host=host)
 
 
 def confirm_robot_may_move(host: str, words: MessageFormatter) -> bool:
-    """Ask the user to type the address of the controller as a confirmation, and return whether it matches.
+    """Ask the user to type the address of the controller, and return whether it matches.
 
     Raises:
         click.Abort: Standard input ended.

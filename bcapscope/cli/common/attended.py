@@ -25,10 +25,7 @@ attended_option = click.option(
 
 
 def open_publisher(job: str) -> WatcherSubscriber:
-    """Return the subscriber that publishes the traffic to the screen. `job` is a `ReadJob` as JSON.
-
-    The imports are inside this function, because only the watcher process needs these modules.
-    """
+    """Return the subscriber that publishes the traffic to the screen. `job` is a `ReadJob` as JSON."""
     import msgspec
 
     from bcapscope.tui.traffic_processes.process_messages import ReadJob
@@ -49,9 +46,7 @@ publish_option = click.option(
 
 
 def announce_ready(listening: Sequence[str], control: str = "") -> None:
-    """Print to stdout a line of JSON: the addresses that the command listens on, and the address of its
-    control socket.
-    """
+    """Print a line of JSON with the addresses of the command and of its control socket."""
     print_stderr("")  # an empty line marks the end of the greeting for the parent process
     report = {"listening": list(listening), "control": control}
     sys.stdout.buffer.write(orjson.dumps(report) + b"\n")

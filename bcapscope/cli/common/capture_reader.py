@@ -10,7 +10,6 @@ import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NoReturn, TextIO, TypeVar, cast
@@ -18,12 +17,12 @@ from typing import TYPE_CHECKING, BinaryIO, NoReturn, TextIO, TypeVar, cast
 import click
 
 from bcapscope.capture.capture_file import CaptureFile, open_capture
-from bcapscope.capture.capture_input import CaptureInput
-from bcapscope.capture.capture_sequence import STDIN, CaptureSequence, PacketOrigin
+from bcapscope.capture.capture_input import CaptureInput, read_items
+from bcapscope.capture.capture_sequence import STDIN, CaptureSequence
 from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.pasted_text import PastedText, text_lines
-from bcapscope.cli.common.data_output import DataOutput
+from bcapscope.cli.common.data_output import LINES_AT_ONCE, write_lines
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.progress_bar import ReadProgressBar
 from bcapscope.errors import CaptureError
@@ -35,31 +34,32 @@ from bcapscope.messages.places import Count, joined_clauses
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
 from bcapscope.render.server_evidence_text import server_evidence_message
+from bcapscope.traffic.call import Call
 from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
+from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.observation import Observation, ServerEvidenceKind
 
 if TYPE_CHECKING:
-    from bcapscope.traffic.handle_tracker import HandleTracker
-    from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
-
+    from bcapscope.traffic.pipeline import PipelineSubscriber
 
 R = TypeVar("R")
+
+_PROGRESS_EVERY = 0x1000
+"""Number of frames between updates of the progress bar; a power of two."""
 
 _MAX_SERVERS_LISTED = 8
 _IDLE_INTERVAL = 250_000_000  # ns
 
 
-class CaptureReader:
-    """Reads the input of a command. Several captures, such as the files of a ring, are read as one.
+class CaptureReader(CaptureInput):
+    """The input of a command. Several captures, such as the files of a ring, are read as one.
 
     Attributes:
         on_idle: Function that is called several times per second while a live capture delivers no frames. The
             function receives the time up to which all packets were read, ns since 1970.
         is_live: Whether the input may never end: an interface or a pipe.
-        frame_origins: Finds the capture and the packet of a frame, if there are several captures or
-            `remember_origins` was called.
     """
 
     def __init__(
@@ -85,30 +85,31 @@ class CaptureReader:
         """
         if bool(paths) + bool(interface) + bool(text) != 1:
             raise click.UsageError("give captures, - for standard input, or an interface with -i")
-        if STDIN in (*paths, text) and sys.stdin is None:
+        reads_stdin = STDIN in (*paths, text)
+        if reads_stdin and sys.stdin is None:
             raise click.UsageError("standard input is closed")
         self.exit_code = ExitCode.OK
         self.on_idle: Callable[[int], object] = lambda time: None
-        self.is_live = bool(interface) or (STDIN in (*paths, text) and not _is_file(sys.stdin))
-        self.output = DataOutput(1) if interface or STDIN in (*paths, text) else DataOutput()
+        self.is_live = bool(interface) or (reads_stdin and not _is_file(sys.stdin))
+        self._lines_at_once = 1 if interface or reads_stdin else LINES_AT_ONCE
         self._interface = interface
         self._text = text
         self._words = words
         self._pasted = None if text is None else PastedText(self._text_lines(text), comment_words)
         self._progress = ReadProgressBar()
-        self._no_match: _NoMatch | None = None
+        self._filter: Filter | None = None
+        self._tested_count, self._has_match = 0, False
         self._lost_packets = 0
         self._problems: list[str] = []
-        self._input = CaptureInput(
+        super().__init__(
             paths,
             ports,
             self._add_problem,
             open_file=self._open,
-            packets_of=self._packets_of,
+            packets_of=self._read_packets,
             side=side,
             taken_at=taken_at,
         )
-        self.frame_origins = self._input.frame_origins
 
     def observations(self) -> Iterator[Observation]:
         """Yield all frames of the input, or only the frames captured at the chosen side.
@@ -118,73 +119,51 @@ class CaptureReader:
         if self._pasted is not None:
             yield from self._pasted
             return
-        yield from self._input.observations()
+        yield from super().observations()
         self._progress.remove()
 
-    def pipeline(self, *subscribers: PipelineSubscriber, handles: HandleTracker | None = None) -> Pipeline:
-        """Return a pipeline for the input. The pipeline joins conversations that were captured at several
-        places.
+    def read_to_end(self, *subscribers: PipelineSubscriber) -> None:
+        """Read the input to its end, and pass the traffic to the subscribers. Show the progress of this."""
+        pipeline = self.pipeline(*subscribers)
+        add = pipeline.add
+        for count, observation in enumerate(self.observations()):
+            add(observation)
+            if not count & (_PROGRESS_EVERY - 1):
+                self.show_progress()
+        pipeline.finish(self.ended_at)
+
+    def read_calls(self, wanted: Filter | None) -> Iterator[Call]:
+        """Yield each call that matches a filter, as soon as the call is complete."""
+        from bcapscope.traffic.pipeline import CallCollector
+
+        collector = CallCollector(self.call_test(wanted))
+        return read_items(self, self.pipeline(collector), collector.calls)
+
+    def call_test(self, wanted: Filter | None) -> Callable[[Call], bool] | None:
+        """Return a function that tests whether a call matches the filter; None if there is no filter.
+
+        If no call matches the filter, `print_summary` reports this.
         """
-        return self._input.pipeline(*subscribers, handles=handles, comments=self.comments)
+        return None if wanted is None else self.record_test(wanted, CALL_GETTERS, lambda call: call.number)
 
-    @property
-    def on_first_time(self) -> Callable[[int], object]:
-        """Function that is called with the time of the first observation, before that observation is
-        yielded.
-        """
-        return self._input.on_first_time
-
-    @on_first_time.setter
-    def on_first_time(self, function: Callable[[int], object]) -> None:
-        self._input.on_first_time = function
-
-    @property
-    def first_time(self) -> int:
-        """Time of the first observation, ns since 1970; 0 until the first observation was read."""
-        return self._input.first_time
-
-    @property
-    def ended_at(self) -> int:
-        """Time of the last packet of any protocol, in ns since 1970.
-
-        This property is valid after all observations were read.
-        """
-        return self._input.ended_at
-
-    def counting_test(
-        self, wanted: Filter, test: Callable[[R], bool], number_of: Callable[[R], int]
+    def record_test(
+        self, wanted: Filter, getters: Mapping[str, Callable[[R], object]], number_of: Callable[[R], int]
     ) -> Callable[[R], bool]:
-        """Return a function that tests records with the filter, and counts the records that it has tested. If
-        no record matches the filter, `print_summary` reports this.
+        """Return a function that tests records with the filter. If no record matches the filter,
+        `print_summary` reports this.
 
         `number_of` is a function that returns the number of a record, counted from 1.
         """
-        self._no_match = no_match = _NoMatch(wanted)
+        self._filter = wanted
+        test = wanted.bind(getters, lambda: self.first_time)
 
         def counted(record: R) -> bool:
             number, matches = number_of(record), test(record)
-            no_match.tested = number if number > no_match.tested else no_match.tested
-            no_match.has_matched = no_match.has_matched or matches
+            self._tested_count = number if number > self._tested_count else self._tested_count
+            self._has_match = self._has_match or matches
             return matches
 
         return counted
-
-    @property
-    def paths(self) -> Sequence[str]:
-        """Paths of the captures in the order in which they are read, without folders."""
-        return self._input.captures.paths
-
-    def remember_origins(self) -> None:
-        """Make `frame_origins` remember the packet of each frame. Call this method before reading."""
-        self._input.remember_origins()
-
-    def origin_of(self, packet: int) -> PacketOrigin | None:
-        """Return the capture that contains a packet, and the packet's number in this capture. `packet` is the
-        packet's number among all packets of the input.
-
-        The result is None for live traffic and for pasted text.
-        """
-        return self._input.captures.origin_of(packet)
 
     def citing_words(self) -> MessageFormatter:
         """Return the formatter for the command's messages.
@@ -192,23 +171,23 @@ class CaptureReader:
         If several captures are read, the formatter adds to each frame number the capture and packet of the
         frame.
         """
-        return self._words if len(self.paths) < 2 else self._words.for_captures(self._find_frame)
+        return self._words if len(self.captures.paths) < 2 else self._words.for_captures(self._find_frame)
 
     def _find_frame(self, frame: int) -> tuple[str, int] | None:
-        found = self._input.find_frame(frame)
+        found = self.find_frame(frame)
         return None if found is None else (printable(self._input_name(found[0])), found[1])
 
     @property
     def comments(self) -> Mapping[int, tuple[str, ...]]:
-        return self._input.decoder.comments if self._pasted is None else self._pasted.comments
+        return self.decoder.comments if self._pasted is None else self._pasted.comments
 
     def show_progress(self) -> None:
         """Show the progress if reading a file takes long."""
-        self._progress.show(self._input.captures.position, self._input.captures.size)
+        self._progress.show(self.captures.position, self.captures.size)
 
     def print_lines(self, lines: Iterable[str] | Iterable[bytes]) -> None:
         """Print lines of data, and show the progress of reading after each batch of lines."""
-        self.output.write_lines(lines, self.show_progress)
+        write_lines(lines, self._lines_at_once, self.show_progress)
 
     def finish(self) -> NoReturn:
         """Print the summary and exit."""
@@ -216,25 +195,19 @@ class CaptureReader:
         sys.exit(self.exit_code)
 
     def print_summary(self) -> None:
-        """Print a summary to stderr.
-
-        If no record matched the filter, the summary says this. The summary lists read errors, controllers
-        that were recognised by the content of their traffic, and packet counts.
-        """
-        if self._no_match is not None and (sentence := self._no_match.sentence(self._words)):
-            print_stderr(sentence)
+        """Print to stderr what was read and which errors occurred."""
+        if self._filter is not None and self._tested_count and not self._has_match:
+            self._print_no_match(self._filter)
+        self._progress.remove()
+        for problem in self._problems:
+            print_stderr(problem)
         if self._pasted is not None:
             self._print_text_summary(self._pasted.count)
             return
-        self._progress.remove()
         words = self._words
-        for trouble in self._problems:
-            print_stderr(trouble)
         self._print_plans()
         recognised = [
-            c
-            for c in self._input.decoder.conversations
-            if c.server_evidence.kind is not ServerEvidenceKind.PORT
+            c for c in self.decoder.conversations if c.server_evidence.kind is not ServerEvidenceKind.PORT
         ]
         for conversation in recognised[:_MAX_SERVERS_LISTED]:
             server, transport = str(conversation.server), str(conversation.transport)
@@ -244,24 +217,30 @@ class CaptureReader:
             print_stderr(words("reading.recognised.more", n=len(recognised) - _MAX_SERVERS_LISTED))
         if self._lost_packets:
             print_stderr(words("reading.lost", packets=Count(self._lost_packets, "packet")))
-        if self._input.own_requests:
-            own = Count(self._input.own_requests, "request")
-            print_stderr(words("reading.own-requests", requests=own))
-        counts = self._input.decoder.counts
-        if counts.packets or self.exit_code is not ExitCode.UNREADABLE:
-            print_stderr(capture_counts_text(counts, words))
+        if self.own_requests:
+            print_stderr(words("reading.own-requests", requests=Count(self.own_requests, "request")))
+        if self.decoder.counts.packets or self.exit_code is not ExitCode.UNREADABLE:
+            print_stderr(capture_counts_text(self.decoder.counts, words))
+
+    def _print_no_match(self, wanted: Filter) -> None:
+        records = Count(self._tested_count, str(wanted.kind))
+        unknown = joined_clauses(wanted.unknown_values)
+        if unknown is None:
+            print_stderr(self._words("filter.no-match", records=records))
+        else:
+            sentence = self._words("filter.no-match.because", records=records, unknown=unknown)
+            print_stderr(printable(sentence))
 
     def _print_plans(self) -> None:
-        if not self._input.plans:
+        if not self.plans:
             return
         from bcapscope.render.place_text import places_message
 
-        for plan in self._input.plans:
+        for plan in self.plans:
             near, far = (printable(Path(file.path).name) for file in plan.files)
             print_stderr(self._words.text(places_message(near, far, plan.clock)))
 
     def _text_lines(self, path: str) -> Iterator[str]:
-        """Yield the lines of a text file, and keep a read error for `print_summary`."""
         try:
             with closing(_StandardInput()) if path == STDIN else Path(path).open("rb", buffering=0) as stream:
                 yield from text_lines(stream.read)
@@ -273,8 +252,6 @@ class CaptureReader:
             self._add_problem(path, error)
 
     def _print_text_summary(self, packets: int) -> None:
-        for trouble in self._problems:
-            print_stderr(trouble)
         if packets:
             print_stderr(self._words("reading.text", packets=Count(packets, "packet")))
             return
@@ -304,7 +281,7 @@ class CaptureReader:
             print_stderr(f"{printable(name)}: {self._words.text(error.message)}")
             self.exit_code = ExitCode.UNREADABLE
 
-    def _packets_of(self, sequence: CaptureSequence) -> Iterator[Packet]:
+    def _read_packets(self, sequence: CaptureSequence) -> Iterator[Packet]:
         if self._interface:
             yield from self._live_packets()
             return
@@ -324,36 +301,8 @@ class CaptureReader:
         return self._words("reading.stdin") if path == STDIN else printable(path)
 
 
-@dataclass(slots=True)
-class _NoMatch:
-    """Counts tested records, to find out whether none matched the filter.
-
-    Attributes:
-        tested: Number of records that the filter has tested.
-    """
-
-    wanted: Filter
-    tested: int = 0
-    has_matched: bool = False
-
-    def sentence(self, words: MessageFormatter) -> str:
-        """Return a sentence that says that no record matched; "" if a record matched, or if no record was
-        tested.
-        """
-        if self.has_matched or not self.tested:
-            return ""
-        records = Count(self.tested, str(self.wanted.kind))
-        unknown = joined_clauses(self.wanted.unknown_values)
-        if unknown is None:
-            return words("filter.no-match", records=records)
-        return printable(words("filter.no-match.because", records=records, unknown=unknown))
-
-
 class _Interrupted(Exception):
-    """Ctrl-C ended reading, possibly inside a packet.
-
-    After Ctrl-C, the command does not report the capture as incomplete.
-    """
+    """Ctrl-C ended reading, possibly inside a packet. The capture then does not count as incomplete."""
 
 
 def _is_file(stream: TextIO) -> bool:

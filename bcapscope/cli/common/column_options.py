@@ -5,7 +5,8 @@ captures.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TypeVar
+from operator import attrgetter
+from typing import Any
 
 import click
 
@@ -15,18 +16,12 @@ from bcapscope.cli.common.options import Decorator
 from bcapscope.errors import InputError
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.record_columns import ColumnRenderer, RecordColumn, parse_columns
-from bcapscope.traffic.call import FrameObservation
 from bcapscope.traffic.filter.field_table import SINCE_FIRST, RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS, FRAME_GETTERS
-from bcapscope.traffic.observation import Observation
-
-R = TypeVar("R")
 
 
 def columns_option(kind: RecordKind) -> Decorator:
-    """Return the option ``--columns`` for records of `kind`. The option's value is a tuple of columns, or
-    None.
-    """
+    """Return the option ``--columns``, whose value is a tuple of columns or None."""
 
     def parse(
         context: click.Context, parameter: click.Parameter, value: str | None
@@ -52,39 +47,21 @@ wide_option = click.option(
 )
 
 
-def frame_columns(
-    reader: CaptureReader, columns: tuple[RecordColumn, ...], palette: Palette, wide: bool
+def column_renderer(
+    kind: RecordKind, reader: CaptureReader, columns: tuple[RecordColumn, ...], palette: Palette, wide: bool
 ) -> ColumnRenderer:
-    """Return a renderer that prints chosen columns of the `AnnotatedFrame` objects that `reader` reads."""
-    getters = _with_reader(FRAME_GETTERS, reader, lambda frame: frame.observation)
-    return ColumnRenderer(columns, getters, palette, line_width(wide))
+    """Return a renderer that prints chosen columns of calls or `AnnotatedFrame` objects."""
+    is_frame = kind is RecordKind.FRAME
+    getters: Mapping[str, Callable[[Any], object]] = FRAME_GETTERS if is_frame else CALL_GETTERS
+    first_frame = attrgetter("observation" if is_frame else "request")
 
+    def origin(attribute: str) -> Callable[[Any], object]:
+        return lambda record: getattr(reader.captures.origin_of(first_frame(record).packet), attribute, None)
 
-def call_columns(
-    reader: CaptureReader, columns: tuple[RecordColumn, ...], palette: Palette, wide: bool
-) -> ColumnRenderer:
-    """Return a renderer that prints chosen columns of the calls that `reader` reads."""
-    getters = _with_reader(CALL_GETTERS, reader, lambda call: call.request)
-    return ColumnRenderer(columns, getters, palette, line_width(wide))
-
-
-def _with_reader(
-    getters: Mapping[str, Callable[[R], object]],
-    reader: CaptureReader,
-    first_frame: Callable[[R], FrameObservation | Observation],
-) -> dict[str, Callable[[R], object]]:
-    """Return `getters` together with the functions that return the fields `t`, `file` and `file_packet`.
-
-    The values of `t`, `file` and `file_packet` depend on the captures that `reader` reads. `first_frame` is a
-    function that returns the first frame of a record.
-    """
-
-    def origin(attribute: str) -> Callable[[R], object]:
-        return lambda record: getattr(reader.origin_of(first_frame(record).packet), attribute, None)
-
-    return {
-        **getters,
+    # the values of these fields depend on the captures
+    of_reader: dict[str, Callable[[Any], object]] = {
         SINCE_FIRST: lambda record: first_frame(record).time - reader.first_time,
         "file": origin("path"),
         "file_packet": origin("packet"),
     }
+    return ColumnRenderer(columns, {**getters, **of_reader}, palette, line_width(wide))

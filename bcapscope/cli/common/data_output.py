@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import sys
-from collections.abc import Callable, Iterable
-from typing import TypeGuard, cast
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import click
 
@@ -14,54 +14,66 @@ from bcapscope.live.standard_streams import discard_stdout
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.render.columns import fold_line
 
+LINES_AT_ONCE = 512
+"""Number of lines in a batch. Live output is written line by line instead."""
+
 _BATCH_CHARACTERS = 256 * 1024  # A batch of lines is written when it has this many characters.
 
 
-class StdoutWriteError(click.ClickException):
-    """Writing to standard output failed for a reason other than a closed pipe."""
+class OutputError(click.ClickException):
+    """A file or standard output cannot be written. The message contains no control characters."""
 
     exit_code = ExitCode.UNWRITABLE
 
-    def __init__(self, error: OSError) -> None:
-        super().__init__(f"cannot write to standard output: {os_reason(error)}")
+
+def discarded_stdout(error: OSError) -> OutputError:
+    """Discard stdout, because writing to it failed with `error`. Return the exception to raise."""
+    discard_stdout()
+    return OutputError(f"cannot write to standard output: {os_reason(error)}")
 
 
-class DataOutput:
-    def __init__(self, lines_at_once: int = 512) -> None:
-        """Write `lines_at_once` lines at a time: many lines for speed, one line for live output."""
-        self._lines_at_once = lines_at_once
-        self._stdout = sys.stdout.buffer
+@contextmanager
+def _write_errors_reported() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise discarded_stdout(error) from None
 
-    def write_lines(self, lines: Iterable[str] | Iterable[bytes], after_batch: Callable[[], None]) -> None:
-        """Write the lines in batches, and call `after_batch` after each batch.
 
-        Raises:
-            BrokenPipeError: the reader closed stdout.
-            StdoutWriteError: writing failed for another reason, such as a full disk.
-        """
-        batch: list[str | bytes] = []
-        size = 0
-        for line in cast("Iterable[str | bytes]", lines):
-            batch.append(line)
-            size += len(line)
-            if size >= _BATCH_CHARACTERS or len(batch) >= self._lines_at_once:
-                self._write(_joined_lines(batch))
-                batch.clear()
-                size = 0
-                after_batch()
-        if batch:
-            self._write(_joined_lines(batch))
+def write_lines(
+    lines: Iterable[str] | Iterable[bytes],
+    lines_at_once: int = LINES_AT_ONCE,
+    after_batch: Callable[[], None] = lambda: None,
+) -> None:
+    """Write the lines in batches, and call `after_batch` after each batch.
+
+    Raises:
+        BrokenPipeError: the reader closed stdout.
+        OutputError: writing failed for another reason, such as a full disk.
+    """
+    batch: list[str | bytes] = []
+    size = 0
+    for line in lines:
+        batch.append(line)
+        size += len(line)
+        if size >= _BATCH_CHARACTERS or len(batch) >= lines_at_once:
+            _write_batch(batch)
+            batch.clear()
+            size = 0
             after_batch()
+    if batch:
+        _write_batch(batch)
+        after_batch()
 
-    def _write(self, data: bytes) -> None:
-        try:
-            self._stdout.write(data)
-            self._stdout.flush()
-        except BrokenPipeError:
-            raise
-        except OSError as error:
-            discard_stdout()
-            raise StdoutWriteError(error) from None
+
+def _write_batch(lines: list[Any]) -> None:
+    is_binary = isinstance(lines[0], bytes)
+    data = b"\n".join(lines) + b"\n" if is_binary else ("\n".join(lines) + "\n").encode()
+    with _write_errors_reported():
+        sys.stdout.buffer.write(data)
+        sys.stdout.buffer.flush()
 
 
 def echo(text: str | bytes, end: bool = True) -> None:
@@ -69,35 +81,14 @@ def echo(text: str | bytes, end: bool = True) -> None:
 
     Raises:
         BrokenPipeError: the reader closed stdout.
-        StdoutWriteError: writing failed for another reason, such as a full disk.
+        OutputError: writing failed for another reason, such as a full disk.
     """
-    try:
+    with _write_errors_reported():
         click.echo(text, nl=end)
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        discard_stdout()
-        raise StdoutWriteError(error) from None
-
-
-def require_terminal() -> None:
-    """Check that there is a terminal for the screen. A screen that is shown in a browser needs no terminal.
-
-    Raises:
-        UsageError: there is no terminal.
-    """
-    if "TEXTUAL_DRIVER" in os.environ:
-        return
-    if not all(stream is not None and stream.isatty() for stream in (sys.__stdin__, sys.__stderr__)):
-        raise click.UsageError(
-            "the screen needs a terminal. Without a terminal, use decode, calls or diagnose"
-        )
 
 
 def line_width(wide: bool) -> int | None:
-    """Return the width of the terminal in columns. Return None if stdout is not a terminal, or if `wide` is
-    True because lines must not be cut.
-    """
+    """Return the width of the terminal in columns; None if lines must not be cut."""
     if wide or not sys.stdout.isatty():
         return None
     import shutil  # imported here because it loads compression libraries, which takes 10 ms
@@ -106,18 +97,6 @@ def line_width(wide: bool) -> int | None:
 
 
 def folded_lines(lines: Iterable[str], wide: bool) -> Iterable[str]:
-    """Return the lines, folded at the width of the terminal. Without a terminal, or if `wide` is True, lines
-    stay unchanged.
-    """
+    """Return the lines, folded at the width of the terminal, if any, unless `wide` is True."""
     width = line_width(wide)
     return lines if width is None else (fold_line(line, width) for line in lines)
-
-
-def _joined_lines(lines: list[str | bytes]) -> bytes:
-    if _are_bytes(lines):
-        return b"\n".join(lines) + b"\n"
-    return ("\n".join(cast(list[str], lines)) + "\n").encode("utf-8")
-
-
-def _are_bytes(lines: list[str | bytes]) -> TypeGuard[list[bytes]]:
-    return isinstance(lines[0], bytes)

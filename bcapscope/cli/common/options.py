@@ -5,12 +5,14 @@ from __future__ import annotations
 import inspect
 import os
 from collections.abc import Callable, Iterable, Sequence
+from enum import StrEnum
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 import click
 
+from bcapscope.cli.common.data_output import write_lines
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import ENGLISH_WORDS, Language, MessageFormatter, language_of
 from bcapscope.protocol.number_parsing import LONGEST_NUMBER, parse_integer, parse_number
@@ -68,8 +70,19 @@ def _quoted(value: object) -> str:
     return repr(shortened(str(value), LONGEST_NUMBER))
 
 
+def added(decorators: Sequence[Decorator]) -> Decorator:
+    """Return a decorator that adds several options to a command, in this order."""
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(decorators):
+            function = option(function)
+        return function
+
+    return decorate
+
+
 def bundled(
-    parameter: str, make: Callable[..., object], added: Sequence[Decorator], names: Iterable[str] = ()
+    parameter: str, make: Callable[..., object], decorators: Sequence[Decorator], names: Iterable[str] = ()
 ) -> Decorator:
     """Return a decorator that adds options to a command, and passes all their values as one object.
 
@@ -84,10 +97,7 @@ def bundled(
             own = {name: given.pop(name) for name in own_names if name in given}
             return function(**{parameter: make(**own)}, **given)
 
-        decorated: Callable[..., Any] = command
-        for option in reversed(added):
-            decorated = option(decorated)
-        return decorated
+        return added(decorators)(command)
 
     return decorate
 
@@ -182,9 +192,8 @@ language.
 
 
 def parsed_by(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a click callback that parses the value of an option, or each value of a repeatable option.
-
-    `read` is the function that parses a value; it raises ValueError if the value is invalid.
+    """Return a click callback that parses an option, or each value of a repeatable option, with `read`.
+    `read` raises ValueError if the value is invalid.
     """
 
     def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
@@ -200,10 +209,7 @@ def parsed_by(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Para
 
 
 def filter_option(kind: RecordKind) -> Callable[[F], F]:
-    """Return the option ``--filter`` for records of `kind`.
-
-    The value of the option is a compiled filter or None.
-    """
+    """Return the option ``--filter``, whose value is a compiled filter or None."""
 
     def compile_it(context: click.Context, parameter: click.Parameter, value: str | None) -> Filter | None:
         compiled: Filter | None = parsed_by(lambda text: compile_filter(text, kind))(
@@ -225,17 +231,34 @@ def filter_option(kind: RecordKind) -> Callable[[F], F]:
     )
 
 
-def output_option(help_: str, allow_dash: bool = False) -> Callable[[F], F]:
-    """Return the option ``--output`` for the path of the output file.
+def text_option(name: str, lines: Callable[[], Iterable[str]], help_: str) -> Decorator:
+    """Return an option that prints `lines()` and exits, like ``--help``."""
 
-    With `allow_dash`, ``-`` is standard output.
-    """
+    def print_lines(context: click.Context, parameter: click.Parameter, is_wanted: bool) -> None:
+        if is_wanted and not context.resilient_parsing:
+            write_lines(lines())
+            context.exit()
+
+    return click.option(
+        name, is_flag=True, is_eager=True, expose_value=False, callback=print_lines, help=help_
+    )
+
+
+def choice_flag(choice: StrEnum, parameter: str, help_: str) -> Decorator:
+    """Return a flag that selects one of several choices. The value of `parameter` is a tuple of choices."""
+    return click.option(
+        f"--{choice}", parameter, flag_value=choice, type=type(choice), multiple=True, help=help_
+    )
+
+
+def output_option(help_: str, allow_dash: bool = False) -> Callable[[F], F]:
+    """Return the option ``--output``. With `allow_dash`, ``-`` is standard output."""
     kind = click.Path(path_type=Path, allow_dash=allow_dash)
     return click.option("-o", "--output", required=True, metavar="FILE", type=kind, help=help_)
 
 
 class _RecordPath(click.Path):
-    """Click's type for the path of a new file or of a named pipe. The type does not open the file or pipe."""
+    """A new file or a named pipe, which the type does not open."""
 
     def __init__(self) -> None:
         super().__init__(dir_okay=False, path_type=Path)
@@ -259,9 +282,7 @@ def limit_option(help_: str) -> Decorator:
 
 
 def display_filter_option(what: str) -> Decorator:
-    """Return the option ``--display-filter``. `what` is the word for a record in the help text, such as
-    "call".
-    """
+    """Return the option ``--display-filter``. `what` is the word for a record, such as "call"."""
     return click.option(
         "--display-filter",
         is_flag=True,

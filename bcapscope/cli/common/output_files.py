@@ -31,12 +31,10 @@ def check_output_path(path: Path, overwrite: bool | None = None) -> None:
 
 
 class AtomicFile:
-    """A file that has a temporary name while it is written. Its folder does not change. When the file is
-    complete, `commit` renames it.
+    """A file that has a temporary name until `commit` renames it. Its folder does not change.
 
-    If `commit` is not called, the file is removed. After a call of `interrupt_on_end_signals`, the file is
-    removed even if a signal ends the command. The file is open only during a write, so the limit of open
-    files does not matter.
+    Without `commit`, the file is removed; after `interrupt_on_end_signals`, even if a signal ends the
+    command. The file is open only during a write, so the limit of open files does not matter.
     """
 
     def __init__(self, path: Path) -> None:

@@ -16,8 +16,8 @@ _SHOWN_AFTER = 1.0
 
 
 class ReadProgressBar:
-    """Shows how much of a file was read. The bar appears after one second of reading. The bar is shown only
-    if stderr is a terminal and stdout is not.
+    """Shows how much of a file was read, after one second of reading. The bar is shown only if stderr is a
+    terminal and stdout is not.
     """
 
     def __init__(self) -> None:
@@ -26,9 +26,7 @@ class ReadProgressBar:
         self._bar: Bar | None = None
 
     def show(self, position: int, size: int | None) -> None:
-        """Show that `position` bytes of the file were read. The file has `size` bytes. The bar is removed
-        when the command ends.
-        """
+        """Show that `position` of `size` bytes were read. The bar is removed when the command ends."""
         if not self._is_wanted or size is None or time.monotonic() - self._began_at < _SHOWN_AFTER:
             return
         if self._bar is None:

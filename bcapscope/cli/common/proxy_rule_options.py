@@ -15,7 +15,6 @@ import click
 from click.core import ParameterSource
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.data_output import echo
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 
@@ -64,14 +63,12 @@ class RuleOptions:
             return None
         from bcapscope.proxy.script_process import DEFAULT_MEMORY_MB, ScriptProcess
 
-        return exit_stack.enter_context(
-            closing(ScriptProcess(self.scripts, self.script_memory_mb or DEFAULT_MEMORY_MB))
-        )
+        scripts = ScriptProcess(self.scripts, self.script_memory_mb or DEFAULT_MEMORY_MB)
+        return exit_stack.enter_context(closing(scripts))
 
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
-        """Create the rules of the proxy; return None if the options define no rules.
-
-        Some faults start only after a certain time. This time counts from the call of this method.
+        """Create the rules; return None if the options define none. Faults that start after a certain time
+        count it from now.
         """
         guard = self._make_guard()
         if not (self.faults or guard or self.intercept or self.scripts or self.control):
@@ -81,24 +78,18 @@ class RuleOptions:
         from bcapscope.proxy.rule_policy import RulePolicy
         from bcapscope.proxy.script_queue import TIME_LIMIT_NS, ScriptQueue
 
-        now, since_1970 = time.monotonic_ns(), time.time_ns()
+        now = time.monotonic_ns()
+        epoch = time.time_ns() - now
+        injector = FaultInjector(self.faults, seed=self.seed, now=now, epoch=epoch)
         queue = None
         if scripts is not None:
             queue = ScriptQueue(scripts.names, scripts, self.script_limit_ns or TIME_LIMIT_NS)
-        epoch = since_1970 - now
-        return RulePolicy(
-            FaultInjector(self.faults, seed=self.seed, now=now, epoch=epoch),
-            guard,
-            Intercept(self.intercept, self._effective_hold_ns()),
-            queue,
-            epoch=epoch,
-        )
+        return RulePolicy(injector, guard, Intercept(self.intercept, self._hold_limit_ns), queue, epoch=epoch)
 
     def attach_rules(
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
     ) -> ControlServer | None:
-        """Make the rules send their reports to the relay. Open the control socket and return its server;
-        return None without --control.
+        """Make the rules report to the relay. With --control, open the control socket and return its server.
 
         Clients of the control socket can also read the entries of `state`.
 
@@ -128,14 +119,13 @@ class RuleOptions:
         return ControlServer(self.control, ControlApi(rules, figures, upstream), relay)
 
     def summary(self) -> list[Message]:
-        """Return a message about each kind of rule that the options define."""
         lines = []
         if self.faults:
             lines.append(Message("rules.faults", count=Count(len(self.faults), "fault"), seed=self.seed))
         if self._has_guard:
             lines.append(Message("rules.guard"))
         if self.intercept is not None:
-            limit = f"{self._effective_hold_ns() / 1e9:g} s"
+            limit = f"{self._hold_limit_ns / 1e9:g} s"
             lines.append(Message("rules.intercept", limit=limit))
         return lines
 
@@ -150,7 +140,8 @@ class RuleOptions:
 
         return RequestGuard(self.read_only or bool(self.allow_command), self.block, self.allow_command)
 
-    def _effective_hold_ns(self) -> int:
+    @property
+    def _hold_limit_ns(self) -> int:
         from bcapscope.proxy.intercept import HOLD_TIME_NS
 
         return HOLD_TIME_NS if self.hold_ns is None else self.hold_ns
@@ -178,9 +169,7 @@ def _make_rule_options(
 
 
 def _parsing_callback(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a click callback that parses the values of an option with `read`. The callback also keeps the
-    text that the user typed.
-    """
+    """Return a click callback that parses the values of an option, and keeps the text that the user typed."""
     parse = options.parsed_by(read)
 
     def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
@@ -240,12 +229,10 @@ def _rule_file(path: str) -> tuple[AnyFault, ...]:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _print_fault_notation(context: click.Context, _: click.Parameter, value: bool) -> None:
-    if value:
-        from bcapscope.faults import fault_notation
+def _fault_notation() -> list[str]:
+    from bcapscope.faults import fault_notation
 
-        echo((fault_notation.__doc__ or "").strip())
-        context.exit()
+    return (fault_notation.__doc__ or "").strip().splitlines()
 
 
 _OPTIONS = (
@@ -345,14 +332,7 @@ _OPTIONS = (
         help="Listen for `bcapscope proxy ctl` on this socket. Anyone who can open this socket "
         "can do everything with the robot that you can do.",
     ),
-    click.option(
-        "--help-faults",
-        is_flag=True,
-        is_eager=True,
-        expose_value=False,
-        callback=_print_fault_notation,
-        help="Explain the notation of faults, and exit.",
-    ),
+    options.text_option("--help-faults", _fault_notation, "Explain the notation of faults, and exit."),
 )
 
 _NAMES = ("rule_files", *(each.name for each in fields(RuleOptions)))

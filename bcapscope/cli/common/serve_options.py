@@ -8,6 +8,7 @@ import socket
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
@@ -17,8 +18,12 @@ from bcapscope.cli.common.options import IntegerRange, bundled
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.traffic.observation import Endpoint
 
+if TYPE_CHECKING:
+    from bcapscope.tui.app import ScreenEntry
+
 DEFAULT_ADDRESS = "127.0.0.1:8000"
 _MAX_VIEWERS = 16
+_DRIVER = "TEXTUAL_DRIVER"  # the variable is set in the process of a browser page
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,13 +35,29 @@ class ServeOptions:
     viewers: int
 
 
+def run_app(*screens: ScreenEntry) -> None:
+    """Run the app with these screens until the user quits.
+
+    Raises:
+        click.UsageError: there is no terminal. A screen that is shown in a browser needs none.
+    """
+    from bcapscope.tui.app import BcapApp
+
+    streams = (sys.__stdin__, sys.__stderr__)
+    if _DRIVER not in os.environ and not all(each is not None and each.isatty() for each in streams):
+        raise click.UsageError(
+            "the screen needs a terminal. Without a terminal, use decode, calls or diagnose"
+        )
+    BcapApp(list(screens)).run_until_closed()
+
+
 def serve_screen(options: ServeOptions) -> None:
     """Serve the screen of the running command to browsers until Ctrl-C, then exit.
 
-    Each browser page gets its own process, which runs the same command and also reaches this function. In the
-    process of a page, the function returns immediately.
+    Each browser page gets its own process, which runs the same command. In this process, the function returns
+    immediately.
     """
-    if "TEXTUAL_DRIVER" in os.environ:
+    if _DRIVER in os.environ:
         return
     try:
         from bcapscope.tui.web.web_server import WebServer

@@ -126,12 +126,7 @@ optional_target_options = _target_options(
 
 
 def _host_and_port(text: str, port: int) -> tuple[str, int]:
-    """Return the host and the port. The text can contain a port, as in ``192.168.0.1:5007`` or
-    ``[::1]:5007``.
-
-    Raises:
-        click.BadParameter: the text is not a valid host, or the port is not valid.
-    """
+    """Split a text such as ``192.168.0.1:5007`` or ``[::1]:5007``. `port` is the value of --port."""
     host, behind = split_host_port(text)
     if text and not _can_be_resolved(host):
         reason = f"{printable(shortened(text, 80))} is not a valid host name or address"
@@ -159,9 +154,7 @@ def _can_be_resolved(host: str) -> bool:
 
 @contextmanager
 def exit_on_failure(target: ControllerTarget, words: MessageFormatter) -> Iterator[None]:
-    """If the block fails because of the connection or a call, print the error and exit with the matching
-    `ExitCode`.
-    """
+    """If the connection or a call fails in the block, print the error and exit with its `ExitCode`."""
     name = words.text(target.message)
     try:
         yield

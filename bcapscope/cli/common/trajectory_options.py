@@ -45,8 +45,7 @@ class TrajectoryOptions:
 
         Raises:
             click.ClickException: the options are invalid.
-            SystemExit: the file cannot be read, or the trajectory cannot be resampled; the reason was
-                printed.
+            SystemExit: the trajectory cannot be read or resampled; the reason was printed.
         """
         try:
             with_limits(UNKNOWN_ARM, self.limits)

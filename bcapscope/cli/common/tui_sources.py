@@ -1,54 +1,68 @@
-"""Proxies and simulators as sources of traffic for ``bcapscope tui``."""
+"""What ``bcapscope tui`` shows: the Tester, a proxy or a simulator.
+
+This module loads the whole screen. `tui` imports it only when the screen is needed.
+"""
 
 from __future__ import annotations
 
 import os
+import socket
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
-from click.core import ParameterSource
+import msgspec
 
-from bcapscope.cli.common.data_output import require_terminal
 from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.output_files import check_output_path
 from bcapscope.cli.common.proxy_rule_options import RuleOptions
+from bcapscope.cli.common.serve_options import run_app
+from bcapscope.client.action_log import default_folder
+from bcapscope.client.controller_target import DEFAULT_PORT
+from bcapscope.errors import BcapError
+from bcapscope.live.background_recorder import BackgroundRecorder
+from bcapscope.live.child_process import ChildProcess, ChildStartError
+from bcapscope.live.recorder import Recorder
 from bcapscope.live.standard_streams import print_stderr
-from bcapscope.messages import MessageFormatter
+from bcapscope.proxy.control_client import ControlClient
+from bcapscope.proxy.control_messages import GetStats, ProxyStats
+from bcapscope.proxy.listener_spec import ListenerSpecError, parse_listener_specs
 from bcapscope.render.escape import printable
+from bcapscope.simulator.profile import DEFAULT_PROFILE
 from bcapscope.traffic.joining.twin_recognition import CLIENT_LEG
-
-if TYPE_CHECKING:
-    from bcapscope.live.child_process import ChildProcess
-    from bcapscope.proxy.control_messages import ProxyStats
-    from bcapscope.tui.app import ScreenEntry
-    from bcapscope.tui.screens.proxy_screen import ProxyScreen
-    from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
-
-
-def choose_language(context: click.Context, words: MessageFormatter) -> None:
-    """Set the language of the screen and of its processes. --lang names the language; without --lang, the
-    settings name it.
-    """
-    from bcapscope.tui.reader_language import set_language
-    from bcapscope.tui.settings import default_settings_path, read_settings
-
-    if context.get_parameter_source("words") is ParameterSource.COMMANDLINE:
-        set_language(words.language)
-    else:
-        set_language(read_settings(default_settings_path())[0].language)
+from bcapscope.tui.app import ScreenEntry
+from bcapscope.tui.controller_access.saved_requests import default_requests_folder
+from bcapscope.tui.reader_language import current_language, full_error_text, label
+from bcapscope.tui.screens.proxy_screen import ProxyScreen
+from bcapscope.tui.screens.tester_screen import TesterOptions, TesterScreen
+from bcapscope.tui.screens.traffic_screen import SimulatorScreen, TrafficScreen
+from bcapscope.tui.traffic_processes.process_messages import ReadJob
+from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
+from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed, watcher_job
 
 
-def run_app(*screens: ScreenEntry) -> None:
-    """Run the app with these screens until the user quits."""
-    from bcapscope.tui.app import BcapApp
-
-    require_terminal()
-    BcapApp(list(screens)).run_until_closed()
+def show_tester(
+    requests: Path | None, host: str, ports: Sequence[int], *, tcp: bool, option: str, profile: str | None
+) -> None:
+    """Show the Tester. `requests` is the folder of the saved requests; None for the usual one."""
+    folder, log_folder = requests or default_requests_folder(), default_folder()
+    with TemporaryFolder() as temporary:
+        own = temporary.path / "own.pcapng"
+        with closing(BackgroundRecorder(Recorder(own, lambda message: None))) as recorder:
+            port, kind = _server_port(ports), profile or DEFAULT_PROFILE
+            tap = recorder.on_observation
+            start = TesterOptions(folder, log_folder, host, port, tcp, option, kind, tap)
+            traffic = partial(TrafficFeed, ReadJob(path=str(own), follow=True, own_clients=True))
+            try:
+                run_app(
+                    ScreenEntry("tester", "f2", "tester.name.screen", lambda: TesterScreen(start)),
+                    ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(traffic(), host)),
+                )
+            finally:
+                print_stderr(f"The action log is in {log_folder}.")
 
 
 def show_proxy(
@@ -68,35 +82,24 @@ def show_proxy(
 
 
 def _show_running_proxy(address: str) -> None:
-    from bcapscope.tui.reader_language import label
-    from bcapscope.tui.traffic_processes.process_messages import ReadJob
-    from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
-
     figures = _read_figures(address)
     if figures.recording is None:
-        _show_screens(None, _proxy_screen(address, figures, None, note=label("proxy.unrecorded")))
+        _show_proxy_screens(address, figures, note=label("proxy.unrecorded"))
         return
     feed = TrafficFeed(ReadJob(path=figures.recording, follow=True, ports=figures.ports, leg=CLIENT_LEG))
     with closing(feed):
-        _show_screens(feed, _proxy_screen(address, figures, feed))
+        _show_proxy_screens(address, figures, feed)
 
 
 def _show_own_proxy(
     listen: Sequence[str], to: Sequence[str], record: Path | None, rules: RuleOptions
 ) -> None:
-    import msgspec
-
-    from bcapscope.proxy.listener_spec import ListenerSpecError, parse_listener_specs
-
     try:
         parse_listener_specs(listen, to)
     except ListenerSpecError as error:
         raise click.UsageError(str(error)) from None
     if record is not None:
         check_output_path(record)
-    from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
-    from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed, watcher_job
-
     with TemporaryFolder() as folder:
         record = record or folder.path / "proxy.pcapng"
         control = rules.control or _control_address(folder.path)
@@ -108,24 +111,17 @@ def _show_own_proxy(
         with _running_command("proxy", *words) as child:
             figures = _read_figures(child.control_address)
             with closing(TrafficFeed(job, child.hand_over_stdout())) as feed:
-                _show_screens(feed, _proxy_screen(child.control_address, figures, feed, child))
+                _show_proxy_screens(child.control_address, figures, feed, child)
 
 
-def show_simulator(port: int, words: Sequence[str]) -> None:
-    """Start a simulator on loopback and show its traffic.
-
-    `words` are further options of ``bcapscope sim``.
-    """
-    from bcapscope.tui.app import ScreenEntry
-    from bcapscope.tui.screens.traffic_screen import SimulatorScreen
-    from bcapscope.tui.traffic_processes.process_messages import ReadJob
-    from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
-    from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
-
+def show_simulator(ports: Sequence[int], profile: str | None, scenario: str | None) -> None:
+    """Start a simulator on loopback and show its traffic."""
+    words = ["--port", f"{_server_port(ports)}", "--quiet"]
+    words += ["--profile", profile] if profile else []
+    words += ["--scenario", scenario] if scenario else []
     with TemporaryFolder() as folder:
         record = str(folder.path / "simulator.pcapng")
-        own = ("--port", f"{port}", "--record", record, "--quiet")
-        with _running_command("sim", *own, *words) as child:
+        with _running_command("sim", "--record", record, *words) as child:
             (address,) = child.listen_addresses
             job = ReadJob(path=record, follow=True, ports=(int(address.rpartition(":")[2]),))
             with closing(TrafficFeed(job)) as feed:
@@ -133,22 +129,18 @@ def show_simulator(port: int, words: Sequence[str]) -> None:
                 run_app(ScreenEntry("traffic", "f3", "traffic", screen))
 
 
-def _proxy_screen(
+def _server_port(ports: Sequence[int]) -> int:
+    return ports[0] if ports else DEFAULT_PORT
+
+
+def _show_proxy_screens(
     address: str,
     figures: ProxyStats,
-    feed: TrafficFeed | None,
+    feed: TrafficFeed | None = None,
     child: ChildProcess | None = None,
     note: str = "",
-) -> ProxyScreen:
-    from bcapscope.tui.screens.proxy_screen import ProxyScreen
-
-    return ProxyScreen(address, ", ".join(figures.listening), feed, child, note)
-
-
-def _show_screens(feed: TrafficFeed | None, screen: ProxyScreen) -> None:
-    from bcapscope.tui.app import ScreenEntry
-    from bcapscope.tui.screens.traffic_screen import TrafficScreen
-
+) -> None:
+    screen = ProxyScreen(address, ", ".join(figures.listening), feed, child, note)
     screens = [ScreenEntry("proxy", "f2", "proxy", lambda: screen)]
     if feed is not None:
         screens.append(ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(feed, screen.route)))
@@ -156,14 +148,7 @@ def _show_screens(feed: TrafficFeed | None, screen: ProxyScreen) -> None:
 
 
 def _read_figures(address: str) -> ProxyStats:
-    """Connect to the proxy's control socket at this address, and return the proxy's figures. If no proxy
-    answers, exit.
-    """
-    from bcapscope.errors import BcapError
-    from bcapscope.proxy.control_client import ControlClient
-    from bcapscope.proxy.control_messages import GetStats, ProxyStats
-    from bcapscope.tui.reader_language import full_error_text
-
+    """Return the figures of the proxy at this address. If no proxy answers, exit."""
     try:
         with closing(ControlClient(address)) as client:
             return client.request(GetStats(), ProxyStats)
@@ -173,12 +158,7 @@ def _read_figures(address: str) -> ProxyStats:
 
 @contextmanager
 def _running_command(*words: str) -> Iterator[ChildProcess]:
-    """Run a bcapscope command as a child process during the block. After the block, print the rest of the
-    command's output.
-    """
-    from bcapscope.live.child_process import ChildProcess, ChildStartError
-    from bcapscope.tui.reader_language import current_language, full_error_text
-
+    """Run a bcapscope command as a child process during the block. Then print the rest of its output."""
     try:
         child = ChildProcess(*words, "--lang", current_language())
     except ChildStartError as error:
@@ -193,12 +173,7 @@ def _running_command(*words: str) -> Iterator[ChildProcess]:
 
 
 def _control_address(folder: Path) -> str:
-    """Return an address for the control socket.
-
-    If possible, use a Unix socket, because other users of the machine cannot open it.
-    """
-    import socket
-
+    """Return an address for the control socket: if possible a Unix socket, which other users cannot open."""
     path = str(folder / "control")
     # The limit is in bytes. The path of a socket has at most 103 bytes on macOS, and 107 bytes on Linux.
     longest = 100

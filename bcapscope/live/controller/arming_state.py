@@ -21,7 +21,6 @@ class ArmingState:
         self._armed_until: int | None = None
 
     def arm(self, now: int) -> None:
-        """Arm at time `now` (ns)."""
         self._armed_until = now + DISARM_AFTER
 
     def disarm(self) -> None:
@@ -33,7 +32,6 @@ class ArmingState:
             self._armed_until = now + DISARM_AFTER
 
     def is_armed(self, now: int) -> bool:
-        """Return whether the user has armed and the timeout has not expired."""
         return self._armed_until is not None and now < self._armed_until
 
     def allows_armed_calls(self, now: int) -> bool:

@@ -44,7 +44,7 @@ from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.guard import request_effect
-from bcapscope.protocol.retry.requester import RequesterEvent, RetryPolicy
+from bcapscope.protocol.retry.requester import RetryPolicy
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, ObjectClass, function_by_name
 from bcapscope.protocol.variant_values import arguments_of
@@ -99,7 +99,6 @@ class ControllerSession:
         self.arming = ArmingState()
         self.status = SessionStatus()
         self.reply_monitor = ReplyMonitor(self.now())
-        self.client_session: Session | None = None
         self.polling_paused = False
         self._opener: ObjectOpener | None = None
         self._halt_connection: HaltConnection | None = None
@@ -110,9 +109,8 @@ class ControllerSession:
         self._thread.start()
 
     async def run_in_loop(self, step: Coroutine[Any, Any, R]) -> R:
-        """Run a coroutine in this session's loop; return its result.
-
-        If the waiting task is cancelled, the coroutine is cancelled too.
+        """Run a coroutine in this session's loop. If the waiting task is cancelled, the coroutine is
+        cancelled too.
         """
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(step, self._loop))
 
@@ -137,14 +135,12 @@ class ControllerSession:
         self.action_log.close()
 
     async def _shut_down(self) -> None:
-        """Disconnect. If the session is already releasing objects, wait until it has finished."""
         await self.disconnect()
         others = asyncio.all_tasks() - {asyncio.current_task()}
         if others:
             await asyncio.wait(others)
 
     def now(self) -> int:
-        """Return monotonic time in ns."""
         return time.monotonic_ns()
 
     # The connection.
@@ -156,18 +152,16 @@ class ControllerSession:
             OSError: The controller cannot be reached.
         """
         await self.disconnect()
-        session = open_target_session(target, observer=self._on_packet, listener=self._on_event)
-        self.client_session = await self._stack.enter_async_context(session)
-        self.client_session.check_armed = self._check_armed
-        self._opener = ObjectOpener(self.client_session, target)
+        opened = open_target_session(target, observer=self._on_packet, listener=self._recorder.on_event)
+        session = await self._stack.enter_async_context(opened)
+        session.check_armed = self._check_armed
+        self._opener = ObjectOpener(session, target)
         self.arming = ArmingState()
         self.reply_monitor = ReplyMonitor(self.now())
         self.update_status(target=target)
 
     def open_halt_connection(self, robot: str) -> None:
-        """Open a connection that is used only to halt a robot. Close the previous connection of this kind, if
-        there is one.
-        """
+        """Open a connection that only halts a robot, and close the previous one."""
         target = self.status.target
         if target is None:
             return
@@ -183,17 +177,17 @@ class ControllerSession:
         halt_connection, self._halt_connection = self._halt_connection, None
         stack, self._stack = self._stack, AsyncExitStack()
         INITIATOR.set(Initiator.SCREEN)
-        if self.client_session is not None:
-            usual = self.client_session.retry_policies
-            self.client_session.retry_policies = usual._replace(others=_CLEANUP_RETRY_POLICY)
+        if self._opener is not None:
+            session = self._opener.session
+            session.retry_policies = session.retry_policies._replace(others=_CLEANUP_RETRY_POLICY)
         try:
             with suppress(BcapError, OSError):
                 await stack.aclose()
             if halt_connection is not None:
                 await asyncio.to_thread(halt_connection.close)
         finally:
-            self._recorder.abandon_call(time.time_ns())
-            self.client_session = self._opener = None
+            self._recorder.abandon_call()
+            self._opener = None
             self.arming.disarm()
             if self.status.is_connected:
                 self.status = SessionStatus()
@@ -251,23 +245,19 @@ class ControllerSession:
             self._check_armed()
         timeout = session.retry_policies.others.timeout / 1e9
         await self.run_calls(caller.send_raw(raw, timeout), Initiator.USER)
-        self._recorder.complete_raw_call(time.time_ns())
+        self._recorder.complete_raw_call()
         return self.last_record
 
     @property
     def controller(self) -> ObjectHandle:
-        """The open controller object. Raises `NotConnectedError` if the session has no open controller
-        object.
-        """
+        """The open controller object. Raises `NotConnectedError` if there is none."""
         found = self.opener.session.handles.latest(ObjectClass.CONTROLLER)
         if found is None:
             raise NotConnectedError(Message("tester.not_connected"))
         return found
 
     def selected_robot(self) -> Robot:
-        """Return the robot to which the session sends robot commands; raises `NotConnectedError` if no robot
-        is open.
-        """
+        """Return the robot that gets robot commands. Raises `NotConnectedError` if no robot is open."""
         if self.status.robot is None:
             raise NotConnectedError(Message("controller.robot.missing"))
         return Robot(self.opener.session, self.status.robot.handle)
@@ -279,18 +269,15 @@ class ControllerSession:
         return self._recorder.last_record
 
     def _subject_of(self, function_id: int, arguments: Sequence[Variant]) -> ObjectHandle | None:
-        function, session = FUNCTIONS.get(function_id), self.client_session
-        if function is None or session is None:
+        function = FUNCTIONS.get(function_id)
+        if function is None or self._opener is None:
             return None
-        return session.handles.find(function.owner, first_number(arguments))
+        return self._opener.session.handles.find(function.owner, first_number(arguments))
 
     async def open_object(
         self, parent: ObjectHandle, kind: ObjectClass, name: str, option: str
     ) -> ObjectHandle | None:
-        """Open an object.
-
-        If the call was refused or not answered, return None. `last_record` then shows the reason.
-        """
+        """Open an object. If this fails, return None, and `last_record` shows the reason."""
         record = await self.invoke(f"{parent.kind}_Get{kind}", parent.handle, name, option)
         if record.outcome is not RecordOutcome.ANSWERED or record.reply is None:
             return None
@@ -325,11 +312,11 @@ class ControllerSession:
         try:
             return await steps
         except asyncio.CancelledError:
-            self._recorder.abandon_own_call(time.time_ns())
+            self._recorder.abandon_own_call()
             raise
         except OSError as error:
             if not isinstance(error, BcapError):
-                self._recorder.abandon_own_call(time.time_ns())
+                self._recorder.abandon_own_call()
                 await self.disconnect()
                 self.report(ConnectionLost(error_reason(error)))
             raise
@@ -337,25 +324,21 @@ class ControllerSession:
     # HALT.
 
     def halt(self) -> bool:
-        """Start to halt the robot, without waiting for the result. Return whether a connection is open. Any
-        thread may call this method.
-        """
+        """Start to halt the robot. Return whether a connection is open. Any thread may call this method."""
         self.arming.disarm()
         halt_connection = self._halt_connection
         if halt_connection is not None:
             halt_connection.press()
         with suppress(RuntimeError):  # the event loop of this session may have ended
             self._loop.call_soon_threadsafe(self._start_halt_call)
-        return halt_connection is not None or self.client_session is not None
+        return halt_connection is not None or self._opener is not None
 
     def _start_halt_call(self) -> None:
-        if self.client_session is not None and self.status.robot is not None:
+        if self._opener is not None and self.status.robot is not None:
             self._loop.create_task(self._halt_on_session(self.status.robot))
 
     async def _halt_on_session(self, robot: ObjectHandle) -> None:
-        """Send a second HALT on the main connection, after the running call of that connection has ended.
-        Then leave slave mode.
-        """
+        """Send a second HALT after the running call of the main connection. Then leave slave mode."""
         with suppress(BcapError, OSError):
             record = await self.invoke("Robot_Halt", robot.handle, "")
             if self._halt_connection is None:
@@ -367,9 +350,6 @@ class ControllerSession:
                 await self.invoke("Robot_Execute", *values, initiator=Initiator.SCREEN)
 
     # Results.
-
-    def _on_event(self, event: RequesterEvent) -> None:
-        self._recorder.on_event(event, time.time_ns())
 
     def _on_packet(self, observation: Observation) -> None:
         self._record_packet(observation, INITIATOR.get())
@@ -404,9 +384,8 @@ class ControllerSession:
         self.report(SessionProblem(path, error_reason(error)))
 
     def _on_record(self, record: HistoryRecord) -> None:
-        """Update the status from the record of a call that has ended, and report the record to the screen."""
-        session = self.client_session
-        if session is not None and self.status.is_connected:
+        if self._opener is not None and self.status.is_connected:
+            session = self._opener.session
             if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
                 # This call is needed because `Session` records a reply later, and never records raw bytes.
                 session.record_call(record.function_id, record.arguments, record.reply)
@@ -420,9 +399,7 @@ class ControllerSession:
 
 
 def _raw_needs_arming(session: Session, item: Frame | Malformed) -> bool:
-    """Return whether sending raw bytes needs arming. Bytes that are not an intact frame always need
-    arming.
-    """
+    """Return whether raw bytes need arming. Bytes that are not an intact frame always do."""
     return (
         not isinstance(item, Frame) or bool(item.problems) or session.needs_arming(item.code, item.variants)
     )

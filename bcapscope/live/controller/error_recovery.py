@@ -43,10 +43,7 @@ class LastSlaveSession:
         self.first_set_point: tuple[float, ...] = ()
 
     def on_record(self, record: HistoryRecord) -> None:
-        """Update the mode and the first set point from a call of the user or of bcapscope.
-
-        Calls that the controller refused are ignored, because they did not change the robot's state.
-        """
+        """Update the mode and the first set point from a call that the controller did not refuse."""
         if record.outcome is not RecordOutcome.ANSWERED or len(record.arguments) < 3:
             return
         command, parameter = command_of(record.function_id, record.arguments), record.arguments[2]
@@ -57,8 +54,8 @@ class LastSlaveSession:
 
     @property
     def move_position(self) -> str:
-        """Position of the first set point, in the notation of `Robot_Move` and with `@E` (exact stop); "" if
-        there was no set point yet.
+        """Position of the first set point in the notation of `Robot_Move`, with `@E` (exact stop); "" if
+        there was none.
         """
         kind = pose_type_of_mode(self.mode)
         if kind is None or not self.first_set_point:
@@ -86,7 +83,7 @@ async def run_recovery_step(
     """Run one recovery step, and return the record of its last call.
 
     Args:
-        first_position: Target position of `RecoveryStep.FIRST_POSITION`, in the notation of Robot_Move.
+        first_position: Target of `RecoveryStep.FIRST_POSITION`, in the notation of Robot_Move.
 
     Raises:
         BcapError, OSError: See `ControllerSession.call`.

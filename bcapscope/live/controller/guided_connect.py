@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE, ControllerTarget
@@ -49,9 +50,17 @@ async def connect(
     """
     INITIATOR.set(Initiator.SCREEN)
     try:
-        await _run_step(session, ConnectStep.LINK, _open_link(session, target))
-        await _run_step(session, ConnectStep.SERVICE, _start_service(session))
-        await _run_step(session, ConnectStep.CONTROLLER, _connect_controller(session, target, providers))
+        with _reported_step(session, ConnectStep.LINK) as result:
+            await session.open_link(target)
+            transport = "TCP" if target.tcp else "UDP"
+            result.append(Message("controller.target", address=target.address, transport=transport))
+        with _reported_step(session, ConnectStep.SERVICE) as result:
+            await session.opener.start_service()
+            result.append("Service_Start")
+        with _reported_step(session, ConnectStep.CONTROLLER) as result:
+            provider = await session.opener.connect_controller(providers)
+            session.update_status(target=replace(target, provider=provider))
+            result.append(provider or "Controller_Connect")
     except ConnectStepError:
         await session.disconnect()
         return False
@@ -60,18 +69,21 @@ async def connect(
         raise
     session.open_halt_connection(robot or DEFAULT_ROBOT)
     try:
-        await _run_step(session, ConnectStep.IDENTITY, _identify_controller(session))
+        with _reported_step(session, ConnectStep.IDENTITY) as result:
+            result.extend(await _identify_controller(session))
         if robot:
-            await _run_step(session, ConnectStep.ROBOT, _open_first_robot(session, robot, option))
+            with _reported_step(session, ConnectStep.ROBOT) as result:
+                record, found = await _open_robot(session, robot, option)
+                if found is None:
+                    raise ConnectStepError(failure_reason(record))
+                result.extend(found)
     except ConnectStepError:
         return False
     return True
 
 
 async def add_robot(session: ControllerSession, robot: str, option: str) -> HistoryRecord:
-    """Open and select a robot, read its type, and prepare HALT. Return the record of the call that opened the
-    robot.
-    """
+    """Open and select a robot, read its type, and prepare HALT. Return the record of the opening call."""
     record, text = await _open_robot(session, robot, option)
     if text is not None:
         session.report(ConnectStepUpdate(ConnectStep.ROBOT, True, text))
@@ -93,10 +105,13 @@ async def start_robslave(session: ControllerSession) -> HistoryRecord:
     return await session.record_calls(steps())
 
 
-async def _run_step(session: ControllerSession, step: ConnectStep, action: Awaitable[Reason]) -> None:
+@contextmanager
+def _reported_step(session: ControllerSession, step: ConnectStep) -> Iterator[list[Message | str]]:
+    """Report the start and the end of a step. The block adds the result of the step to the list."""
     session.report(ConnectStepUpdate(step, None))
+    result: list[Message | str] = []
     try:
-        found = await action
+        yield result
     except (BcapError, OSError) as error:
         reason = error_reason(error)
         if isinstance(error, ConnectStepError):
@@ -105,41 +120,14 @@ async def _run_step(session: ControllerSession, step: ConnectStep, action: Await
             reason = failure_reason(session.last_record)
         session.report(ConnectStepUpdate(step, False, reason))
         raise ConnectStepError(reason) from error
-    session.report(ConnectStepUpdate(step, True, found))
-
-
-async def _open_link(session: ControllerSession, target: ControllerTarget) -> Reason:
-    await session.open_link(target)
-    transport = "TCP" if target.tcp else "UDP"
-    return (Message("controller.target", address=target.address, transport=transport),)
-
-
-async def _start_service(session: ControllerSession) -> Reason:
-    await session.opener.start_service()
-    return ("Service_Start",)
-
-
-async def _connect_controller(
-    session: ControllerSession, target: ControllerTarget, providers: Sequence[str]
-) -> Reason:
-    """Connect with the first of `providers` that the controller knows."""
-    provider = await session.opener.connect_controller(providers)
-    session.update_status(target=replace(target, provider=provider))
-    return (provider or "Controller_Connect",)
-
-
-async def _open_first_robot(session: ControllerSession, name: str, option: str) -> Reason:
-    record, found = await _open_robot(session, name, option)
-    if found is None:
-        raise ConnectStepError(failure_reason(record))
-    return found
+    session.report(ConnectStepUpdate(step, True, tuple(result)))
 
 
 async def _open_robot(
     session: ControllerSession, name: str, option: str
 ) -> tuple[HistoryRecord, Reason | None]:
-    """Open and select a robot. Return the record of the call, and a text with the robot's name and type. If
-    the call failed, return None instead of the text.
+    """Open and select a robot. Return the record of this call, and the robot's name and type; None if it
+    failed.
     """
     robot = await session.open_object(session.controller, ObjectClass.ROBOT, name, option)
     record = session.last_record
@@ -150,7 +138,6 @@ async def _open_robot(
 
 
 async def _identify_controller(session: ControllerSession) -> Reason:
-    """Find out whether the controller is the built-in simulator, and read the version of the controller."""
     opener, controller = session.opener, session.controller
     simulator = await opener.is_simulator()
     version = await _read_fact(session, Controller(opener.session, controller.handle), "@VERSION")
@@ -170,7 +157,7 @@ async def _read_robot_type(session: ControllerSession, robot: ObjectHandle) -> s
 
 
 async def _read_fact(session: ControllerSession, owner: Controller | Robot, name: str) -> str:
-    """Read a system variable once; return "" if the controller lacks the variable or does not answer."""
+    """Read a system variable once; return "" if the controller lacks it or does not answer."""
     try:
         value = await session.run_calls(read_variable_once(owner, name), Initiator.SCREEN)
     except (CallTimeout, RemoteProtocolError):

@@ -75,9 +75,7 @@ class HaltUpdate:
 
 
 class HaltConnection:
-    """A HALT connection to a controller. The constructor starts to open the connection, and `close` closes
-    it.
-    """
+    """A HALT connection to a controller, which opens in the background."""
 
     def __init__(
         self,
@@ -126,10 +124,7 @@ class HaltConnection:
         self._heartbeat_paused = paused
 
     def report_only_halts(self) -> None:
-        """From now on, report only whether HALT succeeded or failed.
-
-        A new HALT connection replaces this connection, and reports its own state.
-        """
+        """From now on, report only results of HALT, because a new HALT connection reports its own state."""
         report = self._report
         halt_results = (HaltState.HALTED, HaltState.FAILED)
         self._report = lambda update: report(update) if update.state in halt_results else None
@@ -180,9 +175,7 @@ class HaltConnection:
         await self._wait_for_press(self._heartbeat)
 
     async def _serve_session(self, session: Session) -> None:
-        """Open the robot. Then halt the robot whenever the user presses HALT, until the connection is
-        closed.
-        """
+        """Open the robot, then halt it whenever the user presses HALT, until the connection is closed."""
         self._report(HaltUpdate(HaltState.OPENING))
         opener = ObjectOpener(session, self._target, {ObjectClass.ROBOT: self._robot})
         handle = await opener.handle_for(ObjectClass.ROBOT)
@@ -203,9 +196,7 @@ class HaltConnection:
                 await self._pressed.wait()
 
     async def _send_heartbeat(self, session: Session, handle: int) -> None:
-        """Send a heartbeat call, which shows whether the connection works. If the user presses HALT, cancel
-        the heartbeat call.
-        """
+        """Check with a call that the connection works. If the user presses HALT, cancel this call."""
         began = self._loop.time()
         call = asyncio.ensure_future(session.invoke("Robot_GetAttribute", handle))
         pressed = asyncio.ensure_future(self._pressed.wait())

@@ -89,7 +89,6 @@ def error_reason(error: BcapError | OSError) -> Reason:
 
 
 def failure_reason(record: HistoryRecord) -> Reason:
-    """Return why a call failed."""
     if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
         code = record.reply.code
         return hresult_name(code), describe_hresult(code).meaning

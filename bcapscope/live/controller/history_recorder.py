@@ -6,6 +6,7 @@ Calls of the user and automatic calls of bcapscope use the same link, and both a
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -43,10 +44,8 @@ class HistoryRecorder:
         on_record: Callable[[HistoryRecord], None],
         subject_of: Callable[[int, Sequence[Variant]], ObjectHandle | None],
     ) -> None:
-        """Create a recorder that passes records to `on_record`. `subject_of` is a function that returns the
-        object that a call uses.
-
-        `subject_of` gets the function id and the arguments of the call.
+        """`subject_of` returns the object that a call uses, given the function id and the arguments of the
+        call.
         """
         self._on_record = on_record
         self._subject_of = subject_of
@@ -55,15 +54,13 @@ class HistoryRecorder:
         self._call: _CallInProgress | None = None
 
     def on_packet(self, observation: Observation) -> None:
-        """Add a packet that the session sent or received to the record of the running call."""
         call = self._call
         if observation.flow.direction is Direction.REQUEST and call is None:
             call = self._call = _CallInProgress(observation.time, INITIATOR.get(), asyncio.current_task())
         if call is not None:
             call.add_packet(observation)
 
-    def on_event(self, event: RequesterEvent, now: int) -> None:
-        """Handle an event of the session. `now` is the current time in ns since 1970-01-01 UTC."""
+    def on_event(self, event: RequesterEvent) -> None:
         call = self._call
         if call is None:
             return
@@ -74,35 +71,22 @@ class HistoryRecorder:
         elif isinstance(event, CallAnswered | CallRefused):
             answered = isinstance(event, CallAnswered)
             outcome = RecordOutcome.ANSWERED if answered else RecordOutcome.REFUSED
-            self._complete_call(call, outcome, event.reply, event.attempts, event.elapsed)
+            self._complete_call(call, outcome, event.attempts, event.reply, event.elapsed)
         elif isinstance(event, CallTimedOut):
-            self._complete_call(
-                call, RecordOutcome.UNANSWERED, None, event.attempts, max(0, now - call.began)
-            )
+            self._complete_call(call, RecordOutcome.UNANSWERED, event.attempts)
 
-    def abandon_own_call(self, now: int) -> None:
-        """Abandon the running call if the current task made it.
-
-        If another task made the running call, do nothing, because the current task only waited for the end of
-        that call.
-        """
+    def abandon_own_call(self) -> None:
+        """Abandon the running call if the current task made it, and does not only wait for its end."""
         if self._call is not None and self._call.task is asyncio.current_task():
-            self.abandon_call(now)
+            self.abandon_call()
 
-    def abandon_call(self, now: int) -> None:
-        """If a call is running, record it as abandoned. `now` is the current time in ns since 1970-01-01
-        UTC.
-        """
+    def abandon_call(self) -> None:
+        """If a call is running, record it as abandoned."""
         if self._call is not None:
-            took = max(0, now - self._call.began)
-            self._complete_call(self._call, RecordOutcome.ABANDONED, None, (), took)
+            self._complete_call(self._call, RecordOutcome.ABANDONED, ())
 
-    def complete_raw_call(self, now: int) -> None:
-        """Complete the record of raw bytes that were sent. `now` is the current time in ns since 1970-01-01
-        UTC.
-
-        The last frame that was received counts as the reply to the raw bytes.
-        """
+    def complete_raw_call(self) -> None:
+        """Complete the record of raw bytes. The last frame that was received counts as their reply."""
         call = self._call
         if call is None:
             return
@@ -110,23 +94,22 @@ class HistoryRecorder:
         reply = next((item for item in reversed(came) if isinstance(item, Frame)), None)
         attempts = (Attempt(0, 0, 0),)
         if reply is None:
-            self._complete_call(call, RecordOutcome.UNANSWERED, None, attempts, max(0, now - call.began))
+            self._complete_call(call, RecordOutcome.UNANSWERED, attempts)
         else:
-            ending = RecordOutcome.REFUSED if is_failure(reply.code) else RecordOutcome.ANSWERED
-            self._complete_call(call, ending, reply, attempts, call.elapsed)
+            outcome = RecordOutcome.REFUSED if is_failure(reply.code) else RecordOutcome.ANSWERED
+            self._complete_call(call, outcome, attempts, reply, call.elapsed)
 
     def _complete_call(
         self,
         call: _CallInProgress,
         outcome: RecordOutcome,
-        reply: Frame | None,
         attempts: tuple[Attempt, ...],
-        took: int,
+        reply: Frame | None = None,
+        took: int | None = None,
     ) -> None:
+        """Report the record of the call. If there is no reply, the call ends now."""
         request = call.packets[0].item
-        code = request.code if isinstance(request, Frame) else -1
-        given = request.arguments if isinstance(request, Frame) else ()
-        arguments = tuple(each.variant for each in given)
+        code, arguments = (request.code, request.variants) if isinstance(request, Frame) else (-1, ())
         self._call = None
         self.last_record = HistoryRecord(
             number=self._next_number,
@@ -136,7 +119,7 @@ class HistoryRecorder:
             arguments=arguments,
             outcome=outcome,
             reply=reply,
-            took=took,
+            took=max(0, time.time_ns() - call.began) if took is None else took,
             attempts=attempts,
             packets=tuple(call.packets),
             notices=call.notices,
