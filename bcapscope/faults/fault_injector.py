@@ -292,7 +292,9 @@ class FaultInjector:
             self._stream_busy_until.pop((conversation, direction), None)
             self._held_behind.pop((conversation, direction), None)
         self._queue = [
-            entry for entry in self._queue if not _is_of_conversation(entry[2].output, conversation)
+            entry
+            for entry in self._queue
+            if entry[2].output and entry[2].output.conversation is not conversation
         ]
         self._rebuild_queue()
 
@@ -354,11 +356,10 @@ class FaultInjector:
         """
         if closing.how is CloseMode.RESET:
             return when
-        conversation = closing.conversation
         held = (
             due
             for due, _, each in self._queue
-            if each.output and _is_of_conversation(each.output, conversation)
+            if each.output and each.output.conversation is closing.conversation
         )
         return max((when, *held))
 
@@ -420,12 +421,3 @@ def _to_client(flow: Flow) -> Flow:
 
 def _is_of(output: FaultOutput | None, key: _FlowKey) -> bool:
     return isinstance(output, SendBytes) and _flow_key(output.flow) == key
-
-
-def _is_of_conversation(output: FaultOutput | None, conversation: Conversation) -> bool:
-    match output:
-        case SendBytes(flow=flow):
-            return flow.conversation is conversation
-        case CloseConnection(conversation=closing):
-            return closing is conversation
-    return True

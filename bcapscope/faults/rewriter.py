@@ -6,7 +6,7 @@ import math
 import struct
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias, cast
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
 
 from bcapscope.errors import LocalProtocolError
 from bcapscope.faults.quantities import Span, read_path
@@ -33,13 +33,10 @@ _Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None]]
 ValueChange: TypeAlias = Callable[[Variant], Variant]
 """Function that returns the changed value, or the same object if nothing changes."""
 
-
-class _Adjust(Protocol):
-    """Type of a function that returns the new value of a number. `index` is the index of the number in its
-    array.
-    """
-
-    def __call__(self, number: float, index: int) -> float: ...
+NumberChange: TypeAlias = Callable[[float, int], float]
+"""Function that returns the new value of a number. The second argument is the index of the number in its
+array.
+"""
 
 
 class _LastMessage(NamedTuple):
@@ -251,22 +248,22 @@ def _step_limited(value: Variant, last: Variant, step: float) -> Variant:
     return _each_number(value, near)
 
 
-def _each_number(value: Variant, change: _Adjust) -> Variant:
+def _each_number(value: Variant, change: NumberChange) -> Variant:
     """Change a number, or every number of an array. A value of an integer type stays an integer."""
     elements = _elements(value)
     if not elements:
-        return _with_number(value, partial(change, index=0))
-    new = [_with_number(element, partial(change, index=index)) for index, element in enumerate(elements)]
+        return _with_number(value, 0, change)
+    new = [_with_number(element, index, change) for index, element in enumerate(elements)]
     if all(one is other for one, other in zip(new, elements, strict=True)):
         return value
     return _with_elements(value, new)
 
 
-def _with_number(value: Variant, change: Callable[[float], float]) -> Variant:
+def _with_number(value: Variant, index: int, change: NumberChange) -> Variant:
     number = value.value
     if value.vt not in _NUMBERS or not isinstance(number, int | float):
         return value
-    new = change(number)
+    new = change(number, index)
     if new == number:
         return value
     if value.vt in _INTEGERS:

@@ -37,6 +37,10 @@ class SendBytes(msgspec.Struct, frozen=True):
     data: bytes
     fault_notes: tuple[Message, ...] = ()
 
+    @property
+    def conversation(self) -> Conversation:
+        return self.flow.conversation
+
 
 class CloseConnection(msgspec.Struct, frozen=True):
     """Instruction to close a TCP connection now, to the client and to the controller.

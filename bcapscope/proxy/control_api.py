@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from bcapscope.errors import InputError, message_of
 from bcapscope.faults.document import DocumentError, fault_from, to_plain_data
@@ -19,18 +19,6 @@ from bcapscope.proxy.intercept import HeldMessage
 from bcapscope.proxy.rule_policy import RulePolicy
 
 Q = TypeVar("Q", DurationQuantity, FrameCondition)
-
-
-class ControlResponse(NamedTuple):
-    """Response to one line of a control client.
-
-    Attributes:
-        line: Response as JSON, with a line feed.
-        is_json: True if the request was JSON; otherwise, the sender is not a control client.
-    """
-
-    line: bytes
-    is_json: bool
 
 
 class ControlApi:
@@ -48,15 +36,14 @@ class ControlApi:
         self._figures = figures
         self._upstream = upstream
 
-    def handle_line(self, line: bytes, now: int) -> ControlResponse:
-        """Execute a request, which is a line of JSON. Return the response. Even an invalid request gets a
+    def handle_line(self, line: bytes, now: int) -> tuple[bytes, bool]:
+        """Execute a request, which is a line of JSON. Return the response as a line of JSON, and whether the
+        request was JSON; otherwise, the sender is not a control client. Even an invalid request gets a
         response.
         """
         is_json = True
         try:
-            return ControlResponse(
-                control.encode_line(self._execute(control.decode_request(line), now)), True
-            )
+            return control.encode_line(self._execute(control.decode_request(line), now)), True
         except json.JSONDecodeError as error:
             is_json, reason = False, Message("control.no-json", reason=str(error))
         except KeyError as error:
@@ -64,7 +51,7 @@ class ControlApi:
         except ValueError as error:
             reason = message_of(error)
         refusal = control.ErrorResponse(False, str(reason), message_to_data(reason))
-        return ControlResponse(control.encode_line(refusal), is_json)
+        return control.encode_line(refusal), is_json
 
     def _execute(self, request: control.ControlRequest, now: int) -> control.DoneResponse:
         rules = self._rules

@@ -4,21 +4,17 @@ recognises the requests that are stops.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
-from msgspec.structs import replace
-
 from bcapscope.faults.wire_message import WireMessage
-from bcapscope.messages import Message
-from bcapscope.messages.places import joined_clauses
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.guard import always_passes
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID
-from bcapscope.proxy.policy import CloseAction, SendAction
+from bcapscope.proxy.policy import PolicyDecision
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 _SplitRequests: TypeAlias = tuple[list[bytes], list[Frame | bytes]]
@@ -111,41 +107,18 @@ class ClientStates:
         """
         return ((each[Direction.REQUEST], each[Direction.RESPONSE]) for each in self._directions.values())
 
-    def split_streams(self) -> list[DirectionState]:
-        return [state for pair in self.pairs() for state in pair if state.splitter is not None]
-
-
-@dataclass(eq=False, slots=True)
-class DecisionBuilder:
-    """Collects what the proxy's rules decide about received data: actions in order, and notes for the user.
-
-    Attributes:
-        actions: Actions that were not returned to the relay yet.
-        waiting: Number of messages in the data that wait until the scripts decide.
-        ticket: Number that identifies the data while one of its messages waits; 0 if no message has waited.
-    """
-
-    actions: list[SendAction | CloseAction] = field(default_factory=list)
-    notes: list[Message] = field(default_factory=list)
-    waiting: int = 0
-    ticket: int = 0
-
-    @property
-    def note(self) -> Message | None:
-        """All notes as one message, without duplicates; None if there are no notes."""
-        return joined_clauses(self.notes)
-
 
 class UndecidedMessage(NamedTuple):
     """A message that waits until the scripts decide about it.
 
     Attributes:
         state: State of the message's direction.
-        builder: Decision about all data that arrived with the message.
+        decision: Decision about all data that arrived with the message.
     """
 
+    message: WireMessage
     state: DirectionState
-    builder: DecisionBuilder
+    decision: PolicyDecision
 
 
 def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitRequests:
@@ -216,28 +189,3 @@ def mark_overtaken(
                 each.overtaken_by = stop.number
     elif any(FUNCTIONS[code].releases is None for code in codes):
         state.overtaken_by = stop.number
-
-
-def join_untouched_bytes(
-    actions: list[SendAction | CloseAction], state: DirectionState
-) -> Sequence[SendAction | CloseAction]:
-    """If no proxy rule changed adjacent bytes of a stream, join these bytes. The relay then sends them in one
-    piece.
-    """
-    if not state.is_stream or len(actions) < 2:
-        return actions
-    found: list[SendAction | CloseAction] = []
-    for action in actions:
-        last = found[-1] if found else None
-        if (
-            isinstance(action, SendAction)
-            and isinstance(last, SendAction)
-            and not action.note
-            and not last.note
-            and action.client == last.client
-            and action.toward is last.toward
-        ):
-            found[-1] = replace(last, data=last.data + action.data)
-        else:
-            found.append(action)
-    return found

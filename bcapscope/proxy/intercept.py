@@ -80,17 +80,10 @@ class HeldMessage(NamedTuple):
         return Message("held.no-retry", time=f"{(now - self.last_attempt_at) / 1e9:.1f} s")
 
 
-@dataclass(frozen=True, slots=True)
-class InterceptResult:
-    """Decision of the intercept about a message.
-
-    Attributes:
-        note: Description of the decision, for the user.
-        data: Bytes to forward now instead of the message; None to forward nothing yet.
-    """
-
-    note: Message
-    data: bytes | None
+InterceptResult: TypeAlias = tuple[Message, bytes | None]
+"""What the intercept did with a message, for the user; and the bytes to forward now instead of the message,
+None to forward nothing yet.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +116,6 @@ class Intercept:
         self.hold_time = hold_time
         self.held_so_far = 0
         self._held: dict[int, HeldMessage] = {}
-        self._numbers: dict[_Subject, int] = {}
         self._past_decisions: dict[_Subject, _PastDecision] = {}
         self._attempts = AttemptCounter()
         self.set_condition(condition)
@@ -163,13 +155,12 @@ class Intercept:
             del self._past_decisions[next(iter(self._past_decisions))]
         subject, is_first = self._subject(message)
         if subject is not None:
-            number, decided = self._numbers.get(subject), self._past_decisions.get(subject)
-            if number is not None:
-                known = self._held[number]
-                self._held[number] = known._replace(
+            known, decided = self._held_of(subject), self._past_decisions.get(subject)
+            if known is not None:
+                self._held[known.number] = known._replace(
                     data=message.data, last_attempt_at=message.now, repeats=known.repeats + 1
                 )
-                return InterceptResult(Message("held.with", number=number), None)
+                return Message("held.with", number=known.number), None
             if decided is not None:
                 return self._repeat_decision(message, subject, decided)
         if is_first and message.flow.direction is Direction.REQUEST:
@@ -177,9 +168,9 @@ class Intercept:
         if not self._should_hold(message):
             return None
         if self.is_full:
-            return InterceptResult(Message("held.full", count=len(self._held)), message.data)
+            return Message("held.full", count=len(self._held)), message.data
         number = self._hold(client, message, subject)
-        return InterceptResult(Message("held.as", number=number), None)
+        return Message("held.as", number=number), None
 
     def release(self, number: int, now: int, data: bytes | None = None) -> HeldMessage:
         """Stop holding a message and return it. The decision also applies to the message's retries.
@@ -192,7 +183,6 @@ class Intercept:
         """
         held = self._held.pop(number)
         if held.subject is not None:
-            del self._numbers[held.subject]
             self._remember_decision(held.subject, _PastDecision(number, data, now + RETRY_WITHIN_NS))
         return held
 
@@ -223,8 +213,6 @@ class Intercept:
         found = [held for held in self.held if held.flow is flow]
         for held in found:
             del self._held[held.number]
-            if held.subject is not None:
-                del self._numbers[held.subject]
         return found
 
     def close_conversation(self, conversation: Conversation) -> None:
@@ -241,12 +229,15 @@ class Intercept:
         copied = None
         if flow.direction is Direction.REQUEST:
             copied = self._attempts.find_same_request(flow, frame)
-            if copied is not None and (copied, flow.direction) in self._numbers:
+            if copied is not None and self._held_of((copied, flow.direction)) is not None:
                 return (copied, flow.direction), False
         found = self._attempts.add_frame(flow, frame)
         if found is None:
             return None, False
         return (found.call, flow.direction), found.number == 1 and copied is None
+
+    def _held_of(self, subject: _Subject) -> HeldMessage | None:
+        return next((held for held in self._held.values() if held.subject == subject), None)
 
     def _repeat_decision(
         self, message: WireMessage, subject: _Subject, decided: _PastDecision
@@ -254,12 +245,12 @@ class Intercept:
         self._remember_decision(subject, replace(decided, until=message.now + RETRY_WITHIN_NS))
         (frame,), number = message.frames, decided.number
         if decided.data is None:
-            return InterceptResult(Message("held.sent-as", number=number), message.data)
+            return Message("held.sent-as", number=number), message.data
         items = parse_datagram(decided.data)
         if len(items) == 1 and isinstance(items[0], Frame):
             data = with_header(items[0], serial=frame.serial, reserved=frame.reserved)
-            return InterceptResult(Message("held.edited-as", number=number), data)
-        return InterceptResult(Message("held.dropped-as", number=number), None)
+            return Message("held.edited-as", number=number), data
+        return Message("held.dropped-as", number=number), None
 
     def _remember_decision(self, subject: _Subject, decided: _PastDecision) -> None:
         """Store a decision at the end, because decisions expire in the order in which they are stored."""
@@ -293,6 +284,4 @@ class Intercept:
             subject=subject,
         )
         self._held[held.number] = held
-        if subject is not None:
-            self._numbers[subject] = held.number
         return held.number

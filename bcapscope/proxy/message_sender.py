@@ -13,8 +13,8 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.guard import always_passes, request_effect
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.hresult import E_ACCESSDENIED
-from bcapscope.proxy.direction_state import DecisionBuilder, DirectionState
-from bcapscope.proxy.policy import SendAction
+from bcapscope.proxy.direction_state import DirectionState
+from bcapscope.proxy.policy import PolicyDecision, SendAction
 from bcapscope.proxy.request_guard import RequestGuard
 from bcapscope.traffic.observation import Conversation, Direction, Flow
 
@@ -39,17 +39,23 @@ class MessageSender:
     def close_conversation(self, conversation: Conversation) -> None:
         self._replies.close_conversation(conversation)
 
-    def send(self, state: DirectionState, data: bytes, note: Message | None, work: DecisionBuilder) -> None:
-        """Forward a message. The guard checks a request before the proxy forwards it."""
+    def send(self, state: DirectionState, data: bytes, note: Message | None, work: PolicyDecision) -> None:
+        """Forward a message. The guard checks a request before the proxy forwards it. Adjacent bytes of a
+        stream that no proxy rule changed are sent in one piece.
+        """
         direction = state.flow.direction
         if self.guard is not None and direction is Direction.REQUEST:
             data = self._apply_guard(self.guard, state, data, work)
             if not data:
                 return
-        work.actions.append(SendAction(state.client, direction, data, note))
+        last = work.actions[-1] if work.actions and state.is_stream and note is None else None
+        if isinstance(last, SendAction) and last == SendAction(state.client, direction, last.data):
+            work.actions[-1] = SendAction(state.client, direction, last.data + data)
+        else:
+            work.actions.append(SendAction(state.client, direction, data, note))
 
     def refuse_motion(
-        self, state: DirectionState, message: WireMessage, note: Message, work: DecisionBuilder
+        self, state: DirectionState, message: WireMessage, note: Message, work: PolicyDecision
     ) -> bytes:
         """Refuse the frames of a request that may move the robot. Return the bytes of the frames that the
         method did not refuse.
@@ -69,7 +75,7 @@ class MessageSender:
         requests: Sequence[Frame],
         code: int,
         note: Message,
-        work: DecisionBuilder,
+        work: PolicyDecision,
     ) -> None:
         """Reply to each request in place of the controller, with a result code and no value."""
         for request in requests:
@@ -77,7 +83,7 @@ class MessageSender:
             work.actions.append(SendAction(state.client, Direction.RESPONSE, raw, note))
 
     def _apply_guard(
-        self, guard: RequestGuard, state: DirectionState, data: bytes, work: DecisionBuilder
+        self, guard: RequestGuard, state: DirectionState, data: bytes, work: PolicyDecision
     ) -> bytes:
         """Return the requests in `data` that the guard allows, and answer the requests that it refuses."""
         passing, refused, dropped = guard.filter_frames(data)

@@ -15,6 +15,7 @@ from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.admission import ClientSlot
 from bcapscope.proxy.listener_spec import ListenerSpec
+from bcapscope.proxy.ring_buffer import RelayCounter
 from bcapscope.proxy.sockets import SocketAddress, endpoint_of, listen_on, resolve
 from bcapscope.traffic.observation import SERVER_PARTICIPANT, Conversation, Endpoint, Transport
 from bcapscope.transport.descriptors import is_out_of_descriptors
@@ -39,7 +40,7 @@ class RelaySession(ABC):
     """
 
     def __init__(self, relay: Relay, transport: Transport, client: SocketAddress, to: Endpoint) -> None:
-        self.number = relay.next_number()
+        self.number = relay.counts[RelayCounter.CLIENTS] + 1
         self.conversation = Conversation(endpoint_of(client), to, transport, SERVER_PARTICIPANT)
         self.source = source_network(client[0])
         self.last_heard = relay.now
@@ -56,12 +57,9 @@ class RelaySession(ABC):
         if part of the data still waits.
         """
 
-    def on_nothing_held(self, up: bool) -> None:  # noqa: B027 - UDP has no end to forward
-        """Forward the end of a stream if this end had to wait for held data."""
-
-    def resume_reading(self) -> None:  # noqa: B027 - UDP sessions never stop reading
-        """Read from the client again. The session had stopped reading because the proxy held too much
-        data.
+    def resume(self) -> None:  # noqa: B027 - UDP has no end to forward, and UDP sessions never stop reading
+        """Forward an end of a stream that waited for held data, and read again, if the rules hold less data
+        now.
         """
 
     @abstractmethod
@@ -175,9 +173,6 @@ class ClientEndpoints(NamedTuple):
         return msgspec.json.encode(self)
 
 
-_decoder = msgspec.json.Decoder(ClientEndpoints)
-
-
 def read_endpoints(data: bytes) -> ClientEndpoints:
     """Decode the data of a `CLIENT_OPENED` record."""
-    return _decoder.decode(data)
+    return msgspec.json.decode(data, type=ClientEndpoints)

@@ -98,8 +98,6 @@ class TcpSession(RelaySession):
         self._last_activity = relay.now
         self._first = first
         self._to = to
-        self._client = client
-        self._controller = server
         self._up = _HalfConnection(True, client, server)
         self._down = _HalfConnection(False, server, client)
         self._connected = self._closed = self._is_half_open = self._is_ending = self._is_answered = False
@@ -134,14 +132,10 @@ class TcpSession(RelaySession):
             self._relay.ring.write_record(up, self.number, 0, sent_at, data[:sent])
         return sent_at if sent == len(data) else 0
 
-    def on_nothing_held(self, up: bool) -> None:
-        """If the sender of a direction has ended its stream, forward the end of the stream now. Also resume
-        reading.
-        """
-        self._shut_sink_when_flushed(self._up if up else self._down)
-        self._update_masks()
-
-    def resume_reading(self) -> None:
+    def resume(self) -> None:
+        for half in (self._up, self._down):
+            if half.source_ended and not half.sink_shut and not self._relay.holds(self, half.up):
+                self._shut_sink_when_flushed(half)
         self._update_masks()
 
     def close(self, reset_both: bool, why: Message) -> None:
@@ -223,10 +217,7 @@ class TcpSession(RelaySession):
         elif not self._is_half_open and self._is_expired(now - self._last_activity):
             self._close(False, Message("client.half-closed"))
         elif self._relay.policy is not None:
-            for half in (self._up, self._down):
-                if half.source_ended and not half.sink_shut and not self._relay.holds(self, half.up):
-                    self._shut_sink_when_flushed(half)
-            self._update_masks()
+            self.resume()
 
     def _is_expired(self, quiet: int) -> bool:
         if any(self._relay.holds(self, half.up) for half in (self._up, self._down)):
@@ -236,11 +227,11 @@ class TcpSession(RelaySession):
         return self._up.sink_shut and quiet > REPLY_TIMEOUT_NS
 
     def _on_client_ready(self, happened: int) -> None:
-        self._handle(happened, self._client, self._up, self._down)
+        self._handle(happened, self._up, self._down)
 
     def _on_controller_ready(self, happened: int) -> None:
         if not self._connected:
-            problem = self._controller.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+            problem = self._down.source.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
             if problem:
                 self.fail(problem)
             elif happened & WRITE:
@@ -251,13 +242,12 @@ class TcpSession(RelaySession):
                     self._on_bytes(self._up, first, received_at)
                 self._update_masks()
         else:
-            self._handle(happened, self._controller, self._down, self._up)
+            self._handle(happened, self._down, self._up)
 
-    def _handle(
-        self, happened: int, sock: socket.socket, incoming: _HalfConnection, outgoing: _HalfConnection
-    ) -> None:
+    def _handle(self, happened: int, incoming: _HalfConnection, outgoing: _HalfConnection) -> None:
         """Handle events of one socket: read bytes for the direction `incoming`, write bytes of the direction
         `outgoing`."""
+        sock = incoming.source
         problem = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) if happened & ERROR else 0
         if problem:
             self._on_source_broken(incoming, problem)
@@ -397,11 +387,8 @@ class TcpSession(RelaySession):
     def _update_masks(self) -> None:
         if self._closed:
             return
-        for sock, incoming, outgoing in (
-            (self._client, self._up, self._down),
-            (self._controller, self._down, self._up),
-        ):
-            self._set_mask(sock, READ * self._may_read(incoming) | WRITE * bool(outgoing.pending))
+        for incoming, outgoing in ((self._up, self._down), (self._down, self._up)):
+            self._set_mask(incoming.source, READ * self._may_read(incoming) | WRITE * bool(outgoing.pending))
 
     def _set_mask(self, sock: socket.socket, mask: int | None) -> None:
         descriptor = sock.fileno()
@@ -414,7 +401,7 @@ class TcpSession(RelaySession):
         if mask is None:
             self._relay.unwatch(descriptor)
         elif known is None:
-            handler = self._on_client_ready if sock is self._client else self._on_controller_ready
+            handler = self._on_client_ready if sock is self._up.source else self._on_controller_ready
             self._relay.watch(descriptor, handler, mask)
         else:
             self._relay.change(descriptor, mask)

@@ -13,7 +13,8 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.first_frame import first_frame_stops
 from bcapscope.protocol.tables.hresult import S_EXECUTING
 from bcapscope.proxy.listener_spec import ListenerSpec
-from bcapscope.proxy.relay import Handler, Relay, encode_note
+from bcapscope.proxy.poller import Handler
+from bcapscope.proxy.relay import Relay, encode_note
 from bcapscope.proxy.relay_session import ClientDeniedError, ClientEndpoints, ClientListener, RelaySession
 from bcapscope.proxy.ring_buffer import BATCH_SIZE, RelayCounter
 from bcapscope.proxy.sockets import (

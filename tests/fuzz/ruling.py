@@ -9,7 +9,7 @@ from bcapscope.faults.fault_notation import read_fault
 from bcapscope.faults.quantities import FrameCondition
 from bcapscope.proxy.addons import PassingMessage
 from bcapscope.proxy.intercept import Intercept
-from bcapscope.proxy.policy import LateDecision, PolicyAction, SendAction
+from bcapscope.proxy.policy import PolicyAction, PolicyDecision, SendAction
 from bcapscope.proxy.request_guard import RequestGuard
 from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.traffic.observation import (
@@ -125,7 +125,7 @@ def _take(actions: object, left: dict[Direction, bytes]) -> None:
     for action in actions:
         taken: PolicyAction = action
         assert taken.client == 1
-        if isinstance(taken, LateDecision):
+        if isinstance(taken, PolicyDecision):
             _take(taken.actions, left)
         elif isinstance(taken, SendAction):
             left[taken.toward] += taken.data
