@@ -38,11 +38,11 @@ class Say(RulePolicy):
     def __init__(self, decide: Callable[[int, Direction, bytes], PolicyDecision]) -> None:
         self.decide = decide
         self.held: list[tuple[int, PolicyAction]] = []
-        self.clients: list[str] = []
+        self.told: list[str] = []
         self.now = 0
 
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
-        self.clients.append(f"{client} {conversation.client.host} {conversation.transport}")
+        self.told.append(f"{client} {conversation.client.host} {conversation.transport}")
 
     def receive(self, client: int, direction: Direction, data: bytes, now: int) -> PolicyDecision:
         self.now = now
@@ -67,7 +67,7 @@ class Say(RulePolicy):
         return []
 
     def remove_client(self, client: int, now: int) -> None:
-        self.clients.append(f"{client} gone")
+        self.told.append(f"{client} gone")
 
     def due(self) -> int | None:
         return min((when for when, _ in self.held), default=None)
@@ -78,7 +78,7 @@ class Say(RulePolicy):
         return ready
 
     def close(self, now: int) -> None:
-        self.clients.append("closed")
+        self.told.append("closed")
 
     def report(self) -> Sequence[Message]:
         return []
@@ -116,7 +116,7 @@ def test_drop_answer_and_pass() -> None:
             (b"pass back", "", True, True),
         ]
         assert proxy.relay.counts[RelayCounter.RULED] == 2
-    assert policy.clients == ["1 127.0.0.1 udp", "1 gone"]
+    assert policy.told == ["1 127.0.0.1 udp", "1 gone"]
 
 
 def test_what_still_waits_is_recorded_before_what_overtakes_it() -> None:
