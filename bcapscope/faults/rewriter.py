@@ -90,11 +90,7 @@ def _encode_or_keep(frame: Frame, numbers: tuple[int, int, int], values: Sequenc
 
 
 class Rewriter:
-    """Applies a `RewriteFault`. The fault's `step` needs earlier messages, so this class keeps them.
-
-    Args:
-        fault: Fault to apply.
-    """
+    """Applies a `RewriteFault`. The fault's `step` needs earlier messages, so this class keeps them."""
 
     def __init__(self, fault: RewriteFault) -> None:
         self._fault = fault
@@ -150,7 +146,6 @@ class Rewriter:
         return values
 
     def _remember(self, key: _Key, last: _LastMessage) -> None:
-        """Store the last message of a series. If too many messages are stored, drop the oldest."""
         known = self._last_messages.pop(key, None)
         self._last_messages[key] = last
         self._size += last.size - (0 if known is None else known.size)
@@ -160,7 +155,6 @@ class Rewriter:
             self._size -= self._last_messages.pop(next(iter(self._last_messages))).size
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Drop the data of a conversation that has ended."""
         self._last_messages = {
             key: value for key, value in self._last_messages.items() if key[0] is not conversation
         }
@@ -199,9 +193,7 @@ def _edited(value: Variant, path: tuple[int, ...], change: ValueChange) -> Varia
 
 
 def _elements(value: Variant) -> list[Variant]:
-    """Return the elements of an array, each with its type. If the value is not an array, the result is
-    empty.
-    """
+    """Return the elements of an array, each with its type; [] if the value is not an array."""
     base = value.vt & ~ARRAY
     if not value.vt & ARRAY or not isinstance(value.value, tuple | bytes):
         return []
