@@ -262,9 +262,6 @@ class _FaultParser:
             return NotationError(self.text, shift + cause.position, cause.reason)
         start = self.starts.get(str(error.path[0]), 0) if error.path else 0
         if not error.path and error.reason.id == "document.missing":
-            return NotationError(self.text, len(self.text_before_condition()), error.reason)
+            stop = self.condition.start if self.condition else len(self.text)
+            return NotationError(self.text, len(self.text[:stop].rstrip()), error.reason)
         return NotationError(self.text, start, error.reason)
-
-    def text_before_condition(self) -> str:
-        stop = self.condition.start if self.condition else len(self.text)
-        return self.text[:stop].rstrip()

@@ -65,11 +65,7 @@ SLOW_HOOK_NS = 2_000_000
 
 
 class AddonClient(NamedTuple):
-    """A client, as the proxy describes it to add-ons.
-
-    Attributes:
-        number: Number of the client; no other client gets this number.
-    """
+    """A client, as add-ons see it. No other client gets the same `number`."""
 
     number: int
     address: Endpoint

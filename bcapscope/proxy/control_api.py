@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from bcapscope.errors import InputError, message_of
 from bcapscope.faults.document import DocumentError, fault_from, to_plain_data
+from bcapscope.faults.fault_injector import ActiveFault
 from bcapscope.faults.fault_notation import read_fault, rewrite_message, write_fault
 from bcapscope.faults.quantities import DurationQuantity, FrameCondition
 from bcapscope.messages import Message
@@ -57,8 +58,7 @@ class ControlApi:
         rules = self._rules
         match request:
             case control.ListFaults():
-                faults = [_fault_status(rules, name) for name in rules.shaper.hit_counts]
-                return control.FaultsResponse(rules=faults)
+                return control.FaultsResponse(rules=list(map(_fault_status, rules.shaper.active_faults)))
             case control.ListHeld():
                 return control.HeldResponse(held=[_held_status(each, now) for each in rules.intercept.held])
             case control.ListClients():
@@ -147,10 +147,9 @@ def _quantity(field: str, kind: type[Q], text: str | None) -> Q | None:
         raise DocumentError((field,), 0, message_of(error)) from None
 
 
-def _fault_status(rules: RulePolicy, name: str) -> control.FaultStatus:
-    active = rules.shaper.find(name)
+def _fault_status(active: ActiveFault) -> control.FaultStatus:
     rule, data = write_fault(active.fault), to_plain_data(active.fault)
-    return control.FaultStatus(name, active.enabled, active.hit_count, rule, data)
+    return control.FaultStatus(active.name, active.enabled, active.hit_count, rule, data)
 
 
 def _client_status(up: DirectionState, down: DirectionState, upstream: str, now: int) -> control.ClientStatus:

@@ -129,10 +129,8 @@ ControlRequest: TypeAlias = FaultChange | HoldChange | ListFaults | ListHeld | L
 
 
 class ErrorResponse(msgspec.Struct, frozen=True):
-    """Response to a rejected request. It gives the reason in two forms: in English, and as the data that
-    `message_to_data` returns.
-
-    The client first decodes every response as an `ErrorResponse`.
+    """Response to a rejected request, with the reason in English, and as the data that `message_to_data`
+    returns. The client first decodes every response as an `ErrorResponse`.
     """
 
     ok: bool
@@ -325,11 +323,7 @@ def decode_request(line: bytes) -> ControlRequest:
 
 
 def decode_response(line: bytes, kind: type[T]) -> T:
-    """Decode a response of the given type from a line.
-
-    Raises:
-        ValueError: The line is not a response of this type.
-    """
+    """Decode a response of the given type from a line. An invalid line raises a `ValueError`."""
     try:
         return msgspec.json.decode(line, type=kind)
     except RecursionError as error:

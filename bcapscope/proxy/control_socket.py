@@ -31,18 +31,13 @@ class ControlError(BcapError):
 
 
 class ControlServer:
-    """Accepts control connections, and passes each received line to the `ControlApi`.
-
-    Attributes:
-        address: Path of the socket, or its host and port.
-        connections: Connected control clients, by file descriptor.
+    """Accepts control connections, and passes each received line to the `ControlApi`. `address` is the path
+    of the socket, or its host and port.
     """
 
     def __init__(self, address: str, api: ControlApi, watcher: DescriptorWatcher) -> None:
-        """Listen at `HOST:PORT` on loopback. An `address` of any other form is the path of a Unix socket.
-
-        Raises:
-            ControlError: The proxy cannot listen on the address.
+        """Listen at `HOST:PORT` on loopback. An `address` of any other form is the path of a Unix socket. If
+        the proxy cannot listen there, raise a `ControlError`.
         """
         self.api = api
         self.watcher = watcher
@@ -93,11 +88,8 @@ class ControlServer:
 
 
 class _Connection:
-    """A connected control client.
-
-    Attributes:
-        last_command_at: Time of the last command in seconds of `time.monotonic`; minus infinity before the
-            first command.
+    """A connected control client. `last_command_at` is in seconds of `time.monotonic`; minus infinity before
+    the first command.
     """
 
     def __init__(self, sock: socket.socket, server: ControlServer) -> None:
@@ -148,7 +140,6 @@ class _Connection:
             self._closes_after_send = not is_json
 
     def _send(self) -> None:
-        """Send as many pending bytes as possible, then close the connection or wait for the next event."""
         with suppress(BlockingIOError):
             while self._backlog:
                 del self._backlog[: self._socket.send(self._backlog)]
@@ -166,11 +157,7 @@ def is_tcp_address(address: str) -> bool:
 
 
 def connect_control(address: str, timeout: float = 5.0) -> socket.socket:
-    """Connect to the control socket of a proxy.
-
-    Raises:
-        ControlError: No proxy listens on `address`.
-    """
+    """Connect to the control socket of a proxy. If no proxy listens there, raise a `ControlError`."""
     try:
         if is_tcp_address(address):
             return socket.create_connection(_host_port(address), timeout)

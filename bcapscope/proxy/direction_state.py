@@ -24,15 +24,14 @@ _HALTS = frozenset((ID["Robot_Halt"], ID["Robot_Hold"]))
 
 @dataclass(eq=False)
 class DirectionState:
-    """State of one direction of a client's traffic.
+    """State of one direction of a client's
+    traffic.
 
     Attributes:
-        client: Number of the client.
         connected_at: Time of the client's first bytes, in ns.
         budget: Common limit for the bytes of unfinished frames in all streams.
         splitter: Object that splits a TCP stream into frames; None while no proxy rule needs frames.
         has_begun: True once the proxy has forwarded bytes of this direction.
-        has_ended: True after the stream has ended.
         piece_count: Number of received datagrams; for a stream, the number of reads.
         last_piece_at: Time of the last datagram or read, in ns; 0 if there was none.
         overtaken_by: Message number of the latest stop; 0 before the first stop. Waiting motions with a lower
@@ -77,8 +76,6 @@ class DirectionState:
 
 
 class ClientStates:
-    """The connected clients, each with the state of both directions."""
-
     def __init__(self) -> None:
         self._directions: dict[int, dict[Direction, DirectionState]] = {}
         self._numbers: dict[Conversation, int] = {}
@@ -102,18 +99,13 @@ class ClientStates:
         return self._numbers[conversation]
 
     def pairs(self) -> Iterator[tuple[DirectionState, DirectionState]]:
-        """For each client, yield the state of the request direction and the state of the response
-        direction.
-        """
+        """For each client, yield the states of the request direction and of the response direction."""
         return ((each[Direction.REQUEST], each[Direction.RESPONSE]) for each in self._directions.values())
 
 
 class UndecidedMessage(NamedTuple):
-    """A message that waits until the scripts decide about it.
-
-    Attributes:
-        state: State of the message's direction.
-        decision: Decision about all data that arrived with the message.
+    """A message that waits until the scripts decide about it, the state of its direction, and the decision
+    about all data that arrived with it.
     """
 
     message: WireMessage
@@ -175,11 +167,6 @@ def mark_overtaken(
     A stop cancels the waiting motions of its own client. Robot_Halt and Robot_Hold cancel the waiting motions
     of all clients of the controller, because a program may send these calls over a separate connection. A
     call that only releases something cancels no motion.
-
-    Args:
-        stop: The stop, which does not wait for the scripts.
-        state: State of the request direction of the stop's client.
-        request_states: States of the request directions of all clients.
     """
     codes = {each.code for each in stop.frames}
     if not codes.isdisjoint(_HALTS):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 from bcapscope.faults.attempt_counter import AttemptCounter, AttemptedCall
 from bcapscope.faults.quantities import FrameCondition
@@ -35,11 +35,12 @@ _Subject: TypeAlias = tuple[AttemptedCall, Direction]
 """A UDP call or its reply. The user's decision applies to every attempt of the call."""
 
 
-class HeldMessage(NamedTuple):
-    """A held message.
+@dataclass(eq=False, slots=True)
+class HeldMessage:
+    """A held
+    message.
 
     Attributes:
-        number: Number that identifies the held message for the user.
         data: Bytes of the message. After retries, `data` holds the latest attempt, because the client accepts
             only a reply to this attempt.
         call_kind: Function and command that the message calls or answers; None if unknown.
@@ -101,10 +102,10 @@ class _PastDecision:
 
 
 class Intercept:
-    """Holds the messages that match a filter.
+    """Holds the messages that match a filter; stops are
+    never held.
 
-    The intercept holds each call once; the user's decision also applies to the retries of the call. The
-    intercept never holds a stop.
+    Each call is held once; the user's decision also applies to the retries of the call.
 
     Attributes:
         condition: Filter for the messages to hold; None to hold nothing.
@@ -121,9 +122,7 @@ class Intercept:
         self.set_condition(condition)
 
     def set_condition(self, condition: FrameCondition | None) -> None:
-        """Set another filter. From now on, the proxy holds the messages that match this filter. Messages that
-        are already held stay held.
-        """
+        """Set another filter for the messages to hold. Messages that are already held stay held."""
         self.condition = condition
         self._matches_frame: Callable[[AnnotatedFrame], bool] | None = None
         if condition is not None:
@@ -142,14 +141,12 @@ class Intercept:
 
     @property
     def is_full(self) -> bool:
-        """Whether the number or the total size of the held messages has reached its limit."""
         held = sum(len(held.data) for held in self._held.values())
         return len(self._held) >= MAX_HELD or held >= MAX_BYTES
 
     def hold_or_pass(self, client: int, message: WireMessage) -> InterceptResult | None:
-        """Decide whether to hold a message. Return None if the intercept does nothing with the message.
-
-        The proxy must pass all messages to this method, in order.
+        """Decide whether to hold a message. Return None if the intercept does nothing with the message. The
+        proxy must pass all messages to this method, in order.
         """
         while self._past_decisions and next(iter(self._past_decisions.values())).until < message.now:
             del self._past_decisions[next(iter(self._past_decisions))]
@@ -157,9 +154,8 @@ class Intercept:
         if subject is not None:
             known, decided = self._held_of(subject), self._past_decisions.get(subject)
             if known is not None:
-                self._held[known.number] = known._replace(
-                    data=message.data, last_attempt_at=message.now, repeats=known.repeats + 1
-                )
+                known.data, known.last_attempt_at = message.data, message.now
+                known.repeats += 1
                 return Message("held.with", number=known.number), None
             if decided is not None:
                 return self._repeat_decision(message, subject, decided)
@@ -173,10 +169,8 @@ class Intercept:
         return Message("held.as", number=number), None
 
     def release(self, number: int, now: int, data: bytes | None = None) -> HeldMessage:
-        """Stop holding a message and return it. The decision also applies to the message's retries.
-
-        Args:
-            data: Bytes that replace the message; None to leave the message unchanged, b"" to drop it.
+        """Stop holding a message and return it. The decision also applies to the message's retries. `data`
+        replaces the message; None leaves it unchanged, b"" drops it.
 
         Raises:
             KeyError: No message with this number is held.
@@ -204,7 +198,7 @@ class Intercept:
         """Store `why` a client no longer waits for the held messages of `flow`."""
         for held in self.held:
             if held.flow is flow and held.abandoned_because is None:
-                self._held[held.number] = held._replace(abandoned_because=why)
+                held.abandoned_because = why
 
     def holds(self, flow: Flow) -> bool:
         return any(held.flow is flow for held in self._held.values())
@@ -216,7 +210,6 @@ class Intercept:
         return found
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Drop the data of a conversation that has ended and has no held messages."""
         self._attempts.close_conversation(conversation)
 
     def _subject(self, message: WireMessage) -> tuple[_Subject | None, bool]:

@@ -20,11 +20,8 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow
 
 
 class MessageSender:
-    """Forwards messages, refuses requests and answers them.
-
-    Attributes:
-        guard: Guard that refuses requests; None without a guard.
-        refused_requests: Number of requests that the guard or `refuse_motion` refused.
+    """Forwards messages, refuses requests and answers them. `refused_requests` counts the requests that the
+    guard or `refuse_motion` refused.
     """
 
     def __init__(self, guard: RequestGuard | None) -> None:
@@ -57,9 +54,7 @@ class MessageSender:
     def refuse_motion(
         self, state: DirectionState, message: WireMessage, note: Message, work: PolicyDecision
     ) -> bytes:
-        """Refuse the frames of a request that may move the robot. Return the bytes of the frames that the
-        method did not refuse.
-        """
+        """Refuse the frames of a request that may move the robot. Return the bytes of the other frames."""
         items = [each.observation.item for each in message.annotated_frames]
         refused = [item for item in items if isinstance(item, Frame) and _may_move(item)]
         if not refused:
@@ -85,7 +80,6 @@ class MessageSender:
     def _apply_guard(
         self, guard: RequestGuard, state: DirectionState, data: bytes, work: PolicyDecision
     ) -> bytes:
-        """Return the requests in `data` that the guard allows, and answer the requests that it refuses."""
         passing, refused, dropped = guard.filter_frames(data)
         for frame, why in refused:
             self.refused_requests += 1

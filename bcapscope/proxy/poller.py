@@ -35,9 +35,7 @@ class SelectPoller:
         self._masks.pop(descriptor, None)
 
     def poll(self, seconds: float | None) -> list[tuple[int, int]]:
-        """Return descriptors with their events. A socket error is not an event, but appears in the next read
-        or write.
-        """
+        """Return descriptors with their events. A socket error appears in the next read or write."""
         readers = [each for each, mask in self._masks.items() if mask & READ]
         writers = [each for each, mask in self._masks.items() if mask & WRITE]
         readable, writable, broken = select.select(readers, writers, writers, seconds)
@@ -54,7 +52,6 @@ Poller: TypeAlias = "select.epoll | SelectPoller"
 
 
 def make_poller() -> Poller:
-    """Return an epoll poller, or a `SelectPoller` if the system has no epoll."""
     return select.epoll() if hasattr(select, "epoll") else SelectPoller()
 
 

@@ -107,12 +107,9 @@ class RecordDecoder:
     """Decodes the records of all clients."""
 
     def __init__(self, join_legs: Callable[[Conversation, Conversation], object] | None = None) -> None:
-        """Start without clients.
-
-        Args:
-            join_legs: Function that receives a client's conversation with the proxy, and the proxy's
-                conversation with the controller, before the first observation on the controller's side. If
-                None, the decoder never decodes the controller's side.
+        """Start without clients. Before the first observation on the controller's side, `join_legs` receives
+        a client's conversation with the proxy, and the proxy's conversation with the controller. If None, the
+        decoder never decodes the controller's side.
         """
         self.observation_count = 0
         self._join_legs = join_legs
@@ -137,8 +134,8 @@ class RecordDecoder:
         return self.observation_count
 
     def pop_closed_clients(self) -> list[tuple[Conversation, Message]]:
-        """Return the clients that the relay removed since the last call of this method. Each client comes
-        with the reason.
+        """Return the clients that the relay removed since the last call of this method, each with the
+        reason.
         """
         gone, self._closed_clients = self._closed_clients, []
         return gone
@@ -146,12 +143,9 @@ class RecordDecoder:
     def decode(
         self, records: Iterable[RingRecord], packets: Iterable[int] | None = None
     ) -> Iterator[NotedObservation]:
-        """Yield each observation, with a note that says what a proxy rule did to the message. The note is
-        None if no rule changed the message.
-
-        Args:
-            packets: For each record, the number of its packet in the recording, or 0 if it has no packet.
-                `packets` is None if there is no recording.
+        """Yield each observation, with a note that says what a proxy rule did to the message; None if no rule
+        changed it. `packets` has the number of the packet in the recording for each record, or 0 if the
+        record has no packet; None if there is no recording.
         """
         clients = self._clients
         for record, packet in zip(records, packets or repeat(0), strict=False):
@@ -187,7 +181,6 @@ class RecordDecoder:
             self._join_legs(client.conversation, client.decode_far_side())
 
     def _decode_event(self, client: _Client, record: RingRecord) -> Iterator[NotedObservation]:
-        """Yield the observations that a record gives if its kind is not `DATA`."""
         kind = record.kind
         if kind is RingRecordKind.HOLE:
             if record.up and record.received_at:

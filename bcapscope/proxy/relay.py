@@ -52,14 +52,13 @@ also needs only one.
 
 
 class Relay(DescriptorWatcher):
-    """Moves bytes between clients and controllers.
+    """Moves bytes between clients and
+    controllers.
 
     Attributes:
-        ring: Ring buffer that passes the traffic to the watcher process.
         counts: Counters in the ring, indexed by `RelayCounter`.
         policy: The proxy's rules, which decide about each message; None without rules.
         sessions: Open sessions by client number.
-        slots: For each transport, the slots that limit which clients the proxy admits.
         pending_connections: TCP clients that have not sent a complete frame yet.
         spares: Spare file descriptors for clients that send a stop.
         buffer: Receive buffer for all streams, which one thread reads.
@@ -97,14 +96,13 @@ class Relay(DescriptorWatcher):
             listener.open()
 
     def stop(self) -> None:
-        """Make `run` return soon. A signal handler may use this method. A function that `run` calls may also
-        use it.
-        """
+        """Make `run` return soon. Signal handlers and functions that `run` calls may use this method."""
         self._is_stopped = True
 
     def run(self, idle: Callable[[], None] = lambda: None) -> None:
-        """Forward traffic until `stop` is called. Every `POLL_INTERVAL`, call `idle`, which must not
-        block."""
+        """Forward traffic until `stop` is called. `idle` is called every `POLL_INTERVAL`, and must
+        not block.
+        """
         self._is_stopped, self._idle = False, idle
         handler_of, poll, policy = self._handlers.get, self._poller.poll, self.policy
         patience = POLL_INTERVAL if self._ticker is None else None
@@ -151,8 +149,8 @@ class Relay(DescriptorWatcher):
     # For listeners and sessions.
 
     def deny(self, client: Endpoint, why: Message, is_datagram: bool = False) -> None:
-        """Count a rejected client. To limit the messages, report only the 1st, 2nd, 4th, 8th client and so on
-        to the user.
+        """Count a rejected client. To limit the messages, report only the 1st, 2nd, 4th, 8th client and so
+        on.
         """
         self.counts[RelayCounter.DENIED] += 1
         self._denied += 1
@@ -195,7 +193,6 @@ class Relay(DescriptorWatcher):
                 self.policy.remove_client(session.number, time.monotonic_ns())
 
     def notify(self, message: Message) -> None:
-        """Send a message to the user."""
         self.ring.write_required(RingRecordKind.NOTICE, 0, encode_message(message), time.time_ns())
 
     def apply_rules(self, session: RelaySession, up: bool, data: bytes, received_at: int) -> None:
@@ -212,8 +209,8 @@ class Relay(DescriptorWatcher):
             self._record_and_perform(arrival, decision)
 
     def record_undecided(self, session: RelaySession, up: bool) -> None:
-        """Some data of this direction still waits for a decision. Write this data to the ring now, so that
-        later records of this direction follow it.
+        """Write data of this direction that still waits for a decision to the ring now, so that later records
+        of this direction follow it.
         """
         for decision, each in list(self._undecided.items()) if self._undecided else ():
             if each.session is session and each.up is up:
@@ -232,9 +229,7 @@ class Relay(DescriptorWatcher):
         self._perform(decision.actions)
 
     def on_stream_end(self, session: RelaySession, up: bool) -> bool:
-        """Report the end of a stream to the proxy's rules. Return whether to forward this end to the receiver
-        now.
-        """
+        """Report the end of a stream to the proxy's rules. Return whether to forward this end now."""
         if self.policy is None:
             return True
         self._perform(self.policy.on_stream_end(session.number, direction_of(up), time.monotonic_ns()))
@@ -245,23 +240,19 @@ class Relay(DescriptorWatcher):
         return self.policy is not None and self.policy.holds(session.number, direction_of(up))
 
     def hides_end(self, session: RelaySession) -> bool:
-        """Return whether a proxy rule hides the end of the client's connection from the controller, and the
-        end of the controller's connection from the client.
-        """
+        """Return whether a rule hides the end of each connection of the client from the other end."""
         return self.policy is not None and self.policy.hides_end(session.number)
 
     def pauses_reading(self, session: RelaySession) -> bool:
-        """Return True if the proxy holds so much data that the session must not read more. When the proxy
-        holds less data, the relay calls `RelaySession.resume`.
-        """
+        """Return True if the proxy holds so much data that the session must not read more before `resume`."""
         if self.policy is None or not self.policy.is_full(session.number):
             return False
         self._paused_sessions[session.number] = session
         return True
 
     def release_held(self, session: RelaySession) -> bool:
-        """Before a client is disconnected, send those of its held messages that the policy lets through.
-        Return whether the relay sent any message.
+        """Before a client is disconnected, send the held messages that the rules release. Return whether the
+        relay sent any message.
         """
         if self.policy is None or session.number not in self.sessions:
             return False
@@ -353,9 +344,7 @@ class _Arrival(NamedTuple):
 
 
 def encode_note(note: Message | None) -> bytes:
-    """Encode a note for the ring; return b"" for None. Replace a note that is too long with a shortened
-    English text.
-    """
+    """Encode a note for the ring; return b"" for None. Cut a note that is too long, to English text."""
     if note is None:
         return b""
     data = encode_message(note)
@@ -363,5 +352,4 @@ def encode_note(note: Message | None) -> bytes:
 
 
 def direction_of(up: bool) -> Direction:
-    """Return `Direction.REQUEST` if `up`, otherwise `Direction.RESPONSE`."""
     return Direction.REQUEST if up else Direction.RESPONSE

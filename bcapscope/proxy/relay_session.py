@@ -30,7 +30,8 @@ class ClientDeniedError(BcapError):
 
 
 class RelaySession(ABC):
-    """The relay's session with one client. The session forwards data between the client and the controller.
+    """The relay's session with one client. The session forwards data between the client and the
+    controller.
 
     Attributes:
         number: Number of the client; no other client gets this number.
@@ -79,13 +80,8 @@ class RelaySession(ABC):
 
 
 class ClientListener(ABC):
-    """A socket that accepts clients for one controller.
-
-    Attributes:
-        controller: Address family and address of the controller.
-        to: Host and port of the controller.
-        socket: Socket to which the clients send.
-        address: Host and port on which the socket listens.
+    """A socket that accepts clients for one controller. `controller` has the address family and the address
+    of the controller, `to` its host and port. `address` is the host and port on which the socket listens.
     """
 
     def __init__(self, relay: Relay, spec: ListenerSpec, transport: Transport) -> None:
@@ -121,14 +117,8 @@ class ClientListener(ABC):
     def _open_upstream(
         self, host: str, is_stop: bool, open_socket: Callable[[], socket.socket]
     ) -> tuple[socket.socket, ClientSlot]:
-        """Find a slot for a new client at the address `host`, and open a socket toward the controller.
-
-        If the first frame of the new client is a stop and no file descriptor is free, disconnect another
-        client.
-
-        Args:
-            is_stop: True if the client's first frame is a stop.
-            open_socket: Function that opens the socket toward the controller.
+        """Find a slot for a new client at the address `host`, and open a socket toward the controller. If the
+        client's first frame is a stop and no file descriptor is free, disconnect another client.
 
         Raises:
             ClientDeniedError: No slot is free, or the last file descriptors must stay free for stops.
@@ -155,11 +145,8 @@ class ClientListener(ABC):
 
 
 class ClientEndpoints(NamedTuple):
-    """Addresses of the two connections of a client: to the proxy, and from the proxy to the controller.
-
-    Attributes:
-        listen: Address of the proxy to which the client sends.
-        upstream: Address from which the proxy sends to the controller.
+    """Addresses of the two connections of a client: from `client` to the proxy at `listen`, and from the
+    proxy at `upstream` to the controller.
     """
 
     transport: Transport

@@ -44,8 +44,6 @@ class RulePolicy:
 
     Attributes:
         shaper: Applies the faults to messages.
-        guard: Refuses requests; None without a guard.
-        intercept: Holds messages until the user decides about them.
         scripts: Queue of messages that the user's scripts have yet to answer; None without scripts.
         dropped_held: Number of held requests that the proxy dropped because their client no longer waited.
         notify: Function that gets each message for the user.
@@ -77,7 +75,6 @@ class RulePolicy:
 
     @property
     def refused_requests(self) -> int:
-        """Number of requests that the guard or `MessageSender.refuse_motion` refused."""
         return self._sender.refused_requests
 
     # The relay calls the following methods.
@@ -141,8 +138,8 @@ class RulePolicy:
         return state is not None and not self.shaper.passes_close(state.flow.conversation)
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
-        """When a client leaves, return its held messages that the proxy still sends, and discard its other
-        held messages.
+        """When a client leaves, return its held messages that the proxy still sends, and discard the
+        others.
 
         The proxy still sends held replies and held stops, but drops all other held requests. If a fault hides
         the end of the client from the controller, the proxy sends no held message.
@@ -228,9 +225,7 @@ class RulePolicy:
             self._apply_script_decisions(self.scripts.on_data(data, now), now)
 
     def on_scripts_ended(self, now: int) -> None:
-        """Decide about the messages that still wait for the scripts, because the scripts' process has
-        ended.
-        """
+        """Decide about the messages that still wait for the scripts, whose process has ended."""
         if self.scripts is not None:
             self._apply_script_decisions(self.scripts.on_process_ended(now), now)
 
@@ -252,11 +247,8 @@ class RulePolicy:
             self._outbox += work.actions
 
     def forward_held(self, number: int, now: int, data: bytes | None = None) -> None:
-        """Forward a held message: unchanged, or as `data`. The faults and the guard still apply to this
-        message.
-
-        Raises:
-            KeyError: No message with this number is held.
+        """Forward a held message: unchanged, or as `data`. The faults and the guard still apply to it. If no
+        message with this number is held, raise a `KeyError`.
         """
         held = self.intercept.release(number, now, data)
         case = "held.sent" if data is None or data == held.data else "held.edited"
@@ -264,11 +256,7 @@ class RulePolicy:
         self._outbox += self._forward_held(held, held.data if data is None else data, note, now)
 
     def drop_held(self, number: int, now: int) -> None:
-        """Drop a held message and its retries.
-
-        Raises:
-            KeyError: No message with this number is held.
-        """
+        """Drop a held message and its retries. If no message with this number is held, raise a `KeyError`."""
         self.intercept.release(number, now, b"")
 
     # messages

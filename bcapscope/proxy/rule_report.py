@@ -39,9 +39,7 @@ def report_lines(rules: RulePolicy) -> list[Message]:
 
 
 def names_with_counts(lost: Iterable[Frame | bytes]) -> Message:
-    """Return the names of the lost data, and how often each name occurs. An element of `lost` is a request or
-    a piece of a stream.
-    """
+    """Return the names of lost requests and pieces of streams, and how often each name occurs."""
     names = Counter(map(_named, lost))
     more = len(names) - _MAX_NAMED
     most = names.most_common(_MAX_NAMED)

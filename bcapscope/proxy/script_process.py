@@ -58,18 +58,12 @@ _START = (
 
 
 class ScriptProcess:
-    """A process that runs the user's scripts, and the proxy's connection to it.
-
-    Attributes:
-        names: File names of the scripts, for messages to the user.
+    """A process that runs the user's scripts, and the proxy's connection to it. `names` has the file names of
+    the scripts, for messages to the user.
     """
 
     def __init__(self, paths: Sequence[str], megabytes: int = DEFAULT_MEMORY_MB) -> None:
-        """Start the process.
-
-        Raises:
-            ScriptError: The process cannot be started.
-        """
+        """Start the process. If that fails, raise a `ScriptError`."""
         self.names = ", ".join(Path(path).name for path in paths)
         self._is_interrupted: Callable[[], bool] = lambda: False
         self._files = {Path(path).name for path in paths}
@@ -116,11 +110,8 @@ class ScriptProcess:
             os.close(traces)
 
     def load(self, seconds: float) -> bool:
-        """Wait until the scripts are loaded. Return False if the scripts need more than `seconds`. Call
-        `attach` first.
-
-        Raises:
-            ScriptError: A script failed to load, or has no add-on.
+        """Wait until the scripts are loaded. Return False if they need more than `seconds`. Call `attach`
+        first. If a script fails to load or has no add-on, raise a `ScriptError`.
         """
         until = time.monotonic() + seconds
         try:
@@ -175,9 +166,7 @@ class ScriptProcess:
         self._flush()
 
     def receive(self) -> bytes:
-        """Return the bytes that have arrived from the process; b"" if nothing has arrived, or if the process
-        has ended.
-        """
+        """Return the bytes that have arrived; b"" if there are none, or if the process has ended."""
         return self._receive() or b""
 
     def locate(self) -> None:
@@ -234,9 +223,7 @@ class ScriptProcess:
                 self._rules.on_scripts_ended(now)
 
     def _receive(self) -> bytes | None:
-        """Return the bytes that have arrived from the process: None if nothing has arrived yet, b"" if the
-        process has ended.
-        """
+        """Return the bytes that have arrived; None if there are none yet, b"" if the process has ended."""
         try:
             return self._socket.recv(1 << 16)
         except BlockingIOError:
@@ -245,8 +232,8 @@ class ScriptProcess:
             return b""
 
     def _flush(self) -> None:
-        """Write as many pending bytes as the socket accepts; the relay calls this method again when the
-        socket accepts more.
+        """Write as many pending bytes as the socket accepts. The relay calls this again when it
+        accepts more.
         """
         try:
             while self._backlog:
@@ -286,9 +273,7 @@ class ScriptProcess:
         return ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
 
     def _script_location(self) -> Message | None:
-        """Return the script line that the process reported last, or the script line at which the process
-        crashed. Return None if neither is known.
-        """
+        """Return the script line that the process reported last, or at which it crashed; None if unknown."""
         if self._traces is None:
             return None
         try:

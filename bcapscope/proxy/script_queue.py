@@ -80,13 +80,8 @@ _MAX_NOTICES = 200
 
 @dataclass(frozen=True, slots=True)
 class PendingOrder:
-    """An order that the scripts have not answered yet.
-
-    Attributes:
-        hook: Name of the hook that the order calls.
-        sent_at: Time at which the order was sent, in ns.
-        message: Message that the order shows to the scripts; None for other orders.
-        undecided: The same message, if it waits for a decision; else None.
+    """An order that the scripts have not answered yet. `message` is the message that the order shows to the
+    scripts, if any. `undecided` is the same message, if it waits for a decision.
     """
 
     hook: str
@@ -96,7 +91,6 @@ class PendingOrder:
 
     @property
     def size(self) -> int:
-        """Number of bytes of the message; 0 without a message."""
         return 0 if self.message is None else len(self.message.data)
 
     def __str__(self) -> str:
@@ -112,13 +106,13 @@ ScriptDecision: TypeAlias = tuple[UndecidedMessage, ScriptAnswer | None]
 
 
 class ScriptQueue:
-    """Passes messages to the scripts, in order, and returns the scripts' decisions.
+    """Passes messages to the scripts, in order, and returns the scripts'
+    decisions.
 
     The queue switches the scripts off if they exceed the time limit for a message, or if their process ends
     or sends invalid data.
 
     Attributes:
-        is_on: True while the scripts get messages.
         off_because: Reason why the scripts are off; None while they are on.
         errors: Number of errors in the scripts so far.
         notify: Function that gets each message for the user.
@@ -159,9 +153,7 @@ class ScriptQueue:
 
     @property
     def inspects_frames(self) -> bool:
-        """Whether streams must be split into frames: True if a hook gets frames, or if motions are
-        refused.
-        """
+        """Whether streams must be split into frames, for a hook or to refuse motions."""
         return not self.is_on or not self._hooks.isdisjoint(("request", "reply", "settled"))
 
     def decides(self, direction: Direction) -> bool:
@@ -189,9 +181,7 @@ class ScriptQueue:
         )
 
     def send_gone(self, client: int, now: int) -> None:
-        """Report to the scripts that a client is gone. Remove the client's waiting messages before you use
-        this method.
-        """
+        """Report to the scripts that a client is gone. Call `remove_messages` first."""
         self._send_order(ClientGone(client), PendingOrder("gone", now))
 
     def finish(self, now: int) -> None:
@@ -220,8 +210,9 @@ class ScriptQueue:
             yield from self._flush_undecided()
 
     def on_process_ended(self, now: int) -> Iterator[ScriptDecision]:
-        """Switch the scripts off because their process ended or the connection to it broke. Yield a decision
-        without an answer for each waiting message."""
+        """Switch the scripts off because their process ended. Yield a decision without an answer for each
+        waiting message.
+        """
         if self.is_on:
             why = Message("script.ended-between")
             if self._queue:
@@ -239,9 +230,7 @@ class ScriptQueue:
 
     def advance(self, now: int, time: int) -> Iterator[ScriptDecision]:
         """Check whether the scripts exceeded the time limit, and whether any calls expired. Yield the
-        decisions that result.
-
-        `now` is in ns of the monotonic clock, and `time` is the same time in ns since 1970.
+        decisions that result. `time` is `now` in ns since 1970.
         """
         due = self.due()
         if due is None or now < due:
@@ -284,8 +273,8 @@ class ScriptQueue:
         return not self.is_full(client) and self._counts[client] < MAX_WAITING
 
     def remove_messages(self, flow: Flow) -> list[bytes]:
-        """Remove the waiting messages of one client and direction, and return their bytes. The scripts' later
-        decisions about the removed messages have no effect.
+        """Remove the waiting messages of one client and direction, and return their bytes. Later decisions of
+        the scripts about them have no effect.
         """
         found: list[bytes] = []
         for place, each in enumerate(self._queue):
