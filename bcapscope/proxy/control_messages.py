@@ -227,7 +227,7 @@ class HeldStatus(msgspec.Struct, frozen=True):
 
     @property
     def flow(self) -> Flow:
-        ends = _endpoint(self.client), _endpoint(self.server)
+        ends = parse_endpoint(self.client), parse_endpoint(self.server)
         return Flow(Conversation(*ends, self.transport, SERVER_PARTICIPANT), self.direction)
 
     @property
@@ -330,6 +330,6 @@ def decode_response(line: bytes, kind: type[T]) -> T:
         raise InputError(Message("document.endless")) from error
 
 
-def _endpoint(text: str) -> Endpoint:
+def parse_endpoint(text: str) -> Endpoint:
     host, _, port = text.rpartition(":")
     return Endpoint(host.strip("[]"), int(port))

@@ -15,7 +15,7 @@ from bcapscope.errors import BcapError
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.control_api import ControlApi
-from bcapscope.proxy.control_messages import LONGEST_LINE
+from bcapscope.proxy.control_messages import LONGEST_LINE, parse_endpoint
 from bcapscope.proxy.poller import READ, WRITE, DescriptorWatcher
 
 MAX_CONNECTIONS = 16
@@ -160,7 +160,7 @@ def connect_control(address: str, timeout: float = 5.0) -> socket.socket:
     """Connect to the control socket of a proxy. If no proxy listens there, raise a `ControlError`."""
     try:
         if is_tcp_address(address):
-            return socket.create_connection(_host_port(address), timeout)
+            return socket.create_connection(parse_endpoint(address), timeout)
         return _connect_unix(address, timeout)
     except (OSError, OverflowError) as error:
         raise ControlError(Message("control.no-proxy", address=address, reason=os_reason(error))) from error
@@ -177,13 +177,8 @@ def _connect_unix(path: str, timeout: float) -> socket.socket:
     return sock
 
 
-def _host_port(address: str) -> tuple[str, int]:
-    host, _, port = address.rpartition(":")
-    return host.strip("[]"), int(port)
-
-
 def _listen_at_port(address: str) -> socket.socket:
-    host, port = _host_port(address)
+    host, port = parse_endpoint(address)
     try:
         loopback = ipaddress.ip_address(host).is_loopback
     except ValueError:

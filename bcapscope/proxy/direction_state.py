@@ -12,7 +12,8 @@ from bcapscope.faults.wire_message import WireMessage
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
-from bcapscope.protocol.guard import always_passes
+from bcapscope.protocol.guard import always_passes, request_effect
+from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID
 from bcapscope.proxy.policy import PolicyDecision
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
@@ -24,8 +25,7 @@ _HALTS = frozenset((ID["Robot_Halt"], ID["Robot_Hold"]))
 
 @dataclass(eq=False)
 class DirectionState:
-    """State of one direction of a client's
-    traffic.
+    """State of one direction of a client's traffic.
 
     Attributes:
         connected_at: Time of the client's first bytes, in ns.
@@ -145,6 +145,13 @@ def _split_frames(items: Iterable[Frame | Malformed]) -> _SplitRequests:
         else:
             lost.append(item)
     return going, lost
+
+
+def may_move(request: Frame) -> bool:
+    values = request.variants
+    return (
+        not always_passes(request.code, values) and request_effect(request.code, values) >= CallEffect.MOVES
+    )
 
 
 def _only_stops(request: Frame) -> bool:

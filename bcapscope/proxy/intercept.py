@@ -37,8 +37,7 @@ _Subject: TypeAlias = tuple[AttemptedCall, Direction]
 
 @dataclass(eq=False, slots=True)
 class HeldMessage:
-    """A held
-    message.
+    """A held message.
 
     Attributes:
         data: Bytes of the message. After retries, `data` holds the latest attempt, because the client accepts
@@ -102,8 +101,7 @@ class _PastDecision:
 
 
 class Intercept:
-    """Holds the messages that match a filter; stops are
-    never held.
+    """Holds the messages that match a filter; stops are never held.
 
     Each call is held once; the user's decision also applies to the retries of the call.
 

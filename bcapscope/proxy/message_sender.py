@@ -7,11 +7,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bcapscope.faults.reply_factory import ReplyFactory
-from bcapscope.faults.wire_message import WireMessage
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.protocol.guard import always_passes, request_effect
-from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.hresult import E_ACCESSDENIED
 from bcapscope.proxy.direction_state import DirectionState
 from bcapscope.proxy.policy import PolicyDecision, SendAction
@@ -21,7 +18,7 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow
 
 class MessageSender:
     """Forwards messages, refuses requests and answers them. `refused_requests` counts the requests that the
-    guard or `refuse_motion` refused.
+    guard or a missing script refused.
     """
 
     def __init__(self, guard: RequestGuard | None) -> None:
@@ -51,18 +48,11 @@ class MessageSender:
         else:
             work.actions.append(SendAction(state.client, direction, data, note))
 
-    def refuse_motion(
-        self, state: DirectionState, message: WireMessage, note: Message, work: PolicyDecision
-    ) -> bytes:
-        """Refuse the frames of a request that may move the robot. Return the bytes of the other frames."""
-        items = [each.observation.item for each in message.annotated_frames]
-        refused = [item for item in items if isinstance(item, Frame) and _may_move(item)]
-        if not refused:
-            return message.data
-        self.refused_requests += len(refused)
-        self.answer(state, refused, E_ACCESSDENIED, note, work)
-        work.notes.append(note)
-        return b"".join(item.raw for item in items if item not in refused)
+    def refuse(
+        self, state: DirectionState, requests: Sequence[Frame], note: Message, work: PolicyDecision
+    ) -> None:
+        self.refused_requests += len(requests)
+        self.answer(state, requests, E_ACCESSDENIED, note, work)
 
     def answer(
         self,
@@ -82,16 +72,8 @@ class MessageSender:
     ) -> bytes:
         passing, refused, dropped = guard.filter_frames(data)
         for frame, why in refused:
-            self.refused_requests += 1
             work.notes.append(Message("guard.answered", reason=why))
-            self.answer(state, (frame,), E_ACCESSDENIED, Message("guard.refused", reason=why), work)
+            self.refuse(state, (frame,), Message("guard.refused", reason=why), work)
         if dropped:
             work.notes.append(Message("guard.dropped"))
         return passing
-
-
-def _may_move(request: Frame) -> bool:
-    return (
-        not always_passes(request.code, request.variants)
-        and request_effect(request.code, request.variants) >= CallEffect.MOVES
-    )

@@ -52,8 +52,7 @@ also needs only one.
 
 
 class Relay(DescriptorWatcher):
-    """Moves bytes between clients and
-    controllers.
+    """Moves bytes between clients and controllers.
 
     Attributes:
         counts: Counters in the ring, indexed by `RelayCounter`.

@@ -30,8 +30,7 @@ class ClientDeniedError(BcapError):
 
 
 class RelaySession(ABC):
-    """The relay's session with one client. The session forwards data between the client and the
-    controller.
+    """The relay's session with one client. The session forwards data between the client and the controller.
 
     Attributes:
         number: Number of the client; no other client gets this number.

@@ -123,8 +123,7 @@ class RequestGuard:
         return GuardResult(b"".join(passing), tuple(refused), dropped)
 
     def refusal_reason(self, request: Frame) -> Message | None:
-        """Return the reason why the guard refuses a request; None if the request
-        passes.
+        """Return the reason why the guard refuses a request; None if the request passes.
 
         Controllers interpret a damaged frame in different ways. Some controllers read the whole value of an
         argument to find the next argument. orin_bcap's C, C#, Java and Python code does so. Other

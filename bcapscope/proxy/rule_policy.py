@@ -25,6 +25,7 @@ from bcapscope.proxy.direction_state import (
     UndecidedMessage,
     is_stop_request,
     mark_overtaken,
+    may_move,
     split_held_requests,
 )
 from bcapscope.proxy.intercept import HeldMessage, Intercept
@@ -138,8 +139,7 @@ class RulePolicy:
         return state is not None and not self.shaper.passes_close(state.flow.conversation)
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
-        """When a client leaves, return its held messages that the proxy still sends, and discard the
-        others.
+        """When a client leaves, return its held messages that the proxy still sends, and discard the others.
 
         The proxy still sends held replies and held stops, but drops all other held requests. If a fault hides
         the end of the client from the controller, the proxy sends no held message.
@@ -217,17 +217,15 @@ class RulePolicy:
         """Return a summary of what the rules did, one message per line."""
         return report_lines(self)
 
-    # `ScriptProcess` calls the following methods.
+    # `ScriptProcess` calls the following method.
 
     def on_script_data(self, data: bytes, now: int) -> None:
-        """Apply decisions of the scripts. `pop_due_actions` returns the resulting actions."""
+        """Apply the decisions in bytes from the scripts' process; b"" if the process has ended.
+        `pop_due_actions` returns the resulting actions.
+        """
         if self.scripts is not None:
-            self._apply_script_decisions(self.scripts.on_data(data, now), now)
-
-    def on_scripts_ended(self, now: int) -> None:
-        """Decide about the messages that still wait for the scripts, whose process has ended."""
-        if self.scripts is not None:
-            self._apply_script_decisions(self.scripts.on_process_ended(now), now)
+            decisions = self.scripts.on_data(data, now) if data else self.scripts.on_process_ended(now)
+            self._apply_script_decisions(decisions, now)
 
     # The control socket and the screen call the following methods.
 
@@ -345,9 +343,13 @@ class RulePolicy:
     ) -> WireMessage | None:
         """Refuse the frames of a request that may move the robot. Return the frames that were not refused;
         None if all were refused."""
-        passing = self._sender.refuse_motion(state, message, note, work)
-        if passing == message.data:
+        items = [each.observation.item for each in message.annotated_frames]
+        refused = [item for item in items if isinstance(item, Frame) and may_move(item)]
+        if not refused:
             return message
+        self._sender.refuse(state, refused, note, work)
+        work.notes.append(note)
+        passing = b"".join(item.raw for item in items if item not in refused)
         return self._message(message.number, message.flow, passing, message.now) if passing else None
 
     def _message(self, number: int, flow: Flow, data: bytes, now: int) -> WireMessage:

@@ -216,11 +216,10 @@ class ScriptProcess:
             data = self._receive()
             now = time.monotonic_ns()
             assert self._rules is not None
-            if data:
-                self._rules.on_script_data(data, now)
-            elif data is not None:
+            if data == b"":
                 self._unwatch()
-                self._rules.on_scripts_ended(now)
+            if data is not None:
+                self._rules.on_script_data(data, now)
 
     def _receive(self) -> bytes | None:
         """Return the bytes that have arrived; None if there are none yet, b"" if the process has ended."""

@@ -53,8 +53,7 @@ class ClientConnected(_WireFrame, frozen=True):
 
 
 class MessageShown(_WireFrame, frozen=True):
-    """Passes a message of a client or controller to the
-    scripts.
+    """Passes a message of a client or controller to the scripts.
 
     Attributes:
         up: True if the message goes to the controller, False if it goes to the client.

@@ -106,8 +106,7 @@ ScriptDecision: TypeAlias = tuple[UndecidedMessage, ScriptAnswer | None]
 
 
 class ScriptQueue:
-    """Passes messages to the scripts, in order, and returns the scripts'
-    decisions.
+    """Passes messages to the scripts, in order, and returns the scripts' decisions.
 
     The queue switches the scripts off if they exceed the time limit for a message, or if their process ends
     or sends invalid data.

@@ -53,8 +53,7 @@ _RESETS = errno.ECONNRESET, errno.EPIPE
 
 @dataclass(eq=False, slots=True)
 class _HalfConnection:
-    """One direction of a connection: bytes from the socket `source` to the socket
-    `sink`.
+    """One direction of a connection: bytes from the socket `source` to the socket `sink`.
 
     Attributes:
         pending: Bytes that the session could not write to the sink yet.

@@ -52,8 +52,7 @@ _MAX_STRANGERS = 256
 
 
 class UdpListener(ClientListener):
-    """A UDP socket to which clients send their
-    requests.
+    """A UDP socket to which clients send their requests.
 
     Attributes:
         refused: True after a report that the controller refuses datagrams, until the controller sends one.

@@ -76,7 +76,7 @@ def rules(data: bytes) -> None:
         elif what == 3:
             made.on_rules_changed(now)
             if here is not None and later == 1:
-                made.on_scripts_ended(now)
+                made.on_script_data(b"", now)
         if here is not None and later != 2:
             here.answer(made, now)
         _take(made.pop_due_actions(now), left)

@@ -484,7 +484,7 @@ def test_nothing_that_comes_does_harm(
             case "answer":
                 here.answer(made, now, count=1)
             case "lose":
-                made.on_scripts_ended(now)
+                made.on_script_data(b"", now)
             case "end":
                 made.on_stream_end(1, UP, now)
             case "changed":

@@ -389,7 +389,7 @@ def test_a_relay_that_always_stands_still_does_not_let_messages_wait_for_ever() 
 def test_the_end_of_its_process_switches_a_script_off() -> None:
     made, here, notices = switched_off(request(1), request(2, "CurJnt"))
     here.place = (Message("script.exit-code", code=3),)
-    made.on_scripts_ended(MS)
+    made.on_script_data(b"", MS)
     assert sent(made.pop_due_actions(MS)) == request(2, "CurJnt")
     made.pop_due_actions(51 * MS)
     why = "its process ended during request (Robot_Execute slvMove); exit code 3"
