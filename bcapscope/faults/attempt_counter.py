@@ -1,6 +1,4 @@
-"""Counts the attempts of calls. Finds numbers of attempts: for a request, the number of this attempt; for a
-response, the number of the answered attempt.
-"""
+"""Counts the attempts of calls."""
 
 from __future__ import annotations
 
@@ -29,7 +27,6 @@ class AttemptedCall:
     Attributes:
         content: Bytes of a request, beginning with the function id. All attempts have the same bytes. A hash
             replaces these bytes if there are more than 512.
-        attempts: Number of attempts so far.
     """
 
     content: bytes
@@ -37,20 +34,13 @@ class AttemptedCall:
 
 
 class CallAttempt(NamedTuple):
-    """One attempt of a call.
-
-    Attributes:
-        number: Number of the attempt, counted from 1.
-    """
+    """One attempt of a call. The first attempt has the number 1."""
 
     call: AttemptedCall
     number: int
 
 
 def _content_key(request: Frame) -> bytes:
-    """Return the bytes that all attempts of a call share. If these are more than 512 bytes, return their
-    hash.
-    """
     content = request.raw[9:]
     return content if len(content) <= _LONGEST_KEPT else blake2b(content).digest()
 
@@ -58,18 +48,14 @@ def _content_key(request: Frame) -> bytes:
 class AttemptCounter:
     """Uses the serials in the reserved fields of retries to find the attempts of each call. Supports all
     conventions for the reserved field.
-
-    On TCP, every request is a first attempt, because clients do not retry on TCP.
     """
 
     def __init__(self) -> None:
         self._conversations: dict[Conversation, _AttemptsBySerial] = {}
 
     def attempt_number(self, flow: Flow, frame: Frame) -> int | None:
-        """For a request, return the number of this attempt; for a response, the number of the answered
-        attempt. The first attempt is 1.
-
-        For a response to an unknown or old request, return None.
+        """Return the result of `add_frame` as a number of an attempt. On TCP, every request is a first
+        attempt, because clients do not retry on TCP.
         """
         if flow.conversation.transport is Transport.TCP:
             return 1
@@ -77,11 +63,8 @@ class AttemptCounter:
         return None if found is None else found.number
 
     def add_frame(self, flow: Flow, frame: Frame) -> CallAttempt | None:
-        """Add the next frame of a UDP conversation.
-
-        For a request, return the attempt that it makes; for a response, return the attempt that it answers.
-
-        For a response to an unknown or old request, return None.
+        """Add the next frame of a UDP conversation. For a request, return the attempt that it makes; for a
+        response, return the attempt that it answers, or None if its request is unknown or old.
         """
         serials = self._conversations.pop(flow.conversation, None) or _AttemptsBySerial()
         while len(self._conversations) >= MAX_CONVERSATIONS:
@@ -100,7 +83,6 @@ class AttemptCounter:
         return known.call if known and known.call.content == _content_key(request) else None
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Drop the data of a conversation that has ended."""
         self._conversations.pop(conversation, None)
 
 

@@ -43,6 +43,7 @@ _AT = re.compile(r" - at `([^`]*)`$")
 _PATH_STEP = re.compile(r"\.([^.\[]+)|\[([0-9]+)\]")
 _EXPECTED = re.compile(r"Expected `([^`]+)`, got `([^`]+)`")
 _FIELD = re.compile(r"field `([^`]*)`")
+_NUMBER_TAGS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 
 class DocumentError(InputError):
@@ -116,18 +117,14 @@ def convert_data(data: object, kind: Any) -> Any:
 
 
 def fault_from(data: object) -> AnyFault:
-    """Convert plain data into a fault.
-
-    Raises:
-        DocumentError: The data does not describe a valid fault.
-    """
+    """Convert plain data into a fault. Raise errors like `convert_data`."""
     found: AnyFault = convert_data(data, AnyFault)
     return found
 
 
 def to_plain_data(value: object) -> Any:
-    """Convert a struct into plain data, as a document would contain it. Fields with their default value are
-    left out.
+    """Convert a struct into plain data, as a document would contain it, without fields that have their
+    default.
     """
     return msgspec.to_builtins(value, enc_hook=lambda quantity: quantity.text)
 
@@ -141,13 +138,10 @@ def _read_quantity(kind: type, written: object) -> object:
 class _Loader(SafeLoader):
     """YAML loader that rejects repeated keys, keys that are not scalars, and numbers with too many digits."""
 
-    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
-        _check_number(node)
-        return super().construct_yaml_int(node)
-
-    def construct_yaml_float(self, node: yaml.ScalarNode) -> float:
-        _check_number(node)
-        return super().construct_yaml_float(node)
+    def construct_scalar(self, node: yaml.ScalarNode) -> Any:
+        if node.tag in _NUMBER_TAGS and len(node.value) > LONGEST_NUMBER:
+            raise YamlError(Message("input.long-number", limit=LONGEST_NUMBER), node.start_mark)
+        return super().construct_scalar(node)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen = set()
@@ -160,17 +154,8 @@ class _Loader(SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
-_Loader.add_constructor("tag:yaml.org,2002:float", _Loader.construct_yaml_float)
-
-
-def _check_number(node: yaml.ScalarNode) -> None:
-    if len(node.value) > LONGEST_NUMBER:
-        raise YamlError(Message("input.long-number", limit=LONGEST_NUMBER), node.start_mark)
-
-
 def _check_events(text: str) -> None:
-    """Reject deep nesting and aliases in a document, before YAML builds objects from the document."""
+    """Reject deep nesting and aliases before YAML builds objects."""
     for event in yaml_events(text):
         if isinstance(event, yaml.AliasEvent):
             raise YamlError(Message("yaml.anchors"), event.start_mark)
@@ -262,9 +247,7 @@ def _types_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[list[
 
 
 def _parts(hint: Any) -> list[type]:
-    """Return all classes that a type hint contains, such as the members of a union or the element types of a
-    tuple.
-    """
+    """Return all classes that a type hint contains, such as the members of a union."""
     inner = [part for each in get_args(hint) for part in _parts(each)]
     return [hint, *inner] if isinstance(hint, type) else inner
 
@@ -279,7 +262,6 @@ def _matching_structs(types: Iterable[type], data: object) -> list[_Struct]:
 
 
 def _field_type(struct: _Struct, written: str) -> Any:
-    """Return the type of the field that documents call `written`; None for an unknown field."""
     names = dict(zip(struct.__struct_encode_fields__, struct.__struct_fields__, strict=True))
     return get_type_hints(struct).get(names.get(written, ""))
 

@@ -9,7 +9,7 @@ sequence of bytes that is not a frame.
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import msgspec
 from msgspec import Meta
@@ -21,6 +21,9 @@ from bcapscope.traffic.observation import Direction
 if TYPE_CHECKING:
     from bcapscope.faults.fault_injector import ActiveFault
     from bcapscope.faults.wire_message import FaultedMessage, WireMessage
+
+_ON_ANY_BYTES = frozenset(("pass", "delay", "bandwidth", "partition", "half-open"))
+"""Actions that do not need whole frames of a stream."""
 
 Count: TypeAlias = Annotated[int, Meta(ge=1, le=1_000_000)]
 
@@ -87,24 +90,19 @@ class Fault(
 class MessageFault(Fault, frozen=True, kw_only=True):
     """A fault that affects messages."""
 
-    needs_whole_frame: ClassVar[bool] = True
-    """Whether the action of the fault needs whole frames. The conditions of the fault may also need whole
-    frames.
-    """
-
     @property
     def needs_frames(self) -> bool:
         """Whether a TCP stream must be split into frames before this fault can be applied."""
         return (
-            self.needs_whole_frame
+            self.action not in _ON_ANY_BYTES
             or self.when is not None
             or self.attempt is not None
             or self.probability < 1
         )
 
     def initial_state(self) -> Any:
-        """Return the initial state of the fault. The state can have one value per direction, and the fault
-        changes it while the fault is active.
+        """Return the initial state of the fault, which `draw` and `apply` change: often one value per
+        direction.
         """
         return {}
 

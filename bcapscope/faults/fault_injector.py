@@ -53,11 +53,7 @@ _FlowKey: TypeAlias = tuple[Conversation, Direction]
 
 
 class ActiveFault(FaultMatcher):
-    """A fault that the injector applies.
-
-    Attributes:
-        state: Data that the fault keeps from one message to the next.
-    """
+    """A fault that the injector applies, and the data that the fault keeps between messages."""
 
     fault: AnyFault
 
@@ -85,11 +81,7 @@ class _QueuedOutput:
 
 
 class FaultInjector:
-    """Applies faults to messages. A message is a datagram as received, or a frame of a TCP stream.
-
-    Attributes:
-        active_faults: Faults in the order in which they are applied.
-    """
+    """Applies faults to messages. `active_faults` has the faults in the order in which they are applied."""
 
     def __init__(self, faults: Iterable[AnyFault] = (), *, seed: int = 0, now: int, epoch: int = 0) -> None:
         """Set up the faults.
@@ -124,11 +116,7 @@ class FaultInjector:
     # faults
 
     def add(self, fault: AnyFault, now: int) -> str:
-        """Append a fault. Return its name.
-
-        Raises:
-            InputError: Another fault has the same name.
-        """
+        """Append a fault, and return its name. If another fault has the same name, raise an `InputError`."""
         names = {active.name for active in self.active_faults}
         if fault.name in names:
             raise InputError(Message("fault.exists", name=fault.name))
@@ -139,28 +127,18 @@ class FaultInjector:
 
     def remove(self, name: str) -> None:
         """Remove a fault. Messages that the fault has already delayed are still sent at their planned time.
-
-        Raises:
-            KeyError: There is no fault of this name.
+        If there is no such fault, raise a `KeyError`.
         """
         self.active_faults.remove(self.find(name))
         self._update_needs_pairing()
 
     def set_enabled(self, name: str, enabled: bool) -> None:
-        """Switch a fault on or off.
-
-        Raises:
-            KeyError: There is no fault of this name.
-        """
+        """Switch a fault on or off. If there is no such fault, raise a `KeyError`."""
         self.find(name).enabled = enabled
         self._update_needs_pairing()
 
     def find(self, name: str) -> ActiveFault:
-        """Return a fault by its name.
-
-        Raises:
-            KeyError: There is no fault of this name.
-        """
+        """Return a fault by its name. If there is no such fault, raise a `KeyError`."""
         for active in self.active_faults:
             if active.name == name:
                 return active
@@ -171,8 +149,8 @@ class FaultInjector:
         return {active.name: active.hit_count for active in self.active_faults}
 
     def is_idle(self, now: int) -> bool:
-        """Return whether no message is held and no fault can hit. The proxy may then forward messages without
-        the injector.
+        """Return whether no message is held and no fault can hit, so that messages do not need the
+        injector.
         """
         return (
             not self._queue
@@ -229,8 +207,8 @@ class FaultInjector:
 
     @property
     def is_full(self) -> bool:
-        """Whether faults hold more than `MAX_WAITING` bytes. While this limit is exceeded, the proxy should
-        not read from TCP streams.
+        """Whether faults hold more than `MAX_WAITING` bytes. If so, the proxy should not read from TCP
+        streams.
         """
         return self._queued_bytes > MAX_WAITING
 
@@ -247,25 +225,21 @@ class FaultInjector:
         return outputs
 
     def holds(self, flow: Flow) -> bool:
-        """Return whether the proxy must wait before it forwards the end of a TCP stream.
-
-        The proxy must wait while faults hold messages of the flow. If a half-open fault blocks the
-        conversation, the proxy never forwards the end of the stream.
+        """Return whether faults hold messages of the flow, or a half-open fault blocks the conversation, so
+        that the proxy must not forward the end of a TCP stream yet.
         """
         return not self.passes_close(flow.conversation) or any(
             _is_of(queued.output, _flow_key(flow)) for _, _, queued in self._queue
         )
 
     def passes_close(self, conversation: Conversation) -> bool:
-        """Return whether the proxy may forward the closing of a TCP connection. This is False if a half-open
-        fault blocks the conversation.
+        """Return False if a half-open fault blocks the conversation, so that its end must not be
+        forwarded.
         """
         return conversation not in self._half_open
 
     def pop_held(self, flow: Flow) -> list[bytes]:
-        """Remove all held messages of one direction. Return the bytes of the messages in the planned order of
-        sending.
-
+        """Remove all held messages of one direction, and return their bytes in the planned order of sending.
         If a half-open fault blocks the conversation, return an empty list.
         """
         key = _flow_key(flow)
@@ -280,7 +254,6 @@ class FaultInjector:
         return [output.data for output in outputs if isinstance(output, SendBytes)]
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Drop the data and the held messages of a conversation that has ended."""
         self._half_open.pop(conversation, None)
         self._reply_factory.close_conversation(conversation)
         self._recent_requests.close_conversation(conversation)
@@ -292,7 +265,9 @@ class FaultInjector:
             self._stream_busy_until.pop((conversation, direction), None)
             self._held_behind.pop((conversation, direction), None)
         self._queue = [
-            entry for entry in self._queue if not _is_of_conversation(entry[2].output, conversation)
+            entry
+            for entry in self._queue
+            if entry[2].output and entry[2].output.conversation is not conversation
         ]
         self._rebuild_queue()
 
@@ -348,17 +323,15 @@ class FaultInjector:
             self._enqueue_send(flow, send, now + faulted.delay + late)
 
     def _close_time(self, closing: CloseConnection, when: int) -> int:
-        """Return the time at which to close a connection. `when` is the time that the fault planned.
-
-        A close with FIN waits until the held messages of the connection are sent.
+        """Return when to close a connection. `when` is the planned time, but a close with FIN waits until the
+        held messages of the connection are sent.
         """
         if closing.how is CloseMode.RESET:
             return when
-        conversation = closing.conversation
         held = (
             due
             for due, _, each in self._queue
-            if each.output and _is_of_conversation(each.output, conversation)
+            if each.output and each.output.conversation is closing.conversation
         )
         return max((when, *held))
 
@@ -420,12 +393,3 @@ def _to_client(flow: Flow) -> Flow:
 
 def _is_of(output: FaultOutput | None, key: _FlowKey) -> bool:
     return isinstance(output, SendBytes) and _flow_key(output.flow) == key
-
-
-def _is_of_conversation(output: FaultOutput | None, conversation: Conversation) -> bool:
-    match output:
-        case SendBytes(flow=flow):
-            return flow.conversation is conversation
-        case CloseConnection(conversation=closing):
-            return closing is conversation
-    return True

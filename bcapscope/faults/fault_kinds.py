@@ -9,7 +9,7 @@ from __future__ import annotations
 import random
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, get_args
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_args
 
 from msgspec import Meta, field
 
@@ -51,8 +51,6 @@ _PARETO_MEAN = PARETO_SHAPE / (PARETO_SHAPE - 1)
 
 class PassFault(MessageFault, frozen=True, kw_only=True, tag="pass"):
     """Forward the message, and skip all later faults."""
-
-    needs_whole_frame: ClassVar[bool] = False
 
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:
         faulted.is_final = True
@@ -105,8 +103,6 @@ class DelayFault(MessageFault, frozen=True, kw_only=True, tag="delay"):
     time: DurationQuantity
     jitter: DurationQuantity = DurationQuantity(0)
     distribution: JitterDistribution = JitterDistribution.UNIFORM
-
-    needs_whole_frame: ClassVar[bool] = False
 
     def draw(self, active: ActiveFault, message: WireMessage) -> Any:
         return max(0, round(self.time + self.jitter * self._draw_deviation(active.rng)))
@@ -210,10 +206,8 @@ class TruncateFault(MessageFault, frozen=True, kw_only=True, tag="truncate"):
 
 
 class GarbageFault(MessageFault, frozen=True, kw_only=True, tag="garbage"):
-    """Replace the message by random bytes. By default, hit only responses.
-
-    Attributes:
-        size: Number of bytes to send; None for the size of the message.
+    """Replace the message by random bytes: `size` bytes, or as many as the message has. By default, hit only
+    responses.
     """
 
     direction: Direction | None = Direction.RESPONSE
@@ -336,11 +330,8 @@ class ExecutingFault(MessageFault, frozen=True, kw_only=True, tag="executing"):
 
 
 class CloseFault(MessageFault, frozen=True, kw_only=True, tag="close"):
-    """Close the TCP connections to client and controller, and drop the message. UDP is not affected.
-
-    Attributes:
-        how: RST closes the connection at once. FIN closes it after all messages that other faults hold were
-            sent.
+    """Close the TCP connections to client and controller, and drop the message. UDP is not affected. RST
+    closes the connection at once, FIN after all messages that other faults hold were sent.
     """
 
     how: CloseMode = CloseMode.RESET
@@ -364,8 +355,6 @@ class BandwidthFault(MessageFault, frozen=True, kw_only=True, tag="bandwidth"):
     rate: Rate
     queue: Annotated[int, Meta(ge=1, le=1 << 30)] = 256 * 1024
 
-    needs_whole_frame: ClassVar[bool] = False
-
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:
         message = faulted.original
         direction = message.flow.direction
@@ -388,8 +377,6 @@ class PartitionFault(MessageFault, frozen=True, kw_only=True, tag="partition"):
     of a stream are dropped too.
     """
 
-    needs_whole_frame: ClassVar[bool] = False
-
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:
         if faulted.original.is_datagram or active.ends_at is None:
             faulted.drop()
@@ -402,8 +389,6 @@ class HalfOpenFault(MessageFault, frozen=True, kw_only=True, tag="half-open"):
     """Block the conversation permanently, in both directions. If the client or the controller closes the
     connection, the other end does not notice that.
     """
-
-    needs_whole_frame: ClassVar[bool] = False
 
     def apply(self, faulted: FaultedMessage, drawn: Any, active: ActiveFault) -> Message | None:
         faulted.half_open = True

@@ -18,8 +18,6 @@ class FaultMatcher:
 
     Attributes:
         rng: Generator of random numbers for this fault only.
-        enabled: Whether the fault is on. The user can switch the fault on and off.
-        hit_count: Number of messages hit so far.
         ends_at: Time at which the fault ends, in ns; None if it never ends.
     """
 

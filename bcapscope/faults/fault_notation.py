@@ -96,18 +96,12 @@ class NotationError(FilterError):
 
 
 class _Word(NamedTuple):
-    """A word of the text, and the index of its first character."""
-
     text: str
     start: int
 
 
 def read_fault(text: str) -> AnyFault:
-    """Parse a fault.
-
-    Raises:
-        NotationError: The text is not a valid fault.
-    """
+    """Parse a fault. Invalid text raises a `NotationError`."""
     return _FaultParser(text).read()
 
 
@@ -132,10 +126,7 @@ def write_fault(fault: Fault) -> str:
 
 def rewrite_message(data: bytes, flow: Flow, changes: str) -> bytes:
     """Return a message with changes such as ``set arg[2]=0 serial 7``; if nothing changes, return the same
-    bytes.
-
-    Raises:
-        ValueError: The notation is invalid.
+    bytes. An invalid notation raises a `ValueError`.
     """
     fault = read_fault(f"rewrite {changes}")
     assert isinstance(fault, RewriteFault)
@@ -264,18 +255,13 @@ class _FaultParser:
         raise NotationError(self.text, start, reason)
 
     def locate_error(self, error: DocumentError) -> NotationError:
-        """Return an error that shows the position of the invalid field in the text; `error` names the
-        field.
-        """
+        """Return an error that shows in the text where the field that `error` names is."""
         cause = error.__cause__.__cause__ if error.__cause__ else None
         if isinstance(cause, FilterError):
             shift = self.text.index(cause.expression, self.starts["if"] + len("if"))
             return NotationError(self.text, shift + cause.position, cause.reason)
         start = self.starts.get(str(error.path[0]), 0) if error.path else 0
         if not error.path and error.reason.id == "document.missing":
-            return NotationError(self.text, len(self.text_before_condition()), error.reason)
+            stop = self.condition.start if self.condition else len(self.text)
+            return NotationError(self.text, len(self.text[:stop].rstrip()), error.reason)
         return NotationError(self.text, start, error.reason)
-
-    def text_before_condition(self) -> str:
-        stop = self.condition.start if self.condition else len(self.text)
-        return self.text[:stop].rstrip()

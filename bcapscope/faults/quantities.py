@@ -1,7 +1,7 @@
 """The values that a user writes in a fault: durations, shares, rates, result codes, conditions and ranges.
 
 Each class has `read`, which parses a value from YAML or from the command line, and `text`, which writes the
-value as text.
+value as text. `read` raises an `InputError` if the value is invalid.
 """
 
 from __future__ import annotations
@@ -46,11 +46,6 @@ class DurationQuantity(int):
 
     @classmethod
     def read(cls, written: object) -> Self:
-        """Read a duration.
-
-        Raises:
-            InputError: The value is not a duration, or is longer than a year.
-        """
         if written == 0 and not isinstance(written, bool):
             return cls(0)
         match = _DURATION.fullmatch(written.strip()) if isinstance(written, str) else None
@@ -73,11 +68,6 @@ class Share(float):
 
     @classmethod
     def read(cls, written: object) -> Self:
-        """Read a share.
-
-        Raises:
-            InputError: The value is no number or percentage, or not between 0 and 1.
-        """
         match = _SHARE.fullmatch(written.strip()) if isinstance(written, str) else None
         value: float
         if match:
@@ -102,11 +92,6 @@ class Rate(float):
 
     @classmethod
     def read(cls, written: object) -> Self:
-        """Read a rate.
-
-        Raises:
-            InputError: The value is not a rate, or is less than one byte per second.
-        """
         match = _RATE.fullmatch(written.strip()) if isinstance(written, str) else None
         if match is None:
             raise _invalid("rate", written)
@@ -129,11 +114,6 @@ class HresultQuantity(int):
 
     @classmethod
     def read(cls, written: object) -> Self:
-        """Read a result code.
-
-        Raises:
-            InputError: The name is unknown, or the number has more than 32 bits.
-        """
         if isinstance(written, str):
             known = _FOLDED_CODES.get(written.strip().casefold())
             if known is not None:
@@ -148,7 +128,6 @@ class HresultQuantity(int):
 
     @property
     def text(self) -> str:
-        """Name of the result code, or its hexadecimal digits."""
         name = hresult_name(self)
         return name if CODE_BY_NAME.get(name) == self else f"0x{self:08X}"
 
@@ -165,11 +144,7 @@ class FrameCondition:
 
     @classmethod
     def read(cls, written: object) -> Self:
-        """Compile the expression of a filter.
-
-        Raises:
-            InputError: The expression is invalid (a `FilterError`), or is not text.
-        """
+        """Compile the expression of a filter. An invalid expression raises a `FilterError`."""
         if isinstance(written, bool):  # YAML reads the filters `true` and `false` as booleans
             written = str(written).lower()
         if not isinstance(written, str):
@@ -178,7 +153,6 @@ class FrameCondition:
 
     @property
     def text(self) -> str:
-        """The expression as written."""
         return self.filter.expression
 
     def __eq__(self, other: object) -> bool:
@@ -189,11 +163,8 @@ class FrameCondition:
 
 
 class Span:
-    """A range from a lowest to a highest number. Users write it as ``-90..90``, ``..90`` or ``0..``.
-
-    Attributes:
-        low: Lowest number; minus infinity if there is no lowest number.
-        high: Highest number; infinity if there is no highest number.
+    """A range from a lowest to a highest number. Users write it as ``-90..90``, ``..90`` or ``0..``. A
+    missing end is infinite.
     """
 
     __slots__ = ("high", "low")
@@ -204,12 +175,6 @@ class Span:
 
     @classmethod
     def read(cls, written: object) -> Self:
-        """Read a span.
-
-        Raises:
-            InputError: The value is not a range, the range is empty, or the absolute value of an end exceeds
-                `LARGEST_END`.
-        """
         match = _SPAN.fullmatch(written.strip()) if isinstance(written, str) else None
         try:
             if match is None or not (match[1] or match[2]):
@@ -252,10 +217,7 @@ QUANTITIES = (DurationQuantity, Share, Rate, HresultQuantity, FrameCondition, Sp
 
 def read_path(written: str) -> tuple[int, ...]:
     """Parse the filter notation of an argument, or of an element, such as ``arg[2][0]``. Return the indexes:
-    (2, 0).
-
-    Raises:
-        InputError: The text is not an argument with indexes.
+    (2, 0). Any other text raises an `InputError`.
     """
     match = _PATH.fullmatch(written)
     indexes = tuple(map(int, re.findall("[0-9]+", match[1]))) if match else ()

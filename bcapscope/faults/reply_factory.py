@@ -52,12 +52,10 @@ class ReplyFactory:
             self._remember(self._reply_reserved, conversation, found)
 
     def make_reply(self, conversation: Conversation, request: Frame, code: int) -> bytes:
-        """Encode a reply to a request, with a result code and no value."""
         echoes = self._reply_reserved.get(conversation) is ReplyReserved.ECHOED
         return encode_reply(request, request.reserved if echoes else 0, code)
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Drop the data of a conversation that has ended."""
         self._last_requests.pop(conversation, None)
         self._reply_reserved.pop(conversation, None)
 

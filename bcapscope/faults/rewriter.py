@@ -6,7 +6,7 @@ import math
 import struct
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias, cast
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
 
 from bcapscope.errors import LocalProtocolError
 from bcapscope.faults.quantities import Span, read_path
@@ -33,13 +33,10 @@ _Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None]]
 ValueChange: TypeAlias = Callable[[Variant], Variant]
 """Function that returns the changed value, or the same object if nothing changes."""
 
-
-class _Adjust(Protocol):
-    """Type of a function that returns the new value of a number. `index` is the index of the number in its
-    array.
-    """
-
-    def __call__(self, number: float, index: int) -> float: ...
+NumberChange: TypeAlias = Callable[[float, int], float]
+"""Function that returns the new value of a number. The second argument is the index of the number in its
+array.
+"""
 
 
 class _LastMessage(NamedTuple):
@@ -93,11 +90,7 @@ def _encode_or_keep(frame: Frame, numbers: tuple[int, int, int], values: Sequenc
 
 
 class Rewriter:
-    """Applies a `RewriteFault`. The fault's `step` needs earlier messages, so this class keeps them.
-
-    Args:
-        fault: Fault to apply.
-    """
+    """Applies a `RewriteFault`. The fault's `step` needs earlier messages, so this class keeps them."""
 
     def __init__(self, fault: RewriteFault) -> None:
         self._fault = fault
@@ -153,7 +146,6 @@ class Rewriter:
         return values
 
     def _remember(self, key: _Key, last: _LastMessage) -> None:
-        """Store the last message of a series. If too many messages are stored, drop the oldest."""
         known = self._last_messages.pop(key, None)
         self._last_messages[key] = last
         self._size += last.size - (0 if known is None else known.size)
@@ -163,7 +155,6 @@ class Rewriter:
             self._size -= self._last_messages.pop(next(iter(self._last_messages))).size
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Drop the data of a conversation that has ended."""
         self._last_messages = {
             key: value for key, value in self._last_messages.items() if key[0] is not conversation
         }
@@ -202,9 +193,7 @@ def _edited(value: Variant, path: tuple[int, ...], change: ValueChange) -> Varia
 
 
 def _elements(value: Variant) -> list[Variant]:
-    """Return the elements of an array, each with its type. If the value is not an array, the result is
-    empty.
-    """
+    """Return the elements of an array, each with its type; [] if the value is not an array."""
     base = value.vt & ~ARRAY
     if not value.vt & ARRAY or not isinstance(value.value, tuple | bytes):
         return []
@@ -251,22 +240,22 @@ def _step_limited(value: Variant, last: Variant, step: float) -> Variant:
     return _each_number(value, near)
 
 
-def _each_number(value: Variant, change: _Adjust) -> Variant:
+def _each_number(value: Variant, change: NumberChange) -> Variant:
     """Change a number, or every number of an array. A value of an integer type stays an integer."""
     elements = _elements(value)
     if not elements:
-        return _with_number(value, partial(change, index=0))
-    new = [_with_number(element, partial(change, index=index)) for index, element in enumerate(elements)]
+        return _with_number(value, 0, change)
+    new = [_with_number(element, index, change) for index, element in enumerate(elements)]
     if all(one is other for one, other in zip(new, elements, strict=True)):
         return value
     return _with_elements(value, new)
 
 
-def _with_number(value: Variant, change: Callable[[float], float]) -> Variant:
+def _with_number(value: Variant, index: int, change: NumberChange) -> Variant:
     number = value.value
     if value.vt not in _NUMBERS or not isinstance(number, int | float):
         return value
-    new = change(number)
+    new = change(number, index)
     if new == number:
         return value
     if value.vt in _INTEGERS:

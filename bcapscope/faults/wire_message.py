@@ -37,14 +37,13 @@ class SendBytes(msgspec.Struct, frozen=True):
     data: bytes
     fault_notes: tuple[Message, ...] = ()
 
+    @property
+    def conversation(self) -> Conversation:
+        return self.flow.conversation
+
 
 class CloseConnection(msgspec.Struct, frozen=True):
-    """Instruction to close a TCP connection now, to the client and to the controller.
-
-    Attributes:
-        how: Whether to close with RST or with FIN.
-        fault_notes: Names of the faults that close the connection, and what they did.
-    """
+    """Instruction to close a TCP connection now, to the client and to the controller."""
 
     conversation: Conversation
     how: CloseMode
@@ -118,15 +117,11 @@ class WireMessage:
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """Frames of the message. If the message also contains bytes that are not a frame, the result is
-        empty.
-        """
+        """Frames of the message; () if the message also contains bytes that are not a frame."""
         return _only_frames([each.observation.item for each in self.annotated_frames])
 
     def annotate_with_attempts(self, requests: RecentRequests, counter: AttemptCounter) -> None:
-        """Find the function, the command and the attempt of each frame. Call this method for every message,
-        in the order of the messages.
-        """
+        """Do the same as `annotate`, and find the attempt of each frame."""
         self.annotate(requests)
         self.attempt_numbers = tuple(
             counter.attempt_number(self.flow, each.observation.item)
@@ -151,16 +146,13 @@ class FaultedMessage:
     """A message, and the effects of faults on the message so far.
 
     Attributes:
-        original: Message as received.
-        data: Current bytes of the message.
         delay: Sum of all delays, in ns.
         is_lost: True if the message is not forwarded.
         is_final: True if later faults are skipped.
         copy_delays: For each copy, the time in ns from sending the message to sending the copy.
         held_behind: Number of messages that must overtake this message, and the maximum time in ns to wait
             for them. None if the message is not reordered.
-        replies: Replies that faults made for the client. Each entry has a delay in ns and the bytes of the
-            reply.
+        replies: Replies that faults made for the client, each with a delay in ns.
         close_mode: How to close the connection; None to keep it open.
         half_open: True if the conversation is blocked from now on.
     """
@@ -179,9 +171,7 @@ class FaultedMessage:
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """Frames in the current bytes. If the bytes also contain anything that is not a frame, the result is
-        empty.
-        """
+        """Frames in the current bytes; see `WireMessage.frames`."""
         if self.data is self.original.data:
             return self.original.frames
         return _only_frames(parse_datagram(self.data))
@@ -192,6 +182,5 @@ class FaultedMessage:
 
 
 def _only_frames(items: Sequence[Frame | Malformed]) -> tuple[Frame, ...]:
-    """Return all items if each item is a frame; return () if an item is not a frame."""
     frames = tuple(item for item in items if isinstance(item, Frame))
     return frames if len(frames) == len(items) else ()

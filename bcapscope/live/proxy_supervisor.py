@@ -14,6 +14,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing import resource_tracker
 from multiprocessing.shared_memory import SharedMemory
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -38,7 +39,6 @@ from bcapscope.messages.places import joined_clauses
 from bcapscope.player.realtime import realtime_priority
 from bcapscope.proxy.listener_spec import ListenerSpec
 from bcapscope.proxy.listeners import open_listeners
-from bcapscope.proxy.policy import Policy
 from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RingWriter
 from bcapscope.proxy.tcp_listener import TcpListener
@@ -46,6 +46,9 @@ from bcapscope.proxy.udp_listener import UdpListener, UdpSession
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Endpoint
 from bcapscope.transport.descriptors import raise_descriptor_limit
+
+if TYPE_CHECKING:
+    from bcapscope.proxy.rule_policy import RulePolicy
 
 RING_SIZE = 32 << 20
 """Size of the ring in bytes. The ring holds about 20 s of traffic of four robots that each get one set point
@@ -85,7 +88,7 @@ class ProxySupervisor:
         self,
         options: ProxyOptions,
         end_signals: socket.socket,
-        policy: Policy | None = None,
+        policy: RulePolicy | None = None,
         *,
         low_latency: bool = False,
     ) -> None:

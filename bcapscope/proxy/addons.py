@@ -29,12 +29,31 @@ from bcapscope.faults.quantities import HresultQuantity
 from bcapscope.faults.wire_message import WireMessage
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.tables.function_table import function_name
-from bcapscope.proxy.script_protocol import ScriptError
+from bcapscope.proxy.script_protocol import (
+    MAX_SENTENCES,
+    ClientConnected,
+    ClientGone,
+    ExpireCalls,
+    FinishScripts,
+    MessageShown,
+    ScriptAnswer,
+    ScriptError,
+    ScriptOrder,
+    wire_sentence,
+)
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.call_kind import CallKind, RecentRequests
 from bcapscope.traffic.handle_tracker import TrackedObject
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
+from bcapscope.traffic.observation import (
+    SERVER_PARTICIPANT,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Transport,
+)
 from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 
 HOOKS = ("request", "reply", "settled", "connected", "gone", "done")
@@ -46,11 +65,7 @@ SLOW_HOOK_NS = 2_000_000
 
 
 class AddonClient(NamedTuple):
-    """A client, as the proxy describes it to add-ons.
-
-    Attributes:
-        number: Number of the client; no other client gets this number.
-    """
+    """A client, as add-ons see it. No other client gets the same `number`."""
 
     number: int
     address: Endpoint
@@ -118,32 +133,88 @@ class PassingMessage:
 
 
 class AddonRunner(PipelineSubscriber):
-    """Calls the hooks of all add-ons. If a hook raises an error, reports its first error and continues with
-    the other hooks.
-
-    Attributes:
-        notify: Function that is called with each message for the user.
+    """Executes the orders of the proxy: calls the hooks of all add-ons, and collects their answers. If a hook
+    raises an error, reports its first error and continues with the other hooks.
     """
 
     def __init__(self, addons: Sequence[object], clock: Callable[[], int] = time.perf_counter_ns) -> None:
         """Prepare to call the hooks of `addons`, in the order of the add-ons. `clock` returns the time in ns,
         to measure how long a hook takes.
         """
-        self.notify: Callable[[Message], None] = lambda message: None
-        self.errors = 0
         self._clock = clock
+        self._errors = 0
+        self._notices: list[Message] = []
         self._reported: set[tuple[int, str, str]] = set()
         self._hooks: dict[str, list[tuple[object, Callable[..., object]]]] = {
             name: [(addon, getattr(addon, name)) for addon in addons if callable(getattr(addon, name, None))]
             for name in HOOKS
         }
         self._pipeline = Pipeline(self) if self._hooks["settled"] else None
+        self._clients: dict[int, tuple[AddonClient, Conversation]] = {}
+        self._recent_requests = RecentRequests()
+        self._templates = FrameTemplates()
+        self._messages = 0
 
     @property
     def hooks(self) -> frozenset[str]:
         return frozenset(name for name, found in self._hooks.items() if found)
 
-    def run_message_hooks(self, client: AddonClient, message: WireMessage) -> PassingMessage:
+    def execute(self, order: ScriptOrder) -> ScriptAnswer:
+        """Handle an order of the proxy, and return the answer of the add-ons.
+
+        Raises:
+            KeyError: The order refers to an unknown client.
+        """
+        pipeline = self._pipeline
+        match order:
+            case MessageShown():
+                return self._show_message(order)
+            case ClientConnected():
+                self._add_client(order)
+            case ClientGone():
+                client, conversation = self._clients.pop(order.client)
+                self._recent_requests.close_conversation(conversation)
+                if pipeline is not None:
+                    pipeline.close_conversation(conversation)
+                self._call_all("gone", client)
+            case ExpireCalls():
+                if pipeline is not None:
+                    pipeline.expire(order.time)
+            case FinishScripts():
+                if pipeline is not None:
+                    pipeline.finish()
+                self._call_all("done")
+        return self._answer()
+
+    def _add_client(self, order: ClientConnected) -> None:
+        end, controller = (Endpoint(*each) for each in order.ends)
+        transport = Transport(order.transport)
+        client = AddonClient(order.client, end, controller, transport)
+        self._clients[order.client] = client, Conversation(end, controller, transport, SERVER_PARTICIPANT)
+        self._call_all("connected", client)
+
+    def _show_message(self, order: MessageShown) -> ScriptAnswer:
+        client, conversation = self._clients[order.client]
+        self._messages += 1
+        flow = Flow(conversation, Direction.REQUEST if order.up else Direction.RESPONSE)
+        message = WireMessage(
+            self._messages, flow, order.data, order.now, order.time, templates=self._templates
+        )
+        message.annotate(self._recent_requests)
+        passing = self._run_message_hooks(client, message)
+        return self._answer(
+            data=None if passing.data == order.data else bytes(passing.data),
+            dropped=bool(passing.dropped),
+            results=tuple(map(int, passing.answers)),
+        )
+
+    def _answer(self, **verdict: Any) -> ScriptAnswer:
+        notices = tuple(map(wire_sentence, self._notices[:MAX_SENTENCES]))
+        self._notices.clear()
+        has_open_calls = self._pipeline is not None and self._pipeline.has_open_calls
+        return ScriptAnswer(notices, self._errors, has_open_calls, **verdict)
+
+    def _run_message_hooks(self, client: AddonClient, message: WireMessage) -> PassingMessage:
         """Pass a message to the add-ons one after another. Each add-on gets the message with the changes of
         the previous add-ons. Return the changed message.
         """
@@ -155,37 +226,12 @@ class AddonRunner(PipelineSubscriber):
                 break
         if not isinstance(passing.data, bytes):
             if self._is_new(self, name, "data"):
-                self.notify(Message("addon.data", hook=name))
+                self._notices.append(Message("addon.data", hook=name))
             passing.data = message.data
         if self._pipeline is not None:
             for annotated in message.annotated_frames:
                 self._pipeline.add(annotated.observation)
         return passing
-
-    def client_connected(self, client: AddonClient) -> None:
-        self._call_all("connected", client)
-
-    def client_gone(self, client: AddonClient, conversation: Conversation) -> None:
-        """Complete the open calls of a client that is gone, and call the hook `gone`."""
-        if self._pipeline is not None:
-            self._pipeline.close_conversation(conversation)
-        self._call_all("gone", client)
-
-    def expire_calls(self, since_1970: int) -> None:
-        """Complete the calls that got no reply in time, and report these calls to the add-ons."""
-        if self._pipeline is not None:
-            self._pipeline.expire(since_1970)
-
-    @property
-    def has_open_calls(self) -> bool:
-        """Whether calls are open, so that the proxy must call `expire_calls` regularly."""
-        return self._pipeline is not None and self._pipeline.has_open_calls
-
-    def proxy_ended(self) -> None:
-        """Complete the open calls, and call the hook `done`."""
-        if self._pipeline is not None:
-            self._pipeline.finish()
-        self._call_all("done")
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
         self._call_all("settled", call)
@@ -202,17 +248,15 @@ class AddonRunner(PipelineSubscriber):
         except BaseException as error:  # catch even SystemExit, because the process must continue
             # check this first, because it takes long to find the line of an error
             if self._is_new(addon, name, "error"):
-                self.notify(
-                    Message("addon.error", hook=f"{type(addon).__name__}.{name}", error=_where(error))
-                )
+                self._notices.append(Message("addon.error", hook=hook_name, error=_where(error)))
         took = self._clock() - began
         if took > SLOW_HOOK_NS and self._is_new(addon, name, "slow"):
-            self.notify(Message("addon.slow", hook=hook_name, time=f"{took / 1e6:.1f} ms"))
+            self._notices.append(Message("addon.slow", hook=hook_name, time=f"{took / 1e6:.1f} ms"))
 
     def _is_new(self, addon: object, name: str, kind: str) -> bool:
         """Count an error. Return True if the error is the first of its kind in this hook, so that the user
         must see the error."""
-        self.errors += kind != "slow"
+        self._errors += kind != "slow"
         key = (id(addon), name, kind)
         is_new = key not in self._reported
         self._reported.add(key)

@@ -46,8 +46,6 @@ TOO_MANY_CLIENTS = Message("client.silent.too-many")
 
 
 class ClientSlot(Enum):
-    """Kind of slot for a new client."""
-
     NONE = 0
     REGULAR = 1
     RESERVED = 2
@@ -88,11 +86,8 @@ class ClientSlots:
         return ClientSlot.RESERVED
 
     def occupy(self, session: RelaySession, slot: ClientSlot, is_fresh: bool) -> None:
-        """Give a client the slot that `find_slot` found.
-
-        Args:
-            slot: Kind of slot that `find_slot` returned.
-            is_fresh: True if the client has sent only one datagram. A second datagram may never follow.
+        """Give a client the slot that `find_slot` found. `is_fresh` is True if the client has sent only one
+        datagram; a second datagram may never follow.
         """
         number = session.number
         if slot is ClientSlot.RESERVED:
@@ -118,9 +113,7 @@ class ClientSlots:
                 del self._sources[source]
 
     def end_oldest_stop(self) -> bool:
-        """Disconnect the client that has held a reserved slot longest. Return False if no client has a
-        reserved slot.
-        """
+        """Disconnect the client that has held a reserved slot longest. Return False if there is none."""
         oldest = next(iter(self._reserved.values()), None)
         if oldest is None:
             return False
@@ -129,8 +122,8 @@ class ClientSlots:
         return True
 
     def _evict_one(self, source: str | None, now: int) -> bool:
-        """Evict a client of `source`, or of any source if `source` is None. Return False if the proxy may not
-        evict any of these clients.
+        """Evict a client of `source`, or of any source if `source` is None. Return False if none may be
+        evicted.
         """
         victim = self._oldest_replaceable(source, now) or self._longest_idle(source, now)
         if victim is None:
@@ -140,9 +133,8 @@ class ClientSlots:
         return True
 
     def _longest_idle(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the client that has been idle longest; None if the proxy may not evict any client.
-
-        After a search that found no client, the method does not search again for the same `now`.
+        """Return the client that has been idle longest; None if none may be evicted. After a search that
+        found no client, do not search again for the same `now`.
         """
         if now != self._exhausted_at:
             self._exhausted_at = now
@@ -158,8 +150,8 @@ class ClientSlots:
         return None
 
     def _oldest_replaceable(self, source: str | None, now: int) -> RelaySession | None:
-        """Return the oldest fresh client of `source`, or of any source if `source` is None. Return None if
-        the proxy may not evict a client now.
+        """Return the oldest fresh client of `source`, or of any source if `source` is None; None if there is
+        none, or if it is too early to evict another fresh client.
         """
         earned = (now - self._replaced_at) // REPLACE_INTERVAL_NS
         if earned:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from bcapscope.errors import InputError, message_of
 from bcapscope.faults.document import DocumentError, fault_from, to_plain_data
+from bcapscope.faults.fault_injector import ActiveFault
 from bcapscope.faults.fault_notation import read_fault, rewrite_message, write_fault
 from bcapscope.faults.quantities import DurationQuantity, FrameCondition
 from bcapscope.messages import Message
@@ -19,18 +20,6 @@ from bcapscope.proxy.intercept import HeldMessage
 from bcapscope.proxy.rule_policy import RulePolicy
 
 Q = TypeVar("Q", DurationQuantity, FrameCondition)
-
-
-class ControlResponse(NamedTuple):
-    """Response to one line of a control client.
-
-    Attributes:
-        line: Response as JSON, with a line feed.
-        is_json: True if the request was JSON; otherwise, the sender is not a control client.
-    """
-
-    line: bytes
-    is_json: bool
 
 
 class ControlApi:
@@ -48,15 +37,14 @@ class ControlApi:
         self._figures = figures
         self._upstream = upstream
 
-    def handle_line(self, line: bytes, now: int) -> ControlResponse:
-        """Execute a request, which is a line of JSON. Return the response. Even an invalid request gets a
+    def handle_line(self, line: bytes, now: int) -> tuple[bytes, bool]:
+        """Execute a request, which is a line of JSON. Return the response as a line of JSON, and whether the
+        request was JSON; otherwise, the sender is not a control client. Even an invalid request gets a
         response.
         """
         is_json = True
         try:
-            return ControlResponse(
-                control.encode_line(self._execute(control.decode_request(line), now)), True
-            )
+            return control.encode_line(self._execute(control.decode_request(line), now)), True
         except json.JSONDecodeError as error:
             is_json, reason = False, Message("control.no-json", reason=str(error))
         except KeyError as error:
@@ -64,14 +52,13 @@ class ControlApi:
         except ValueError as error:
             reason = message_of(error)
         refusal = control.ErrorResponse(False, str(reason), message_to_data(reason))
-        return ControlResponse(control.encode_line(refusal), is_json)
+        return control.encode_line(refusal), is_json
 
     def _execute(self, request: control.ControlRequest, now: int) -> control.DoneResponse:
         rules = self._rules
         match request:
             case control.ListFaults():
-                faults = [_fault_status(rules, name) for name in rules.shaper.hit_counts]
-                return control.FaultsResponse(rules=faults)
+                return control.FaultsResponse(rules=list(map(_fault_status, rules.shaper.active_faults)))
             case control.ListHeld():
                 return control.HeldResponse(held=[_held_status(each, now) for each in rules.intercept.held])
             case control.ListClients():
@@ -160,10 +147,9 @@ def _quantity(field: str, kind: type[Q], text: str | None) -> Q | None:
         raise DocumentError((field,), 0, message_of(error)) from None
 
 
-def _fault_status(rules: RulePolicy, name: str) -> control.FaultStatus:
-    active = rules.shaper.find(name)
+def _fault_status(active: ActiveFault) -> control.FaultStatus:
     rule, data = write_fault(active.fault), to_plain_data(active.fault)
-    return control.FaultStatus(name, active.enabled, active.hit_count, rule, data)
+    return control.FaultStatus(active.name, active.enabled, active.hit_count, rule, data)
 
 
 def _client_status(up: DirectionState, down: DirectionState, upstream: str, now: int) -> control.ClientStatus:

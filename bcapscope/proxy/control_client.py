@@ -31,10 +31,8 @@ R = TypeVar("R", bound=control.DoneResponse)
 
 
 class ControlRefused(BcapError):
-    """The proxy rejected a request. The text of the error is the reason that the proxy gave.
-
-    Attributes:
-        line: The received response, in JSON.
+    """The proxy rejected a request for the reason in the text of the error. `line` is the response
+    in JSON.
     """
 
     def __init__(self, reason: Message, line: bytes) -> None:
@@ -68,11 +66,7 @@ class ControlClient:
             raise ControlError(Message("control.other-version", address=self._address)) from error
 
     def request_raw(self, request: control.ControlRequest) -> bytes:
-        """Send a request and return the received response, which is one line of JSON.
-
-        Raises:
-            ControlError, ControlRefused: For the same reasons as in `request`.
-        """
+        """Do the same as `request`, but return the received response, which is one line of JSON."""
         limit = LARGEST_LIST if isinstance(request, control.ListHeld) else control.LONGEST_LINE
         try:
             line = self._send_and_receive(control.encode_line(request), limit)

@@ -129,10 +129,8 @@ ControlRequest: TypeAlias = FaultChange | HoldChange | ListFaults | ListHeld | L
 
 
 class ErrorResponse(msgspec.Struct, frozen=True):
-    """Response to a rejected request. It gives the reason in two forms: in English, and as the data that
-    `message_to_data` returns.
-
-    The client first decodes every response as an `ErrorResponse`.
+    """Response to a rejected request, with the reason in English, and as the data that `message_to_data`
+    returns. The client first decodes every response as an `ErrorResponse`.
     """
 
     ok: bool
@@ -229,7 +227,7 @@ class HeldStatus(msgspec.Struct, frozen=True):
 
     @property
     def flow(self) -> Flow:
-        ends = _endpoint(self.client), _endpoint(self.server)
+        ends = parse_endpoint(self.client), parse_endpoint(self.server)
         return Flow(Conversation(*ends, self.transport, SERVER_PARTICIPANT), self.direction)
 
     @property
@@ -325,17 +323,13 @@ def decode_request(line: bytes) -> ControlRequest:
 
 
 def decode_response(line: bytes, kind: type[T]) -> T:
-    """Decode a response of the given type from a line.
-
-    Raises:
-        ValueError: The line is not a response of this type.
-    """
+    """Decode a response of the given type from a line. An invalid line raises a `ValueError`."""
     try:
         return msgspec.json.decode(line, type=kind)
     except RecursionError as error:
         raise InputError(Message("document.endless")) from error
 
 
-def _endpoint(text: str) -> Endpoint:
+def parse_endpoint(text: str) -> Endpoint:
     host, _, port = text.rpartition(":")
     return Endpoint(host.strip("[]"), int(port))

@@ -15,7 +15,7 @@ from bcapscope.errors import BcapError
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.control_api import ControlApi
-from bcapscope.proxy.control_messages import LONGEST_LINE
+from bcapscope.proxy.control_messages import LONGEST_LINE, parse_endpoint
 from bcapscope.proxy.poller import READ, WRITE, DescriptorWatcher
 
 MAX_CONNECTIONS = 16
@@ -31,21 +31,17 @@ class ControlError(BcapError):
 
 
 class ControlServer:
-    """Accepts control connections, and passes each received line to the `ControlApi`.
-
-    Attributes:
-        address: Path of the socket, or its host and port.
+    """Accepts control connections, and passes each received line to the `ControlApi`. `address` is the path
+    of the socket, or its host and port.
     """
 
     def __init__(self, address: str, api: ControlApi, watcher: DescriptorWatcher) -> None:
-        """Listen at `HOST:PORT` on loopback. An `address` of any other form is the path of a Unix socket.
-
-        Raises:
-            ControlError: The proxy cannot listen on the address.
+        """Listen at `HOST:PORT` on loopback. An `address` of any other form is the path of a Unix socket. If
+        the proxy cannot listen there, raise a `ControlError`.
         """
-        self._api = api
-        self._watcher = watcher
-        self._connections: dict[int, _Connection] = {}
+        self.api = api
+        self.watcher = watcher
+        self.connections: dict[int, _Connection] = {}
         self._path = "" if is_tcp_address(address) else address
         try:
             self._socket = _listen_at_path(address) if self._path else _listen_at_port(address)
@@ -58,9 +54,9 @@ class ControlServer:
 
     def close(self) -> None:
         """Close all control connections, and remove the path of the socket."""
-        for connection in list(self._connections.values()):
+        for connection in list(self.connections.values()):
             connection.close()
-        self._watcher.unwatch(self._socket.fileno())
+        self.watcher.unwatch(self._socket.fileno())
         self._socket.close()
         if self._path:
             with suppress(OSError):
@@ -72,19 +68,19 @@ class ControlServer:
         except (BlockingIOError, ConnectionError):
             return
         except OSError:  # for example, no file descriptor is free; the client has to wait
-            self._watcher.pause(self._socket.fileno())
+            self.watcher.pause(self._socket.fileno())
             return
-        if len(self._connections) >= MAX_CONNECTIONS and not self._close_idle_connection():
+        if len(self.connections) >= MAX_CONNECTIONS and not self._close_idle_connection():
             sock.close()
             return
         sock.setblocking(False)
-        self._connections[sock.fileno()] = _Connection(sock, self._api, self._watcher, self._connections)
+        self.connections[sock.fileno()] = _Connection(sock, self)
 
     def _close_idle_connection(self) -> bool:
         """Close a connection that never sent a command. If every connection has sent a command, close the
         connection that has been idle longest. Return False if no connection is idle.
         """
-        idle = min(self._connections.values(), key=lambda each: each.last_command_at)
+        idle = min(self.connections.values(), key=lambda each: each.last_command_at)
         if time.monotonic() - idle.last_command_at < IDLE_AFTER:
             return False
         idle.close()
@@ -92,34 +88,23 @@ class ControlServer:
 
 
 class _Connection:
-    """A connected control client.
-
-    Attributes:
-        last_command_at: Time of the last command in seconds of `time.monotonic`; minus infinity before the
-            first command.
+    """A connected control client. `last_command_at` is in seconds of `time.monotonic`; minus infinity before
+    the first command.
     """
 
-    def __init__(
-        self,
-        sock: socket.socket,
-        api: ControlApi,
-        watcher: DescriptorWatcher,
-        connections: dict[int, _Connection],
-    ) -> None:
+    def __init__(self, sock: socket.socket, server: ControlServer) -> None:
         self._socket = sock
         self._descriptor = sock.fileno()
-        self._api = api
-        self._watcher = watcher
-        self._connections = connections
+        self._server = server
         self._received = bytearray()
         self._backlog = bytearray()
         self._closes_after_send = False
         self.last_command_at = -math.inf
-        watcher.watch(self._descriptor, self._on_ready)
+        server.watcher.watch(self._descriptor, self._on_ready)
 
     def close(self) -> None:
-        if self._connections.pop(self._descriptor, None) is not None:
-            self._watcher.unwatch(self._descriptor)
+        if self._server.connections.pop(self._descriptor, None) is not None:
+            self._server.watcher.unwatch(self._descriptor)
             self._socket.close()
 
     def _on_ready(self, _: int) -> None:
@@ -149,13 +134,12 @@ class _Connection:
         del self._received[: end + 1]
         if line.strip():
             self.last_command_at = time.monotonic()
-            reply = self._api.handle_line(line, time.monotonic_ns())
-            self._backlog += reply.line
+            response, is_json = self._server.api.handle_line(line, time.monotonic_ns())
+            self._backlog += response
             # Close if the line is not JSON: a web page can make a browser send HTTP and then malicious JSON.
-            self._closes_after_send = not reply.is_json
+            self._closes_after_send = not is_json
 
     def _send(self) -> None:
-        """Send as many pending bytes as possible, then close the connection or wait for the next event."""
         with suppress(BlockingIOError):
             while self._backlog:
                 del self._backlog[: self._socket.send(self._backlog)]
@@ -163,7 +147,7 @@ class _Connection:
             self.close()
         else:
             has_more = self._backlog or b"\n" in self._received
-            self._watcher.change(self._descriptor, WRITE if has_more else READ)
+            self._server.watcher.change(self._descriptor, WRITE if has_more else READ)
 
 
 def is_tcp_address(address: str) -> bool:
@@ -173,14 +157,10 @@ def is_tcp_address(address: str) -> bool:
 
 
 def connect_control(address: str, timeout: float = 5.0) -> socket.socket:
-    """Connect to the control socket of a proxy.
-
-    Raises:
-        ControlError: No proxy listens on `address`.
-    """
+    """Connect to the control socket of a proxy. If no proxy listens there, raise a `ControlError`."""
     try:
         if is_tcp_address(address):
-            return socket.create_connection(_host_port(address), timeout)
+            return socket.create_connection(parse_endpoint(address), timeout)
         return _connect_unix(address, timeout)
     except (OSError, OverflowError) as error:
         raise ControlError(Message("control.no-proxy", address=address, reason=os_reason(error))) from error
@@ -197,13 +177,8 @@ def _connect_unix(path: str, timeout: float) -> socket.socket:
     return sock
 
 
-def _host_port(address: str) -> tuple[str, int]:
-    host, _, port = address.rpartition(":")
-    return host.strip("[]"), int(port)
-
-
 def _listen_at_port(address: str) -> socket.socket:
-    host, port = _host_port(address)
+    host, port = parse_endpoint(address)
     try:
         loopback = ipaddress.ip_address(host).is_loopback
     except ValueError:

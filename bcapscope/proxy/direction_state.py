@@ -4,21 +4,18 @@ recognises the requests that are stops.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
-from msgspec.structs import replace
-
 from bcapscope.faults.wire_message import WireMessage
-from bcapscope.messages import Message
-from bcapscope.messages.places import joined_clauses
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
-from bcapscope.protocol.guard import always_passes
+from bcapscope.protocol.guard import always_passes, request_effect
+from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID
-from bcapscope.proxy.policy import CloseAction, SendAction
+from bcapscope.proxy.policy import PolicyDecision
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 _SplitRequests: TypeAlias = tuple[list[bytes], list[Frame | bytes]]
@@ -31,12 +28,10 @@ class DirectionState:
     """State of one direction of a client's traffic.
 
     Attributes:
-        client: Number of the client.
         connected_at: Time of the client's first bytes, in ns.
         budget: Common limit for the bytes of unfinished frames in all streams.
         splitter: Object that splits a TCP stream into frames; None while no proxy rule needs frames.
         has_begun: True once the proxy has forwarded bytes of this direction.
-        has_ended: True after the stream has ended.
         piece_count: Number of received datagrams; for a stream, the number of reads.
         last_piece_at: Time of the last datagram or read, in ns; 0 if there was none.
         overtaken_by: Message number of the latest stop; 0 before the first stop. Waiting motions with a lower
@@ -81,8 +76,6 @@ class DirectionState:
 
 
 class ClientStates:
-    """The connected clients, each with the state of both directions."""
-
     def __init__(self) -> None:
         self._directions: dict[int, dict[Direction, DirectionState]] = {}
         self._numbers: dict[Conversation, int] = {}
@@ -106,46 +99,18 @@ class ClientStates:
         return self._numbers[conversation]
 
     def pairs(self) -> Iterator[tuple[DirectionState, DirectionState]]:
-        """For each client, yield the state of the request direction and the state of the response
-        direction.
-        """
+        """For each client, yield the states of the request direction and of the response direction."""
         return ((each[Direction.REQUEST], each[Direction.RESPONSE]) for each in self._directions.values())
-
-    def split_streams(self) -> list[DirectionState]:
-        return [state for pair in self.pairs() for state in pair if state.splitter is not None]
-
-
-@dataclass(eq=False, slots=True)
-class DecisionBuilder:
-    """Collects what the proxy's rules decide about received data: actions in order, and notes for the user.
-
-    Attributes:
-        actions: Actions that were not returned to the relay yet.
-        waiting: Number of messages in the data that wait until the scripts decide.
-        ticket: Number that identifies the data while one of its messages waits; 0 if no message has waited.
-    """
-
-    actions: list[SendAction | CloseAction] = field(default_factory=list)
-    notes: list[Message] = field(default_factory=list)
-    waiting: int = 0
-    ticket: int = 0
-
-    @property
-    def note(self) -> Message | None:
-        """All notes as one message, without duplicates; None if there are no notes."""
-        return joined_clauses(self.notes)
 
 
 class UndecidedMessage(NamedTuple):
-    """A message that waits until the scripts decide about it.
-
-    Attributes:
-        state: State of the message's direction.
-        builder: Decision about all data that arrived with the message.
+    """A message that waits until the scripts decide about it, the state of its direction, and the decision
+    about all data that arrived with it.
     """
 
+    message: WireMessage
     state: DirectionState
-    builder: DecisionBuilder
+    decision: PolicyDecision
 
 
 def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> _SplitRequests:
@@ -182,6 +147,13 @@ def _split_frames(items: Iterable[Frame | Malformed]) -> _SplitRequests:
     return going, lost
 
 
+def may_move(request: Frame) -> bool:
+    values = request.variants
+    return (
+        not always_passes(request.code, values) and request_effect(request.code, values) >= CallEffect.MOVES
+    )
+
+
 def _only_stops(request: Frame) -> bool:
     return not request.problems and always_passes(request.code, request.variants)
 
@@ -202,11 +174,6 @@ def mark_overtaken(
     A stop cancels the waiting motions of its own client. Robot_Halt and Robot_Hold cancel the waiting motions
     of all clients of the controller, because a program may send these calls over a separate connection. A
     call that only releases something cancels no motion.
-
-    Args:
-        stop: The stop, which does not wait for the scripts.
-        state: State of the request direction of the stop's client.
-        request_states: States of the request directions of all clients.
     """
     codes = {each.code for each in stop.frames}
     if not codes.isdisjoint(_HALTS):
@@ -216,28 +183,3 @@ def mark_overtaken(
                 each.overtaken_by = stop.number
     elif any(FUNCTIONS[code].releases is None for code in codes):
         state.overtaken_by = stop.number
-
-
-def join_untouched_bytes(
-    actions: list[SendAction | CloseAction], state: DirectionState
-) -> Sequence[SendAction | CloseAction]:
-    """If no proxy rule changed adjacent bytes of a stream, join these bytes. The relay then sends them in one
-    piece.
-    """
-    if not state.is_stream or len(actions) < 2:
-        return actions
-    found: list[SendAction | CloseAction] = []
-    for action in actions:
-        last = found[-1] if found else None
-        if (
-            isinstance(action, SendAction)
-            and isinstance(last, SendAction)
-            and not action.note
-            and not last.note
-            and action.client == last.client
-            and action.toward is last.toward
-        ):
-            found[-1] = replace(last, data=last.data + action.data)
-        else:
-            found.append(action)
-    return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 from bcapscope.faults.attempt_counter import AttemptCounter, AttemptedCall
 from bcapscope.faults.quantities import FrameCondition
@@ -35,11 +35,11 @@ _Subject: TypeAlias = tuple[AttemptedCall, Direction]
 """A UDP call or its reply. The user's decision applies to every attempt of the call."""
 
 
-class HeldMessage(NamedTuple):
+@dataclass(eq=False, slots=True)
+class HeldMessage:
     """A held message.
 
     Attributes:
-        number: Number that identifies the held message for the user.
         data: Bytes of the message. After retries, `data` holds the latest attempt, because the client accepts
             only a reply to this attempt.
         call_kind: Function and command that the message calls or answers; None if unknown.
@@ -80,17 +80,10 @@ class HeldMessage(NamedTuple):
         return Message("held.no-retry", time=f"{(now - self.last_attempt_at) / 1e9:.1f} s")
 
 
-@dataclass(frozen=True, slots=True)
-class InterceptResult:
-    """Decision of the intercept about a message.
-
-    Attributes:
-        note: Description of the decision, for the user.
-        data: Bytes to forward now instead of the message; None to forward nothing yet.
-    """
-
-    note: Message
-    data: bytes | None
+InterceptResult: TypeAlias = tuple[Message, bytes | None]
+"""What the intercept did with a message, for the user; and the bytes to forward now instead of the message,
+None to forward nothing yet.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,10 +101,9 @@ class _PastDecision:
 
 
 class Intercept:
-    """Holds the messages that match a filter.
+    """Holds the messages that match a filter; stops are never held.
 
-    The intercept holds each call once; the user's decision also applies to the retries of the call. The
-    intercept never holds a stop.
+    Each call is held once; the user's decision also applies to the retries of the call.
 
     Attributes:
         condition: Filter for the messages to hold; None to hold nothing.
@@ -123,15 +115,12 @@ class Intercept:
         self.hold_time = hold_time
         self.held_so_far = 0
         self._held: dict[int, HeldMessage] = {}
-        self._numbers: dict[_Subject, int] = {}
         self._past_decisions: dict[_Subject, _PastDecision] = {}
         self._attempts = AttemptCounter()
         self.set_condition(condition)
 
     def set_condition(self, condition: FrameCondition | None) -> None:
-        """Set another filter. From now on, the proxy holds the messages that match this filter. Messages that
-        are already held stay held.
-        """
+        """Set another filter for the messages to hold. Messages that are already held stay held."""
         self.condition = condition
         self._matches_frame: Callable[[AnnotatedFrame], bool] | None = None
         if condition is not None:
@@ -150,26 +139,22 @@ class Intercept:
 
     @property
     def is_full(self) -> bool:
-        """Whether the number or the total size of the held messages has reached its limit."""
         held = sum(len(held.data) for held in self._held.values())
         return len(self._held) >= MAX_HELD or held >= MAX_BYTES
 
     def hold_or_pass(self, client: int, message: WireMessage) -> InterceptResult | None:
-        """Decide whether to hold a message. Return None if the intercept does nothing with the message.
-
-        The proxy must pass all messages to this method, in order.
+        """Decide whether to hold a message. Return None if the intercept does nothing with the message. The
+        proxy must pass all messages to this method, in order.
         """
         while self._past_decisions and next(iter(self._past_decisions.values())).until < message.now:
             del self._past_decisions[next(iter(self._past_decisions))]
         subject, is_first = self._subject(message)
         if subject is not None:
-            number, decided = self._numbers.get(subject), self._past_decisions.get(subject)
-            if number is not None:
-                known = self._held[number]
-                self._held[number] = known._replace(
-                    data=message.data, last_attempt_at=message.now, repeats=known.repeats + 1
-                )
-                return InterceptResult(Message("held.with", number=number), None)
+            known, decided = self._held_of(subject), self._past_decisions.get(subject)
+            if known is not None:
+                known.data, known.last_attempt_at = message.data, message.now
+                known.repeats += 1
+                return Message("held.with", number=known.number), None
             if decided is not None:
                 return self._repeat_decision(message, subject, decided)
         if is_first and message.flow.direction is Direction.REQUEST:
@@ -177,22 +162,19 @@ class Intercept:
         if not self._should_hold(message):
             return None
         if self.is_full:
-            return InterceptResult(Message("held.full", count=len(self._held)), message.data)
+            return Message("held.full", count=len(self._held)), message.data
         number = self._hold(client, message, subject)
-        return InterceptResult(Message("held.as", number=number), None)
+        return Message("held.as", number=number), None
 
     def release(self, number: int, now: int, data: bytes | None = None) -> HeldMessage:
-        """Stop holding a message and return it. The decision also applies to the message's retries.
-
-        Args:
-            data: Bytes that replace the message; None to leave the message unchanged, b"" to drop it.
+        """Stop holding a message and return it. The decision also applies to the message's retries. `data`
+        replaces the message; None leaves it unchanged, b"" drops it.
 
         Raises:
             KeyError: No message with this number is held.
         """
         held = self._held.pop(number)
         if held.subject is not None:
-            del self._numbers[held.subject]
             self._remember_decision(held.subject, _PastDecision(number, data, now + RETRY_WITHIN_NS))
         return held
 
@@ -214,7 +196,7 @@ class Intercept:
         """Store `why` a client no longer waits for the held messages of `flow`."""
         for held in self.held:
             if held.flow is flow and held.abandoned_because is None:
-                self._held[held.number] = held._replace(abandoned_because=why)
+                held.abandoned_because = why
 
     def holds(self, flow: Flow) -> bool:
         return any(held.flow is flow for held in self._held.values())
@@ -223,12 +205,9 @@ class Intercept:
         found = [held for held in self.held if held.flow is flow]
         for held in found:
             del self._held[held.number]
-            if held.subject is not None:
-                del self._numbers[held.subject]
         return found
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Drop the data of a conversation that has ended and has no held messages."""
         self._attempts.close_conversation(conversation)
 
     def _subject(self, message: WireMessage) -> tuple[_Subject | None, bool]:
@@ -241,12 +220,15 @@ class Intercept:
         copied = None
         if flow.direction is Direction.REQUEST:
             copied = self._attempts.find_same_request(flow, frame)
-            if copied is not None and (copied, flow.direction) in self._numbers:
+            if copied is not None and self._held_of((copied, flow.direction)) is not None:
                 return (copied, flow.direction), False
         found = self._attempts.add_frame(flow, frame)
         if found is None:
             return None, False
         return (found.call, flow.direction), found.number == 1 and copied is None
+
+    def _held_of(self, subject: _Subject) -> HeldMessage | None:
+        return next((held for held in self._held.values() if held.subject == subject), None)
 
     def _repeat_decision(
         self, message: WireMessage, subject: _Subject, decided: _PastDecision
@@ -254,12 +236,12 @@ class Intercept:
         self._remember_decision(subject, replace(decided, until=message.now + RETRY_WITHIN_NS))
         (frame,), number = message.frames, decided.number
         if decided.data is None:
-            return InterceptResult(Message("held.sent-as", number=number), message.data)
+            return Message("held.sent-as", number=number), message.data
         items = parse_datagram(decided.data)
         if len(items) == 1 and isinstance(items[0], Frame):
             data = with_header(items[0], serial=frame.serial, reserved=frame.reserved)
-            return InterceptResult(Message("held.edited-as", number=number), data)
-        return InterceptResult(Message("held.dropped-as", number=number), None)
+            return Message("held.edited-as", number=number), data
+        return Message("held.dropped-as", number=number), None
 
     def _remember_decision(self, subject: _Subject, decided: _PastDecision) -> None:
         """Store a decision at the end, because decisions expire in the order in which they are stored."""
@@ -293,6 +275,4 @@ class Intercept:
             subject=subject,
         )
         self._held[held.number] = held
-        if subject is not None:
-            self._numbers[subject] = held.number
         return held.number

@@ -7,24 +7,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bcapscope.faults.reply_factory import ReplyFactory
-from bcapscope.faults.wire_message import WireMessage
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.protocol.guard import always_passes, request_effect
-from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.hresult import E_ACCESSDENIED
-from bcapscope.proxy.direction_state import DecisionBuilder, DirectionState
-from bcapscope.proxy.policy import SendAction
+from bcapscope.proxy.direction_state import DirectionState
+from bcapscope.proxy.policy import PolicyDecision, SendAction
 from bcapscope.proxy.request_guard import RequestGuard
 from bcapscope.traffic.observation import Conversation, Direction, Flow
 
 
 class MessageSender:
-    """Forwards messages, refuses requests and answers them.
-
-    Attributes:
-        guard: Guard that refuses requests; None without a guard.
-        refused_requests: Number of requests that the guard or `refuse_motion` refused.
+    """Forwards messages, refuses requests and answers them. `refused_requests` counts the requests that the
+    guard or a missing script refused.
     """
 
     def __init__(self, guard: RequestGuard | None) -> None:
@@ -39,29 +33,26 @@ class MessageSender:
     def close_conversation(self, conversation: Conversation) -> None:
         self._replies.close_conversation(conversation)
 
-    def send(self, state: DirectionState, data: bytes, note: Message | None, work: DecisionBuilder) -> None:
-        """Forward a message. The guard checks a request before the proxy forwards it."""
+    def send(self, state: DirectionState, data: bytes, note: Message | None, work: PolicyDecision) -> None:
+        """Forward a message. The guard checks a request before the proxy forwards it. Adjacent bytes of a
+        stream that no proxy rule changed are sent in one piece.
+        """
         direction = state.flow.direction
         if self.guard is not None and direction is Direction.REQUEST:
             data = self._apply_guard(self.guard, state, data, work)
             if not data:
                 return
-        work.actions.append(SendAction(state.client, direction, data, note))
+        last = work.actions[-1] if work.actions and state.is_stream and note is None else None
+        if isinstance(last, SendAction) and last == SendAction(state.client, direction, last.data):
+            work.actions[-1] = SendAction(state.client, direction, last.data + data)
+        else:
+            work.actions.append(SendAction(state.client, direction, data, note))
 
-    def refuse_motion(
-        self, state: DirectionState, message: WireMessage, note: Message, work: DecisionBuilder
-    ) -> bytes:
-        """Refuse the frames of a request that may move the robot. Return the bytes of the frames that the
-        method did not refuse.
-        """
-        items = [each.observation.item for each in message.annotated_frames]
-        refused = [item for item in items if isinstance(item, Frame) and _may_move(item)]
-        if not refused:
-            return message.data
-        self.refused_requests += len(refused)
-        self.answer(state, refused, E_ACCESSDENIED, note, work)
-        work.notes.append(note)
-        return b"".join(item.raw for item in items if item not in refused)
+    def refuse(
+        self, state: DirectionState, requests: Sequence[Frame], note: Message, work: PolicyDecision
+    ) -> None:
+        self.refused_requests += len(requests)
+        self.answer(state, requests, E_ACCESSDENIED, note, work)
 
     def answer(
         self,
@@ -69,7 +60,7 @@ class MessageSender:
         requests: Sequence[Frame],
         code: int,
         note: Message,
-        work: DecisionBuilder,
+        work: PolicyDecision,
     ) -> None:
         """Reply to each request in place of the controller, with a result code and no value."""
         for request in requests:
@@ -77,21 +68,12 @@ class MessageSender:
             work.actions.append(SendAction(state.client, Direction.RESPONSE, raw, note))
 
     def _apply_guard(
-        self, guard: RequestGuard, state: DirectionState, data: bytes, work: DecisionBuilder
+        self, guard: RequestGuard, state: DirectionState, data: bytes, work: PolicyDecision
     ) -> bytes:
-        """Return the requests in `data` that the guard allows, and answer the requests that it refuses."""
         passing, refused, dropped = guard.filter_frames(data)
         for frame, why in refused:
-            self.refused_requests += 1
             work.notes.append(Message("guard.answered", reason=why))
-            self.answer(state, (frame,), E_ACCESSDENIED, Message("guard.refused", reason=why), work)
+            self.refuse(state, (frame,), Message("guard.refused", reason=why), work)
         if dropped:
             work.notes.append(Message("guard.dropped"))
         return passing
-
-
-def _may_move(request: Frame) -> bool:
-    return (
-        not always_passes(request.code, request.variants)
-        and request_effect(request.code, request.variants) >= CallEffect.MOVES
-    )

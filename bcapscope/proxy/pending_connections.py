@@ -64,7 +64,6 @@ class PendingConnections:
             self._refuse(descriptor, Message("client.slow-first-frame"))
 
     def close(self) -> None:
-        """End all pending clients."""
         while (descriptor := self._lobby.drop_one()) is not None:
             close_with_reset(self._remove(descriptor)[0])
 

@@ -1,4 +1,4 @@
-"""Waits for sockets: with epoll where the system has it, otherwise with select."""
+"""Wait for sockets: with epoll where the system has it, otherwise with select."""
 
 from __future__ import annotations
 
@@ -9,26 +9,15 @@ import struct
 import sys
 import time
 from collections.abc import Callable
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 READ, WRITE, ERROR, HANG_UP = 1, 4, 8, 16
 """Bits for the events of a file descriptor, with the same values as in epoll."""
 
-
-class DescriptorWatcher(Protocol):
-    """Calls handlers for events of file descriptors."""
-
-    def watch(self, descriptor: int, handler: Callable[[int], None], mask: int = READ) -> None:
-        """Call `handler` for every event of a descriptor."""
-
-    def change(self, descriptor: int, mask: int) -> None:
-        """Set the events of a descriptor for which the watcher waits."""
-
-    def pause(self, descriptor: int) -> None:
-        """Ignore events of a descriptor for about a second."""
-
-    def unwatch(self, descriptor: int) -> None:
-        """Stop waiting for a descriptor."""
+Handler: TypeAlias = Callable[[int], None]
+"""Function that handles the events of a file descriptor. The argument has a bit such as `READ` for each
+event.
+"""
 
 
 class SelectPoller:
@@ -46,9 +35,7 @@ class SelectPoller:
         self._masks.pop(descriptor, None)
 
     def poll(self, seconds: float | None) -> list[tuple[int, int]]:
-        """Return descriptors with their events. A socket error is not an event, but appears in the next read
-        or write.
-        """
+        """Return descriptors with their events. A socket error appears in the next read or write."""
         readers = [each for each, mask in self._masks.items() if mask & READ]
         writers = [each for each, mask in self._masks.items() if mask & WRITE]
         readable, writable, broken = select.select(readers, writers, writers, seconds)
@@ -65,7 +52,6 @@ Poller: TypeAlias = "select.epoll | SelectPoller"
 
 
 def make_poller() -> Poller:
-    """Return an epoll poller, or a `SelectPoller` if the system has no epoll."""
     return select.epoll() if hasattr(select, "epoll") else SelectPoller()
 
 
@@ -96,3 +82,48 @@ def open_ticker(seconds: float) -> int | None:
     each = divmod(round(seconds * 1e9), 1_000_000_000)
     libc.timerfd_settime(descriptor, 0, struct.pack("@llll", *each, *each), None)
     return descriptor
+
+
+class DescriptorWatcher:
+    """Calls handlers for events of file descriptors."""
+
+    def __init__(self) -> None:
+        self._poller = make_poller()
+        self._handlers: dict[int, Handler] = {}
+        self._new_handlers: dict[int, Handler] = {}
+        self._just_unwatched: set[int] = set()
+        self._paused: set[int] = set()
+
+    def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
+        """Call `handler` for every event of a file descriptor.
+
+        The system may give a new descriptor the number of a descriptor that was just closed. Events of the
+        current poll still belong to the closed descriptor, so `handler` is not called before the next poll.
+        """
+        handlers = self._new_handlers if descriptor in self._just_unwatched else self._handlers
+        handlers[descriptor] = handler
+        self._poller.register(descriptor, mask)
+
+    def change(self, descriptor: int, mask: int) -> None:
+        self._poller.modify(descriptor, mask)
+
+    def unwatch(self, descriptor: int) -> None:
+        if self._handlers.pop(descriptor, None) or self._new_handlers.pop(descriptor, None):
+            self._just_unwatched.add(descriptor)
+            self._paused.discard(descriptor)
+            self._poller.unregister(descriptor)
+
+    def pause(self, descriptor: int) -> None:
+        """Ignore the events of a file descriptor until `_resume_paused`."""
+        self._poller.modify(descriptor, 0)
+        self._paused.add(descriptor)
+
+    def _resume_paused(self) -> None:
+        while self._paused:
+            self._poller.modify(self._paused.pop(), READ)
+
+    def _adopt_new_handlers(self) -> None:
+        """Start to call the handlers of new file descriptors that reuse the numbers of closed descriptors."""
+        self._just_unwatched.clear()
+        self._handlers.update(self._new_handlers)
+        self._new_handlers.clear()

@@ -63,10 +63,11 @@ class _DirectionStream:
 
 
 class _Client:
-    """A client and the streams of its conversation: toward the client, and toward the controller.
+    """A client and the streams of its conversation.
 
     Attributes:
-        far_streams: The same streams on the controller's side; empty if they are not decoded.
+        streams: For each direction (`up`), the streams on the decoded sides, the sender's side first.
+        decodes_far_side: Whether `streams` also has the streams on the controller's side.
     """
 
     def __init__(
@@ -74,57 +75,41 @@ class _Client:
     ) -> None:
         self.last_heard = received_at
         self.is_stream = endpoints.transport is Transport.TCP
+        self.decodes_far_side = False
         self._endpoints = endpoints
         self._budget, self._templates = budget, templates
-        self.conversation = self._conversation(endpoints.client)
-        self.streams = self._streams(self.conversation, is_near=True)
-        self.far_streams: tuple[_DirectionStream, ...] = ()
+        self.streams: dict[bool, list[_DirectionStream]] = {False: [], True: []}
+        self.conversation = self._add_streams(endpoints.client, is_near=True)
 
     @property
     def is_between_frames(self) -> bool:
-        return not any(stream.splitter.pending_bytes for stream in self.streams)
+        return not any(stream.splitter.pending_bytes for side in self.streams.values() for stream in side)
 
     def decode_far_side(self) -> Conversation:
         """Begin to decode the controller's side; return the conversation between proxy and controller."""
-        conversation = self._conversation(self._endpoints.upstream)
-        self.far_streams = self._streams(conversation, is_near=False)
-        for stream in self.streams:
-            stream.is_joined = True
-        return conversation
+        self.decodes_far_side = True
+        for (near,) in self.streams.values():
+            near.is_joined = True
+        return self._add_streams(self._endpoints.upstream, is_near=False)
 
-    def sides(self, up: bool) -> tuple[_DirectionStream, ...]:
-        """Return a direction of the conversation on each decoded side, the sender's side first."""
-        near = self.streams[up]
-        if not self.far_streams:
-            return (near,)
-        far = self.far_streams[up]
-        return (near, far) if up else (far, near)
-
-    def _conversation(self, client: Endpoint) -> Conversation:
+    def _add_streams(self, client: Endpoint, *, is_near: bool) -> Conversation:
         ends = self._endpoints
-        return Conversation(client, ends.controller, ends.transport, SERVER_PARTICIPANT)
-
-    def _streams(self, conversation: Conversation, *, is_near: bool) -> tuple[_DirectionStream, ...]:
-        return tuple(
-            _DirectionStream(
-                Flow(conversation, direction),
-                StreamSplitter(budget=self._budget, templates=self._templates),
-                is_near=is_near,
-            )
-            for direction in (Direction.RESPONSE, Direction.REQUEST)
-        )
+        conversation = Conversation(client, ends.controller, ends.transport, SERVER_PARTICIPANT)
+        for up, streams in self.streams.items():
+            flow = Flow(conversation, Direction.REQUEST if up else Direction.RESPONSE)
+            splitter = StreamSplitter(budget=self._budget, templates=self._templates)
+            stream = _DirectionStream(flow, splitter, is_near=is_near)
+            streams.insert(len(streams) if up else 0, stream)
+        return conversation
 
 
 class RecordDecoder:
     """Decodes the records of all clients."""
 
     def __init__(self, join_legs: Callable[[Conversation, Conversation], object] | None = None) -> None:
-        """Start without clients.
-
-        Args:
-            join_legs: Function that receives a client's conversation with the proxy, and the proxy's
-                conversation with the controller, before the first observation on the controller's side. If
-                None, the decoder never decodes the controller's side.
+        """Start without clients. Before the first observation on the controller's side, `join_legs` receives
+        a client's conversation with the proxy, and the proxy's conversation with the controller. If None, the
+        decoder never decodes the controller's side.
         """
         self.observation_count = 0
         self._join_legs = join_legs
@@ -149,8 +134,8 @@ class RecordDecoder:
         return self.observation_count
 
     def pop_closed_clients(self) -> list[tuple[Conversation, Message]]:
-        """Return the clients that the relay removed since the last call of this method. Each client comes
-        with the reason.
+        """Return the clients that the relay removed since the last call of this method, each with the
+        reason.
         """
         gone, self._closed_clients = self._closed_clients, []
         return gone
@@ -158,12 +143,9 @@ class RecordDecoder:
     def decode(
         self, records: Iterable[RingRecord], packets: Iterable[int] | None = None
     ) -> Iterator[NotedObservation]:
-        """Yield each observation, with a note that says what a proxy rule did to the message. The note is
-        None if no rule changed the message.
-
-        Args:
-            packets: For each record, the number of its packet in the recording, or 0 if it has no packet.
-                `packets` is None if there is no recording.
+        """Yield each observation, with a note that says what a proxy rule did to the message; None if no rule
+        changed it. `packets` has the number of the packet in the recording for each record, or 0 if the
+        record has no packet; None if there is no recording.
         """
         clients = self._clients
         for record, packet in zip(records, packets or repeat(0), strict=False):
@@ -181,9 +163,9 @@ class RecordDecoder:
                 continue
             if up and received_at:
                 client.last_heard = received_at
-            if not client.far_streams and (note is not None or not (received_at and sent_at)):
+            if not client.decodes_far_side and (note is not None or not (received_at and sent_at)):
                 self._decode_far_side(client)
-            for stream in client.sides(up):
+            for stream in client.streams[up]:
                 time = received_at if up is stream.is_near else sent_at
                 if not time:
                     continue
@@ -199,19 +181,19 @@ class RecordDecoder:
             self._join_legs(client.conversation, client.decode_far_side())
 
     def _decode_event(self, client: _Client, record: RingRecord) -> Iterator[NotedObservation]:
-        """Yield the observations that a record gives if its kind is not `DATA`."""
         kind = record.kind
         if kind is RingRecordKind.HOLE:
             if record.up and record.received_at:
                 client.last_heard = record.received_at
-            for stream in client.sides(record.up):
+            for stream in client.streams[record.up]:
                 yield from self._decode_hole(stream, record)
         elif kind in (RingRecordKind.END, RingRecordKind.RESET):
             yield from self._decode_end(client, record)
         elif kind is RingRecordKind.CLIENT_CLOSED:
             del self._clients[record.client]
             self._closed_clients.append((client.conversation, decode_message(record.data)))
-            for stream in (*client.far_streams, *client.streams):
+            streams = [stream for side in client.streams.values() for stream in side]
+            for stream in sorted(streams, key=lambda stream: stream.is_near):
                 yield from self._flush_direction(stream, record.received_at)
 
     def _decode_stream(
@@ -239,8 +221,8 @@ class RecordDecoder:
         _, up, _, received_at, sent_at, *_ = record
         if received_at:  # `received_at` is 0 if the proxy itself ended the connection
             is_reset = record.kind is RingRecordKind.RESET
-            client.conversation.record_end(client.streams[up].flow.direction, is_reset, received_at)
-        for stream in client.sides(up):
+            client.conversation.record_end(client.streams[up][0].flow.direction, is_reset, received_at)
+        for stream in client.streams[up]:
             if time := received_at if up is stream.is_near else sent_at:
                 yield from self._flush_direction(stream, time)
 

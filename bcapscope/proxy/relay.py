@@ -9,25 +9,23 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 from bcapscope.messages import Message
 from bcapscope.messages.message import foreign_text
 from bcapscope.messages.message_codec import encode_message
 from bcapscope.proxy.admission import ClientSlots
 from bcapscope.proxy.pending_connections import PendingConnections
-from bcapscope.proxy.policy import CloseAction, LateDecision, Policy, PolicyAction, SendAction
-from bcapscope.proxy.poller import READ, make_poller, open_ticker, wait_precisely
+from bcapscope.proxy.policy import PolicyAction, PolicyDecision, SendAction
+from bcapscope.proxy.poller import DescriptorWatcher, open_ticker, wait_precisely
 from bcapscope.proxy.relay_session import ClientEndpoints, ClientListener, RelaySession
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind, RingWriter
 from bcapscope.proxy.sockets import should_report
 from bcapscope.traffic.observation import Direction, Endpoint, Transport
 from bcapscope.transport.descriptors import SpareDescriptors
 
-Handler: TypeAlias = Callable[[int], None]
-"""Function that handles the events of a file descriptor. The argument has a bit such as `READ` for each
-event.
-"""
+if TYPE_CHECKING:
+    from bcapscope.proxy.rule_policy import RulePolicy
 
 POLL_INTERVAL = 0.05
 """Time in seconds between two ticks. At each tick, the relay writes pending records and checks whether to
@@ -53,22 +51,21 @@ also needs only one.
 """
 
 
-class Relay:
+class Relay(DescriptorWatcher):
     """Moves bytes between clients and controllers.
 
     Attributes:
-        ring: Ring buffer that passes the traffic to the watcher process.
         counts: Counters in the ring, indexed by `RelayCounter`.
         policy: The proxy's rules, which decide about each message; None without rules.
         sessions: Open sessions by client number.
-        slots: For each transport, the slots that limit which clients the proxy admits.
         pending_connections: TCP clients that have not sent a complete frame yet.
         spares: Spare file descriptors for clients that send a stop.
         buffer: Receive buffer for all streams, which one thread reads.
         now: Time of a monotonic clock in ns, updated about every `POLL_INTERVAL`.
     """
 
-    def __init__(self, ring: RingWriter, policy: Policy | None = None) -> None:
+    def __init__(self, ring: RingWriter, policy: RulePolicy | None = None) -> None:
+        super().__init__()
         self.ring = ring
         self.counts = ring.counts
         self.policy = policy
@@ -78,11 +75,6 @@ class Relay:
         self.slots = {transport: ClientSlots() for transport in Transport}
         self.pending_connections = PendingConnections(self)
         self._denied = 0
-        self._poller = make_poller()
-        self._handlers: dict[int, Handler] = {}
-        self._new_handlers: dict[int, Handler] = {}
-        self._just_unwatched: set[int] = set()
-        self._paused: set[int] = set()
         self._listeners: list[ClientListener] = []
         self._idle: Callable[[], None] = lambda: None
         self._tick_count = 0
@@ -93,7 +85,7 @@ class Relay:
         self._is_stopped = self._is_closed = False
         self._removed_clients: list[tuple[int, bytes, int]] = []
         self.spares = SpareDescriptors(_SPARE_DESCRIPTORS)
-        self._undecided: dict[int, _Arrival] = {}
+        self._undecided: dict[PolicyDecision, _Arrival] = {}
         self._paused_sessions: dict[int, RelaySession] = {}
 
     def listen(self, listeners: Iterable[ClientListener]) -> None:
@@ -103,14 +95,13 @@ class Relay:
             listener.open()
 
     def stop(self) -> None:
-        """Make `run` return soon. A signal handler may use this method. A function that `run` calls may also
-        use it.
-        """
+        """Make `run` return soon. Signal handlers and functions that `run` calls may use this method."""
         self._is_stopped = True
 
     def run(self, idle: Callable[[], None] = lambda: None) -> None:
-        """Forward traffic until `stop` is called. Every `POLL_INTERVAL`, call `idle`, which must not
-        block."""
+        """Forward traffic until `stop` is called. `idle` is called every `POLL_INTERVAL`, and must
+        not block.
+        """
         self._is_stopped, self._idle = False, idle
         handler_of, poll, policy = self._handlers.get, self._poller.poll, self.policy
         patience = POLL_INTERVAL if self._ticker is None else None
@@ -156,34 +147,9 @@ class Relay:
 
     # For listeners and sessions.
 
-    def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
-        """Call `handler` for every event of a file descriptor.
-
-        The system may give a new descriptor the number of a descriptor that was just closed. Events of the
-        current poll still belong to the closed descriptor, so the relay does not call `handler` before the
-        next poll.
-        """
-        handlers = self._new_handlers if descriptor in self._just_unwatched else self._handlers
-        handlers[descriptor] = handler
-        self._poller.register(descriptor, mask)
-
-    def change(self, descriptor: int, mask: int) -> None:
-        self._poller.modify(descriptor, mask)
-
-    def unwatch(self, descriptor: int) -> None:
-        if self._handlers.pop(descriptor, None) or self._new_handlers.pop(descriptor, None):
-            self._just_unwatched.add(descriptor)
-            self._paused.discard(descriptor)
-            self._poller.unregister(descriptor)
-
-    def pause(self, descriptor: int) -> None:
-        """Ignore the events of a file descriptor for about a second."""
-        self._poller.modify(descriptor, 0)
-        self._paused.add(descriptor)
-
     def deny(self, client: Endpoint, why: Message, is_datagram: bool = False) -> None:
-        """Count a rejected client. To limit the messages, report only the 1st, 2nd, 4th, 8th client and so on
-        to the user.
+        """Count a rejected client. To limit the messages, report only the 1st, 2nd, 4th, 8th client and so
+        on.
         """
         self.counts[RelayCounter.DENIED] += 1
         self._denied += 1
@@ -212,9 +178,6 @@ class Relay:
         if self.policy is not None:
             self.policy.add_client(session.number, session.conversation, time.monotonic_ns())
 
-    def next_number(self) -> int:
-        return self.counts[RelayCounter.CLIENTS] + 1
-
     def remove_client(self, session: RelaySession, why: Message) -> None:
         """Drop the data of a client. The next tick writes the `CLIENT_CLOSED` record, so that this record
         follows the client's last data.
@@ -229,7 +192,6 @@ class Relay:
                 self.policy.remove_client(session.number, time.monotonic_ns())
 
     def notify(self, message: Message) -> None:
-        """Send a message to the user."""
         self.ring.write_required(RingRecordKind.NOTICE, 0, encode_message(message), time.time_ns())
 
     def apply_rules(self, session: RelaySession, up: bool, data: bytes, received_at: int) -> None:
@@ -237,41 +199,36 @@ class Relay:
         assert self.policy is not None
         decision = self.policy.receive(session.number, direction_of(up), data, time.monotonic_ns())
         arrival = _Arrival(session, up, data, received_at)
-        if decision.ticket:
-            self._undecided[decision.ticket] = arrival
+        if decision.waiting:
+            self._undecided[decision] = arrival
             self._perform(decision.actions)
         else:
             # first write the data that still waits, so that the records of this direction stay in order
             self.record_undecided(session, up)
-            self._record_and_perform(arrival, decision.note, decision.actions)
+            self._record_and_perform(arrival, decision)
 
     def record_undecided(self, session: RelaySession, up: bool) -> None:
-        """Some data of this direction still waits for a decision. Write this data to the ring now, so that
-        later records of this direction follow it.
+        """Write data of this direction that still waits for a decision to the ring now, so that later records
+        of this direction follow it.
         """
-        for ticket, each in list(self._undecided.items()) if self._undecided else ():
+        for decision, each in list(self._undecided.items()) if self._undecided else ():
             if each.session is session and each.up is up:
-                del self._undecided[ticket]
+                del self._undecided[decision]
                 self.ring.write_record(up, session.number, each.received_at, 0, each.data)
 
-    def _record_and_perform(
-        self, arrival: _Arrival, note: Message | None, actions: Sequence[SendAction | CloseAction]
-    ) -> None:
+    def _record_and_perform(self, arrival: _Arrival, decision: PolicyDecision) -> None:
         session, up, data, received_at = arrival
-        if note is None and len(actions) == 1:
-            action = actions[0]
-            if action == SendAction(session.number, direction_of(up), data):
-                sent_at = session.send(up, data)
-                self.ring.write_record(up, session.number, received_at, sent_at, data)
-                return
-        self.counts[RelayCounter.RULED] += note is not None  # without a note, no proxy rule changed the data
-        self.ring.write_record(up, session.number, received_at, 0, data, note=encode_note(note))
-        self._perform(actions)
+        if not decision.notes and decision.actions == [SendAction(session.number, direction_of(up), data)]:
+            sent_at = session.send(up, data)
+            self.ring.write_record(up, session.number, received_at, sent_at, data)
+            return
+        # without a note, no proxy rule changed the data
+        self.counts[RelayCounter.RULED] += bool(decision.notes)
+        self.ring.write_record(up, session.number, received_at, 0, data, note=encode_note(decision.note))
+        self._perform(decision.actions)
 
     def on_stream_end(self, session: RelaySession, up: bool) -> bool:
-        """Report the end of a stream to the proxy's rules. Return whether to forward this end to the receiver
-        now.
-        """
+        """Report the end of a stream to the proxy's rules. Return whether to forward this end now."""
         if self.policy is None:
             return True
         self._perform(self.policy.on_stream_end(session.number, direction_of(up), time.monotonic_ns()))
@@ -282,23 +239,19 @@ class Relay:
         return self.policy is not None and self.policy.holds(session.number, direction_of(up))
 
     def hides_end(self, session: RelaySession) -> bool:
-        """Return whether a proxy rule hides the end of the client's connection from the controller, and the
-        end of the controller's connection from the client.
-        """
+        """Return whether a rule hides the end of each connection of the client from the other end."""
         return self.policy is not None and self.policy.hides_end(session.number)
 
     def pauses_reading(self, session: RelaySession) -> bool:
-        """Return True if the proxy holds so much data that the session must not read more. When the proxy
-        holds less data, the relay calls `resume_reading`.
-        """
+        """Return True if the proxy holds so much data that the session must not read more before `resume`."""
         if self.policy is None or not self.policy.is_full(session.number):
             return False
         self._paused_sessions[session.number] = session
         return True
 
     def release_held(self, session: RelaySession) -> bool:
-        """Before a client is disconnected, send those of its held messages that the policy lets through.
-        Return whether the relay sent any message.
+        """Before a client is disconnected, send the held messages that the rules release. Return whether the
+        relay sent any message.
         """
         if self.policy is None or session.number not in self.sessions:
             return False
@@ -311,13 +264,13 @@ class Relay:
             session = self.sessions.get(action.client)
             if session is None:
                 continue
-            if isinstance(action, LateDecision):
-                arrival = self._undecided.pop(action.ticket, None)
+            if isinstance(action, PolicyDecision):
+                arrival = self._undecided.pop(action, None)
                 if arrival is None:  # `record_undecided` has already written the data to the ring
-                    self.counts[RelayCounter.RULED] += action.note is not None
+                    self.counts[RelayCounter.RULED] += bool(action.notes)
                     self._perform(action.actions)
                 else:
-                    self._record_and_perform(arrival, action.note, action.actions)
+                    self._record_and_perform(arrival, action)
             elif isinstance(action, SendAction):
                 up = action.toward is Direction.REQUEST
                 sent_at = session.send(up, action.data)
@@ -330,27 +283,25 @@ class Relay:
                 self.notify(Message("client.message", client=client, message=action.note))
                 session.close(action.reset, action.note)
 
-    def _wait(self, policy: Policy) -> Sequence[tuple[int, int]]:
+    def _wait(self, policy: RulePolicy) -> Sequence[tuple[int, int]]:
         due = policy.due()
         if due is None:
             return self._poller.poll(POLL_INTERVAL)
         seconds = (due - time.monotonic_ns()) / 1e9
         return wait_precisely(self._poller, min(max(seconds, 0.0), POLL_INTERVAL))
 
-    def _perform_due(self, policy: Policy) -> None:
+    def _perform_due(self, policy: RulePolicy) -> None:
         due, now = policy.due(), time.monotonic_ns()
         if due is not None and due <= now:
             actions = policy.pop_due_actions(now)
             self._perform(actions)
             for number in {action.client for action in actions}:
-                session = self.sessions.get(number)
-                for up in (True, False) if session is not None else ():
-                    if session is not None and not policy.holds(number, direction_of(up)):
-                        session.on_nothing_held(up)
+                if (session := self.sessions.get(number)) is not None:
+                    session.resume()
         for number, session in list(self._paused_sessions.items()) if self._paused_sessions else ():
             if not policy.is_full(number):
                 del self._paused_sessions[number]
-                session.resume_reading()
+                session.resume()
 
     def _on_ticker(self, _: int) -> None:
         assert self._ticker is not None
@@ -375,20 +326,13 @@ class Relay:
         self.now = time.monotonic_ns()
 
     def _sweep(self) -> None:
-        while self._paused:
-            self._poller.modify(self._paused.pop(), READ)
+        self._resume_paused()
         self.spares.refill()
         self.pending_connections.sweep(self.now)
         for listener in self._listeners:
             listener.sweep(self.now)
         for session in list(self.sessions.values()):
             session.sweep(self.now)
-
-    def _adopt_new_handlers(self) -> None:
-        """Start to call the handlers of new file descriptors that reuse the numbers of closed descriptors."""
-        self._just_unwatched.clear()
-        self._handlers.update(self._new_handlers)
-        self._new_handlers.clear()
 
 
 class _Arrival(NamedTuple):
@@ -399,9 +343,7 @@ class _Arrival(NamedTuple):
 
 
 def encode_note(note: Message | None) -> bytes:
-    """Encode a note for the ring; return b"" for None. Replace a note that is too long with a shortened
-    English text.
-    """
+    """Encode a note for the ring; return b"" for None. Cut a note that is too long, to English text."""
     if note is None:
         return b""
     data = encode_message(note)
@@ -409,5 +351,4 @@ def encode_note(note: Message | None) -> bytes:
 
 
 def direction_of(up: bool) -> Direction:
-    """Return `Direction.REQUEST` if `up`, otherwise `Direction.RESPONSE`."""
     return Direction.REQUEST if up else Direction.RESPONSE

@@ -15,6 +15,7 @@ from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.admission import ClientSlot
 from bcapscope.proxy.listener_spec import ListenerSpec
+from bcapscope.proxy.ring_buffer import RelayCounter
 from bcapscope.proxy.sockets import SocketAddress, endpoint_of, listen_on, resolve
 from bcapscope.traffic.observation import SERVER_PARTICIPANT, Conversation, Endpoint, Transport
 from bcapscope.transport.descriptors import is_out_of_descriptors
@@ -39,7 +40,7 @@ class RelaySession(ABC):
     """
 
     def __init__(self, relay: Relay, transport: Transport, client: SocketAddress, to: Endpoint) -> None:
-        self.number = relay.next_number()
+        self.number = relay.counts[RelayCounter.CLIENTS] + 1
         self.conversation = Conversation(endpoint_of(client), to, transport, SERVER_PARTICIPANT)
         self.source = source_network(client[0])
         self.last_heard = relay.now
@@ -56,12 +57,9 @@ class RelaySession(ABC):
         if part of the data still waits.
         """
 
-    def on_nothing_held(self, up: bool) -> None:  # noqa: B027 - UDP has no end to forward
-        """Forward the end of a stream if this end had to wait for held data."""
-
-    def resume_reading(self) -> None:  # noqa: B027 - UDP sessions never stop reading
-        """Read from the client again. The session had stopped reading because the proxy held too much
-        data.
+    def resume(self) -> None:  # noqa: B027 - UDP has no end to forward, and UDP sessions never stop reading
+        """Forward an end of a stream that waited for held data, and read again, if the rules hold less data
+        now.
         """
 
     @abstractmethod
@@ -81,13 +79,8 @@ class RelaySession(ABC):
 
 
 class ClientListener(ABC):
-    """A socket that accepts clients for one controller.
-
-    Attributes:
-        controller: Address family and address of the controller.
-        to: Host and port of the controller.
-        socket: Socket to which the clients send.
-        address: Host and port on which the socket listens.
+    """A socket that accepts clients for one controller. `controller` has the address family and the address
+    of the controller, `to` its host and port. `address` is the host and port on which the socket listens.
     """
 
     def __init__(self, relay: Relay, spec: ListenerSpec, transport: Transport) -> None:
@@ -123,14 +116,8 @@ class ClientListener(ABC):
     def _open_upstream(
         self, host: str, is_stop: bool, open_socket: Callable[[], socket.socket]
     ) -> tuple[socket.socket, ClientSlot]:
-        """Find a slot for a new client at the address `host`, and open a socket toward the controller.
-
-        If the first frame of the new client is a stop and no file descriptor is free, disconnect another
-        client.
-
-        Args:
-            is_stop: True if the client's first frame is a stop.
-            open_socket: Function that opens the socket toward the controller.
+        """Find a slot for a new client at the address `host`, and open a socket toward the controller. If the
+        client's first frame is a stop and no file descriptor is free, disconnect another client.
 
         Raises:
             ClientDeniedError: No slot is free, or the last file descriptors must stay free for stops.
@@ -157,11 +144,8 @@ class ClientListener(ABC):
 
 
 class ClientEndpoints(NamedTuple):
-    """Addresses of the two connections of a client: to the proxy, and from the proxy to the controller.
-
-    Attributes:
-        listen: Address of the proxy to which the client sends.
-        upstream: Address from which the proxy sends to the controller.
+    """Addresses of the two connections of a client: from `client` to the proxy at `listen`, and from the
+    proxy at `upstream` to the controller.
     """
 
     transport: Transport
@@ -175,9 +159,6 @@ class ClientEndpoints(NamedTuple):
         return msgspec.json.encode(self)
 
 
-_decoder = msgspec.json.Decoder(ClientEndpoints)
-
-
 def read_endpoints(data: bytes) -> ClientEndpoints:
     """Decode the data of a `CLIENT_OPENED` record."""
-    return _decoder.decode(data)
+    return msgspec.json.decode(data, type=ClientEndpoints)

@@ -35,11 +35,8 @@ _COMMANDS = {
 
 
 class GuardTarget(NamedTuple):
-    """Which requests to block or allow: those that call a function, a command, or one command of a function.
-
-    Attributes:
-        function_id: Id of the function; None for any function.
-        command: Command in lower case; None for any command.
+    """Which requests to block or allow: those that call a function, a command (in lower case), or one command
+    of a function. None means any function or any command.
     """
 
     function_id: int | None
@@ -67,10 +64,8 @@ class GuardTarget(NamedTuple):
 
 
 def read_target(text: str) -> GuardTarget:
-    """Parse a target: ``Robot_Move``, ``slvMove``, or ``Robot_Execute:AnyName`` for an unknown command.
-
-    Raises:
-        InputError: There is no such function or command.
+    """Parse a target: ``Robot_Move``, ``slvMove``, or ``Robot_Execute:AnyName`` for an unknown command. If
+    there is no such function or command, raise an `InputError`.
     """
     name, colon, command = text.partition(":")
     function_id = _FUNCTIONS.get(name.casefold())
@@ -89,12 +84,8 @@ def read_target(text: str) -> GuardTarget:
 
 
 class GuardResult(NamedTuple):
-    """Result of the guard for one datagram, or one piece of a stream.
-
-    Attributes:
-        passing: Bytes of the frames that pass.
-        refused: Frames that do not pass, each with the reason.
-        dropped: Number of bytes that do not belong to a frame.
+    """Result of the guard: the bytes of the frames that pass, the frames that don't pass, each with the
+    reason, and the number of bytes that do not belong to a frame.
     """
 
     passing: bytes
@@ -110,12 +101,8 @@ class RequestGuard:
     def __init__(
         self, read_only: bool = False, block: Iterable[GuardTarget] = (), allow: Iterable[GuardTarget] = ()
     ) -> None:
-        """Set up the guard with the requests to refuse.
-
-        Args:
-            read_only: If True, refuse unknown requests, and requests that move the robot or change its state.
-            block: Requests to refuse.
-            allow: Requests that pass although `read_only` is True. `block` overrides `allow`.
+        """Refuse the requests in `block`. With `read_only`, also refuse unknown requests, and requests that
+        move the robot or change its state, unless they are in `allow`.
         """
         self.read_only = read_only
         self._block = tuple(block)
@@ -142,8 +129,7 @@ class RequestGuard:
         argument to find the next argument. orin_bcap's C, C#, Java and Python code does so. Other
         controllers, and the older C client, use the length that each argument gives for itself. The guard
         refuses a damaged frame if it would refuse one of the possible interpretations. Bytes inside the value
-        of an argument are
-        data: no controller takes them for a frame.
+        of an argument are data: no controller takes them for a frame.
         """
         if _only_stops(request):
             return None

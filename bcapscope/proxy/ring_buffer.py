@@ -136,8 +136,8 @@ def hole_sizes(record: RingRecord) -> tuple[int, int]:
 
 
 class _Hole(NamedTuple):
-    """Describes the bytes of one direction that the ring lost. It holds the numbers of received and sent
-    bytes, and the times in ns of the last received byte and the last sent byte.
+    """Numbers of received and sent bytes of one direction that the ring lost, and the times in ns of the last
+    of them.
     """
 
     received: int = 0
@@ -311,7 +311,6 @@ class RingWriter(_Ring):
         return True
 
     def _write(self, entry: _Entry) -> bool:
-        """Write a record to the ring. Return whether there was room for the record."""
         kind, up, client, received_at, sent_at, data, note = entry
         length = len(data)
         need = 39 + length + len(note) & ~7
@@ -357,9 +356,7 @@ class RingWriter(_Ring):
         self._write_waiting()
 
     def _remove_unseen_client(self, client: int) -> bool:
-        """Discard a client's waiting records, unless the client's `CLIENT_OPENED` record is already in the
-        ring.
-
+        """Discard a client's waiting records, unless its `CLIENT_OPENED` record is already in the ring.
         Return whether the records were discarded.
         """
         if not any(
@@ -388,15 +385,13 @@ class RingWriter(_Ring):
 
 
 class RingReader(_Ring):
-    """One of the watcher's two readers of the ring.
-
-    Attributes:
-        position: Number of bytes that this reader has read so far.
+    """One of the watcher's two readers of the ring. `position` is the number of bytes that it has read so
+    far.
     """
 
     def __init__(self, memory: memoryview, *, ahead: bool = False) -> None:
-        """Read from the beginning of the ring. If `ahead` is True, the records that this reader has read stay
-        in the ring.
+        """Read from the beginning of the ring. If `ahead` is True, records stay in the ring after this reader
+        has read them.
         """
         super().__init__(memory)
         self.position = self._ready = 0
@@ -408,13 +403,8 @@ class RingReader(_Ring):
         return self.bytes_written - self.position
 
     def read_records(self, limit: int = 8192, until: int | None = None) -> list[RingRecord]:
-        """Return the records that the writer had written before this method was last called. The next call of
-        this method returns newer records.
-
-        Args:
-            limit: Maximum number of records.
-            until: Stop at this position, which the other reader has reached; None if the other reader is not
-                ahead.
+        """Return the records that were written before the last call of this method, but at most `limit`. If
+        the other reader is ahead, stop at its position `until`.
         """
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position

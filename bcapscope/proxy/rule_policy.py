@@ -21,32 +21,30 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.proxy.direction_state import (
     ClientStates,
-    DecisionBuilder,
     DirectionState,
     UndecidedMessage,
     is_stop_request,
-    join_untouched_bytes,
     mark_overtaken,
+    may_move,
     split_held_requests,
 )
 from bcapscope.proxy.intercept import HeldMessage, Intercept
 from bcapscope.proxy.message_sender import MessageSender
-from bcapscope.proxy.policy import CloseAction, LateDecision, PolicyAction, PolicyDecision, SendAction
+from bcapscope.proxy.policy import CloseAction, PolicyAction, PolicyDecision, SendAction
 from bcapscope.proxy.request_guard import RequestGuard
 from bcapscope.proxy.rule_report import names_with_counts, report_lines
 from bcapscope.proxy.script_protocol import ScriptAnswer
 from bcapscope.proxy.script_queue import ScriptDecision, ScriptQueue
 from bcapscope.traffic.call_kind import RecentRequests
-from bcapscope.traffic.observation import Conversation, Direction
+from bcapscope.traffic.observation import Conversation, Direction, Flow
 
 
 class RulePolicy:
-    """Decides what happens to each message.
+    """Decides what happens to each message. No method raises an exception unless its docstring says so, and
+    only `close` may block. Times are in ns of a monotonic clock.
 
     Attributes:
         shaper: Applies the faults to messages.
-        guard: Refuses requests; None without a guard.
-        intercept: Holds messages until the user decides about them.
         scripts: Queue of messages that the user's scripts have yet to answer; None without scripts.
         dropped_held: Number of held requests that the proxy dropped because their client no longer waited.
         notify: Function that gets each message for the user.
@@ -75,39 +73,38 @@ class RulePolicy:
         self._messages = 0
         self._recent_requests = RecentRequests()
         self._templates = FrameTemplates()
-        self._tickets = 0
 
     @property
     def refused_requests(self) -> int:
-        """Number of requests that the guard or `MessageSender.refuse_motion` refused."""
         return self._sender.refused_requests
 
-    # The class `Policy` describes the following methods.
+    # The relay calls the following methods.
 
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
+        """Register a client under a number that no other client gets."""
         self._clients.add(client, conversation, now)
         if self.scripts is not None:
             self.scripts.send_connected(client, conversation, now)
 
     def receive(self, client: int, direction: Direction, data: bytes, now: int) -> PolicyDecision:
+        """Decide about a datagram, or about the next bytes of a stream."""
         state = self._clients.directions(client)[direction]
         state.piece_count += 1
         state.last_piece_at = now
         inspects = self._inspects_frames
         if not inspects and state.splitter is None and self.shaper.is_idle(now):
             state.has_begun = True
-            return PolicyDecision(None, (SendAction(client, direction, data),))
-        work = DecisionBuilder()
+            return PolicyDecision(client, [SendAction(client, direction, data)])
+        work = PolicyDecision(client)
         for piece in state.cut_messages(data, inspects or self.shaper.needs_frames(now)):
             self._process(state, piece, now, work)
         state.has_begun = True
-        actions = join_untouched_bytes(work.actions, state)
-        if work.waiting:
-            return PolicyDecision(None, actions, work.ticket)
-        return PolicyDecision(work.note, actions)
+        return work
 
     def holds(self, client: int, direction: Direction) -> bool:
-        """Return whether rules hold data of this direction; False if the client has disconnected."""
+        """Return whether rules hold data of this direction, so that the end of the stream has to wait. The
+        client may already have disconnected.
+        """
         state = self._clients.directions(client).get(direction)
         return state is not None and (
             bool(state.splitter and state.splitter.pending_bytes)
@@ -118,35 +115,40 @@ class RulePolicy:
         )
 
     def is_full(self, client: int) -> bool:
+        """Return whether the rules hold so much data that the relay must not read more from a client before
+        `pop_due_actions`.
+        """
         return self.shaper.is_full or (self.scripts is not None and self.scripts.is_full(client))
 
     def on_stream_end(
         self, client: int, direction: Direction, now: int
     ) -> Sequence[SendAction | CloseAction]:
         """Apply the rules to an incomplete frame at the end of a stream. Return the resulting actions."""
-        state, work = self._clients.directions(client)[direction], DecisionBuilder()
+        state, work = self._clients.directions(client)[direction], PolicyDecision(client)
         state.has_ended = True
         for piece in state.take_incomplete():
             self._process(state, piece, now, work)
         self._mark_abandoned(state)
-        return join_untouched_bytes(work.actions, state)
+        return work.actions
 
     def hides_end(self, client: int) -> bool:
+        """Return whether a fault hides each FIN and RST of the client from the controller, and those of the
+        controller from the client.
+        """
         state = self._clients.directions(client).get(Direction.REQUEST)
         return state is not None and not self.shaper.passes_close(state.flow.conversation)
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
-        """When a client leaves, return its held messages that the proxy still sends, and discard its other
-        held messages.
+        """When a client leaves, return its held messages that the proxy still sends, and discard the others.
 
         The proxy still sends held replies and held stops, but drops all other held requests. If a fault hides
         the end of the client from the controller, the proxy sends no held message.
         """
-        work = DecisionBuilder()
+        work = PolicyDecision(client)
         lost: list[Frame | bytes] = []
         for action in self._outbox:
             if action.client == client:
-                work.actions += action.actions if isinstance(action, LateDecision) else (action,)
+                work.actions += action.actions if isinstance(action, PolicyDecision) else (action,)
         self._outbox = [action for action in self._outbox if action.client != client]
         for direction, state in self._clients.directions(client).items():
             held = self.shaper.pop_held(state.flow)
@@ -180,6 +182,7 @@ class RulePolicy:
             self.scripts.send_gone(client, now)
 
     def due(self) -> int | None:
+        """Return the time at which to call `pop_due_actions`; None while nothing waits."""
         if self._outbox:
             return 0
         times = [self.shaper.due(), self.intercept.due(), self.scripts.due() if self.scripts else None]
@@ -188,8 +191,7 @@ class RulePolicy:
     def pop_due_actions(self, now: int) -> Sequence[PolicyAction]:
         if self.scripts is not None:
             self._apply_script_decisions(self.scripts.advance(now, now + self._epoch), now)
-        outbox, self._outbox = self._outbox, []
-        work = DecisionBuilder()
+        actions, self._outbox = self._outbox, []
         for held in self.intercept.pop_expired(now):
             seconds = f"{(held.until - held.since) / 1e9:g}"
             why = held.abandonment_reason(now)
@@ -201,9 +203,10 @@ class RulePolicy:
             if why is not None:
                 self.dropped_held += 1
             else:
-                self._forward_held(held, held.data, note, now, work)
+                actions += self._forward_held(held, held.data, note, now)
+        work = PolicyDecision(0)
         self._carry_out(self.shaper.advance(now), work)
-        return [*outbox, *work.actions]
+        return [*actions, *work.actions]
 
     def close(self, now: int) -> None:
         """End the scripts, and wait for their process."""
@@ -211,27 +214,18 @@ class RulePolicy:
             self.scripts.finish(now)
 
     def report(self) -> Sequence[Message]:
-        return report_lines(
-            self.shaper.hit_counts,
-            None if self.guard is None else self.refused_requests,
-            self.intercept.held_so_far,
-            self.dropped_held,
-            self.scripts,
-        )
+        """Return a summary of what the rules did, one message per line."""
+        return report_lines(self)
 
-    # `ScriptProcess` calls the following methods.
+    # `ScriptProcess` calls the following method.
 
     def on_script_data(self, data: bytes, now: int) -> None:
-        """Apply decisions of the scripts. `pop_due_actions` returns the resulting actions."""
-        if self.scripts is not None:
-            self._apply_script_decisions(self.scripts.on_data(data, now), now)
-
-    def on_scripts_ended(self, now: int) -> None:
-        """Decide about the messages that still wait for the scripts, because the scripts' process has
-        ended.
+        """Apply the decisions in bytes from the scripts' process; b"" if the process has ended.
+        `pop_due_actions` returns the resulting actions.
         """
         if self.scripts is not None:
-            self._apply_script_decisions(self.scripts.on_process_ended(now), now)
+            decisions = self.scripts.on_data(data, now) if data else self.scripts.on_process_ended(now)
+            self._apply_script_decisions(decisions, now)
 
     # The control socket and the screen call the following methods.
 
@@ -243,32 +237,24 @@ class RulePolicy:
         """After a change of faults or intercept, forward incomplete frames that no rule needs any more."""
         if self._inspects_frames or self.shaper.needs_frames(now):
             return
-        for state in self._clients.split_streams():
-            work = DecisionBuilder()
+        split = [state for pair in self._clients.pairs() for state in pair if state.splitter is not None]
+        for state in split:
+            work = PolicyDecision(state.client)
             for rest in state.cut_messages(b"", into_frames=False):
                 self._process(state, rest, now, work)
             self._outbox += work.actions
 
     def forward_held(self, number: int, now: int, data: bytes | None = None) -> None:
-        """Forward a held message: unchanged, or as `data`. The faults and the guard still apply to this
-        message.
-
-        Raises:
-            KeyError: No message with this number is held.
+        """Forward a held message: unchanged, or as `data`. The faults and the guard still apply to it. If no
+        message with this number is held, raise a `KeyError`.
         """
         held = self.intercept.release(number, now, data)
         case = "held.sent" if data is None or data == held.data else "held.edited"
         note = Message(case, time=f"{(now - held.since) / 1e9:.1f} s")
-        work = DecisionBuilder()
-        self._forward_held(held, held.data if data is None else data, note, now, work)
-        self._outbox += work.actions
+        self._outbox += self._forward_held(held, held.data if data is None else data, note, now)
 
     def drop_held(self, number: int, now: int) -> None:
-        """Drop a held message and its retries.
-
-        Raises:
-            KeyError: No message with this number is held.
-        """
+        """Drop a held message and its retries. If no message with this number is held, raise a `KeyError`."""
         self.intercept.release(number, now, b"")
 
     # messages
@@ -279,13 +265,10 @@ class RulePolicy:
             return True
         return self.guard is not None or not self.intercept.is_idle
 
-    def _process(self, state: DirectionState, data: bytes, now: int, work: DecisionBuilder) -> None:
+    def _process(self, state: DirectionState, data: bytes, now: int, work: PolicyDecision) -> None:
         if self._inspects_frames:
             self._messages += 1
-            message = WireMessage(
-                self._messages, state.flow, data, now, now + self._epoch, templates=self._templates
-            )
-            message.annotate(self._recent_requests)
+            message = self._message(self._messages, state.flow, data, now)
             self._sender.on_message(state.flow, data)
             passing = self._show_to_scripts(state, message, work)
             if passing is not None:
@@ -294,7 +277,7 @@ class RulePolicy:
             self._apply_faults(state, data, now, work)
 
     def _show_to_scripts(
-        self, state: DirectionState, message: WireMessage, work: DecisionBuilder
+        self, state: DirectionState, message: WireMessage, work: PolicyDecision
     ) -> WireMessage | None:
         """Pass a message to the scripts. Return the message to forward now, or None if it waits or is
         dropped."""
@@ -312,34 +295,31 @@ class RulePolicy:
         if message.is_datagram and not scripts.has_room(state.client):
             work.notes.append(Message("addon.dropped.too-many"))
             return None
-        if not work.ticket:
-            self._tickets += 1
-            work.ticket = self._tickets
         work.waiting += 1
-        scripts.show_message(state.client, message, UndecidedMessage(state, work))
+        scripts.show_message(state.client, message, UndecidedMessage(message, state, work))
         return None
 
     def _apply_script_decisions(self, decisions: Iterable[ScriptDecision], now: int) -> None:
-        for decision in decisions:
-            (state, builder), message, work = decision.token, decision.message, DecisionBuilder()
-            if decision.answer is None:
+        for (message, state, decision), answer in decisions:
+            work = PolicyDecision(state.client)
+            if answer is None:
                 passing = self._pass_without_scripts(state, message, work)
             else:
-                passing = self._apply_script_answer(state, message, decision.answer, work)
+                passing = self._apply_script_answer(state, message, answer, work)
                 if passing is not None and message.number < state.overtaken_by:
                     passing = self._without_motion(state, passing, Message("script.overtaken"), work)
             if passing is not None:
                 self._intercept_and_fault(state, passing, now, work)
-            builder.waiting -= 1
-            builder.notes += work.notes
-            if builder.waiting:
+            decision.waiting -= 1
+            decision.notes += work.notes
+            if decision.waiting:
                 self._outbox += work.actions
             else:
-                actions = join_untouched_bytes(work.actions, state)
-                self._outbox.append(LateDecision(state.client, builder.ticket, builder.note, actions))
+                decision.actions = work.actions
+                self._outbox.append(decision)
 
     def _apply_script_answer(
-        self, state: DirectionState, message: WireMessage, answer: ScriptAnswer, work: DecisionBuilder
+        self, state: DirectionState, message: WireMessage, answer: ScriptAnswer, work: PolicyDecision
     ) -> WireMessage | None:
         for code in answer.results:
             self._sender.answer(state, message.frames, code, Message("addon.answered"), work)
@@ -349,53 +329,54 @@ class RulePolicy:
         if answer.data is None:
             return message
         work.notes.append(Message("addon.changed"))
-        return self._message_with(message, answer.data)
+        return self._message(message.number, message.flow, answer.data, message.now)
 
     def _pass_without_scripts(
-        self, state: DirectionState, message: WireMessage, work: DecisionBuilder
+        self, state: DirectionState, message: WireMessage, work: PolicyDecision
     ) -> WireMessage | None:
         if state.flow.direction is Direction.RESPONSE:
             return message
         return self._without_motion(state, message, Message("script.is-off"), work)
 
     def _without_motion(
-        self, state: DirectionState, message: WireMessage, note: Message, work: DecisionBuilder
+        self, state: DirectionState, message: WireMessage, note: Message, work: PolicyDecision
     ) -> WireMessage | None:
         """Refuse the frames of a request that may move the robot. Return the frames that were not refused;
         None if all were refused."""
-        passing = self._sender.refuse_motion(state, message, note, work)
-        if passing == message.data:
+        items = [each.observation.item for each in message.annotated_frames]
+        refused = [item for item in items if isinstance(item, Frame) and may_move(item)]
+        if not refused:
             return message
-        return self._message_with(message, passing) if passing else None
+        self._sender.refuse(state, refused, note, work)
+        work.notes.append(note)
+        passing = b"".join(item.raw for item in items if item not in refused)
+        return self._message(message.number, message.flow, passing, message.now) if passing else None
 
-    def _message_with(self, message: WireMessage, data: bytes) -> WireMessage:
-        changed = WireMessage(
-            message.number, message.flow, data, message.now, message.time, templates=self._templates
-        )
-        changed.annotate(self._recent_requests)
-        return changed
+    def _message(self, number: int, flow: Flow, data: bytes, now: int) -> WireMessage:
+        message = WireMessage(number, flow, data, now, now + self._epoch, templates=self._templates)
+        message.annotate(self._recent_requests)
+        return message
 
     def _intercept_and_fault(
-        self, state: DirectionState, message: WireMessage, now: int, work: DecisionBuilder
+        self, state: DirectionState, message: WireMessage, now: int, work: PolicyDecision
     ) -> None:
         passed = self.intercept.hold_or_pass(state.client, message)
         self._mark_abandoned(state)
         data: bytes | None = message.data
         if passed is not None:
-            work.notes.append(passed.note)
-            data = passed.data
+            note, data = passed
+            work.notes.append(note)
         if data is not None:
             self._apply_faults(state, data, now, work)
 
     def _forward_held(
-        self, held: HeldMessage, data: bytes, note: Message, now: int, work: DecisionBuilder
-    ) -> None:
-        state = self._clients.directions(held.client)[held.flow.direction]
-        own = DecisionBuilder()
-        self._apply_faults(state, data, now, own)
-        work.actions += [
+        self, held: HeldMessage, data: bytes, note: Message, now: int
+    ) -> list[SendAction | CloseAction]:
+        state, work = self._clients.directions(held.client)[held.flow.direction], PolicyDecision(held.client)
+        self._apply_faults(state, data, now, work)
+        return [
             replace(action, note=note) if isinstance(action, SendAction) and action.note is None else action
-            for action in own.actions
+            for action in work.actions
         ]
 
     def _mark_abandoned(self, state: DirectionState) -> None:
@@ -403,12 +384,12 @@ class RulePolicy:
         if state.has_ended and state.flow.direction is Direction.REQUEST:
             self.intercept.mark_abandoned(state.flow, Message("held.client-ended"))
 
-    def _apply_faults(self, state: DirectionState, data: bytes, now: int, work: DecisionBuilder) -> None:
+    def _apply_faults(self, state: DirectionState, data: bytes, now: int, work: PolicyDecision) -> None:
         processed = self.shaper.process_message(state.flow, data, now)
         work.notes += processed.fault_notes
         self._carry_out(processed.outputs, work)
 
-    def _carry_out(self, outputs: Sequence[FaultOutput], work: DecisionBuilder) -> None:
+    def _carry_out(self, outputs: Sequence[FaultOutput], work: PolicyDecision) -> None:
         for output in outputs:
             note = joined_clauses(output.fault_notes)
             if isinstance(output, SendBytes):

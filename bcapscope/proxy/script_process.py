@@ -13,12 +13,12 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bcapscope.messages import Message
 from bcapscope.messages.message import foreign_text
 from bcapscope.messages.places import joined_clauses
 from bcapscope.proxy.poller import READ, WRITE, DescriptorWatcher
-from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.proxy.script_protocol import (
     FrameUnpacker,
     ScriptError,
@@ -27,6 +27,9 @@ from bcapscope.proxy.script_protocol import (
     ScriptsUnusable,
     WireError,
 )
+
+if TYPE_CHECKING:
+    from bcapscope.proxy.rule_policy import RulePolicy
 
 DEFAULT_MEMORY_MB = 512
 """Megabytes that the process of the scripts may allocate by default.
@@ -55,18 +58,12 @@ _START = (
 
 
 class ScriptProcess:
-    """A process that runs the user's scripts, and the proxy's connection to it (`ScriptLink`).
-
-    Attributes:
-        names: File names of the scripts, for messages to the user.
+    """A process that runs the user's scripts, and the proxy's connection to it. `names` has the file names of
+    the scripts, for messages to the user.
     """
 
     def __init__(self, paths: Sequence[str], megabytes: int = DEFAULT_MEMORY_MB) -> None:
-        """Start the process.
-
-        Raises:
-            ScriptError: The process cannot be started.
-        """
+        """Start the process. If that fails, raise a `ScriptError`."""
         self.names = ", ".join(Path(path).name for path in paths)
         self._is_interrupted: Callable[[], bool] = lambda: False
         self._files = {Path(path).name for path in paths}
@@ -90,15 +87,11 @@ class ScriptProcess:
     def _start(self, other: socket.socket, paths: Sequence[str], megabytes: int) -> subprocess.Popen[bytes]:
         def words(descriptor: int | None, traces: int | None) -> list[str]:
             arguments = descriptor, traces, os.getpid(), [*paths], megabytes
-            return [
-                sys.executable,
-                "-c",
-                _START.format(path=sys.path, argv=sys.argv, arguments=arguments),
-            ]
+            code = _START.format(path=sys.path, argv=sys.argv, arguments=arguments)
+            return [sys.executable, "-c", code]
 
-        if (
-            sys.platform == "win32"
-        ):  # on Windows, a process cannot inherit a socket or report its current line
+        # on Windows, a process cannot inherit a socket or report its current line
+        if sys.platform == "win32":
             process = subprocess.Popen(words(None, None), stdin=subprocess.PIPE)
             assert process.stdin is not None
             with process.stdin:
@@ -117,66 +110,45 @@ class ScriptProcess:
             os.close(traces)
 
     def load(self, seconds: float) -> bool:
-        """Wait until the scripts are loaded. Return False if the scripts need more than `seconds`. Call
-        `attach` first.
-
-        Raises:
-            ScriptError: A script failed to load, or has no add-on.
+        """Wait until the scripts are loaded. Return False if they need more than `seconds`. Call `attach`
+        first. If a script fails to load or has no add-on, raise a `ScriptError`.
         """
         until = time.monotonic() + seconds
-        while True:
-            try:
-                statement = self._statements.next_frame()
-            except WireError as error:
-                raise self._invalid_error(error.message) from None
-            if isinstance(statement, ScriptsLoaded):
-                self._on_loaded(statement.hooks)
-                return True
-            if statement is not None:
-                if isinstance(statement, ScriptsUnusable):
-                    raise ScriptError(statement.reason.message)
-                raise self._invalid_error(Message("script.wire.answer"))
-            left = until - time.monotonic()
-            if left <= 0:
-                self._check_loading()
-                return False
-            self._read_statements(left)
-
-    def _invalid_error(self, what: Message) -> ScriptError:
-        return ScriptError(Message("script.named-invalid", names=self.names, reason=what))
-
-    def _load_error(self, what: Message) -> ScriptError:
-        """End the process, and return an error that says why its scripts cannot be used."""
-        reason = joined_clauses((what, *self.end()))
-        assert reason is not None
-        return ScriptError(reason)
-
-    def _on_loaded(self, hooks: frozenset[str]) -> None:
+        try:
+            while (statement := self._statements.next_frame()) is None:
+                left = until - time.monotonic()
+                if left <= 0 and time.monotonic() > self._loads_until:
+                    self.locate()
+                    raise self._load_error(
+                        Message("script.slow-loading", names=self.names, seconds=f"{LOADS_WITHIN:g}")
+                    )
+                if left <= 0:
+                    return False
+                if select.select([self._socket], [], [], left)[0] and (data := self._receive()) is not None:
+                    if not data:
+                        raise self._load_error(Message("script.ended-loading", names=self.names))
+                    self._statements.feed_bytes(data)
+            if isinstance(statement, ScriptsUnusable):
+                raise ScriptError(statement.reason.message)
+            if not isinstance(statement, ScriptsLoaded):
+                raise WireError(Message("script.wire.answer"))
+        except WireError as error:
+            reason = Message("script.named-invalid", names=self.names, reason=error.message)
+            raise ScriptError(reason) from None
         assert self._rules is not None
         assert self._rules.scripts is not None
         assert self._relay is not None
-        self._rules.scripts.on_loaded(hooks)
+        self._rules.scripts.on_loaded(statement.hooks)
         self._watcher = self._relay
         self._relay.watch(self._socket.fileno(), self._on_ready)
+        return True
 
-    def _read_statements(self, seconds: float) -> None:
-        if not select.select([self._socket], [], [], seconds)[0]:
-            return
-        data = self._receive()
-        if data is None:
-            return
-        if not data:
-            time.sleep(_EXIT_DELAY)  # wait until the system knows the exit code of the process
-            raise self._load_error(Message("script.ended-loading", names=self.names))
-        self._statements.feed_bytes(data)
-
-    def _check_loading(self) -> None:
-        if time.monotonic() > self._loads_until:
-            self.locate()
-            time.sleep(_EXIT_DELAY)
-            raise self._load_error(
-                Message("script.slow-loading", names=self.names, seconds=f"{LOADS_WITHIN:g}")
-            )
+    def _load_error(self, what: Message) -> ScriptError:
+        """End the process, and return an error that says why its scripts cannot be used."""
+        time.sleep(_EXIT_DELAY)  # wait until the system knows the exit code or the script line of the process
+        reason = joined_clauses((what, *self.end()))
+        assert reason is not None
+        return ScriptError(reason)
 
     def attach(self, rules: RulePolicy, relay: DescriptorWatcher, is_interrupted: Callable[[], bool]) -> None:
         """Connect the process to the relay and to the rules. The rules get the scripts' decisions.
@@ -187,29 +159,32 @@ class ScriptProcess:
         self._relay = relay
         self._is_interrupted = is_interrupted
 
-    # The class `ScriptLink` describes the following methods.
+    # `ScriptQueue` calls the following methods. They raise no exception, and only `finish` blocks.
 
     def send(self, frame: bytes) -> None:
         self._backlog += frame
         self._flush()
 
     def receive(self) -> bytes:
-        """Return the bytes that have arrived from the process; b"" if nothing has arrived, or if the process
-        has ended.
-        """
+        """Return the bytes that have arrived; b"" if there are none, or if the process has ended."""
         return self._receive() or b""
 
     def locate(self) -> None:
+        """Make the process report the script line that it executes."""
         if self._traces is not None and self._exit_code() is None:
             os.kill(self._process.pid, signal.SIGUSR1)
 
     def end(self) -> tuple[Message, ...]:
+        """Kill the process. Return why it had ended, and the script line that it executed last, if known."""
         code = self._exit_code()
         self._kill()
         found = None if code is None else _exit_message(code), self._script_location()
         return tuple(each for each in found if each is not None)
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
+        """Send the last order, and pass received bytes to `is_done` until it returns True. Return False if
+        `is_done` does not return True in time.
+        """
         self._unwatch()
         self.send(frame)
         until = time.monotonic() + FINISHES_WITHIN
@@ -241,16 +216,13 @@ class ScriptProcess:
             data = self._receive()
             now = time.monotonic_ns()
             assert self._rules is not None
-            if data:
-                self._rules.on_script_data(data, now)
-            elif data is not None:
+            if data == b"":
                 self._unwatch()
-                self._rules.on_scripts_ended(now)
+            if data is not None:
+                self._rules.on_script_data(data, now)
 
     def _receive(self) -> bytes | None:
-        """Return the bytes that have arrived from the process: None if nothing has arrived yet, b"" if the
-        process has ended.
-        """
+        """Return the bytes that have arrived; None if there are none yet, b"" if the process has ended."""
         try:
             return self._socket.recv(1 << 16)
         except BlockingIOError:
@@ -259,8 +231,8 @@ class ScriptProcess:
             return b""
 
     def _flush(self) -> None:
-        """Write as many pending bytes as the socket accepts; the relay calls this method again when the
-        socket accepts more.
+        """Write as many pending bytes as the socket accepts. The relay calls this again when it
+        accepts more.
         """
         try:
             while self._backlog:
@@ -300,9 +272,7 @@ class ScriptProcess:
         return ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
 
     def _script_location(self) -> Message | None:
-        """Return the script line that the process reported last, or the script line at which the process
-        crashed. Return None if neither is known.
-        """
+        """Return the script line that the process reported last, or at which it crashed; None if unknown."""
         if self._traces is None:
             return None
         try:

@@ -45,11 +45,7 @@ class _WireFrame(msgspec.Struct, frozen=True, array_like=True, tag=True):
 
 
 class ClientConnected(_WireFrame, frozen=True):
-    """A client sent its first message.
-
-    Attributes:
-        ends: Host and port of the client, and host and port of the controller.
-    """
+    """A client sent its first message. `ends` has host and port of the client, and of the controller."""
 
     client: int
     ends: tuple[tuple[str, int], tuple[str, int]]
@@ -62,8 +58,7 @@ class MessageShown(_WireFrame, frozen=True):
     Attributes:
         up: True if the message goes to the controller, False if it goes to the client.
         data: A datagram, a frame of a stream, or bytes of a stream that are not a frame.
-        now: Time of receipt in ns of the relay's clock.
-        time: Time of receipt in ns since 1970.
+        now: Time of receipt in ns of the relay's clock; `time` is in ns since 1970.
     """
 
     client: int
@@ -152,14 +147,12 @@ _encoder = msgspec.msgpack.Encoder()
 
 
 def pack(frame: ScriptOrder | ScriptStatement) -> bytes:
-    """Encode a message of this protocol as the bytes to send."""
     body = _encoder.encode(frame)
     return len(body).to_bytes(_HEAD, "little") + body
 
 
 class FrameUnpacker(Generic[T]):
-    """Splits received bytes into messages. `kinds` is the union of the message types, such as
-    `ScriptOrder`."""
+    """Splits received bytes into messages of the types `kinds`, a union such as `ScriptOrder`."""
 
     def __init__(self, kinds: Any) -> None:
         self._decoder: msgspec.msgpack.Decoder[T] = msgspec.msgpack.Decoder(kinds)
@@ -169,10 +162,8 @@ class FrameUnpacker(Generic[T]):
         self._buffer += data
 
     def next_frame(self) -> T | None:
-        """Return the next message; None if the message is not complete yet.
-
-        Raises:
-            WireError: The bytes are not a message of this protocol.
+        """Return the next message; None if the message is not complete yet. Invalid bytes raise a
+        `WireError`.
         """
         buffer = self._buffer
         if len(buffer) < _HEAD:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING, TypeAlias
 
 from bcapscope.faults.wire_message import WireMessage
 from bcapscope.messages import Message
@@ -29,6 +29,9 @@ from bcapscope.proxy.script_protocol import (
     pack,
 )
 from bcapscope.traffic.observation import Conversation, Direction, Flow
+
+if TYPE_CHECKING:
+    from bcapscope.proxy.script_process import ScriptProcess
 
 TIME_LIMIT_NS = 100_000_000
 """Default time in ns that the scripts may take for one message."""
@@ -75,46 +78,20 @@ _MAX_NOTICES = 200
 """Maximum number of messages from the scripts that the proxy passes to the user."""
 
 
-class ScriptLink(Protocol):
-    """Connection to the process of the scripts. No method raises an exception, and only `finish` blocks."""
-
-    def send(self, frame: bytes) -> None:
-        """Send an order to the process."""
-
-    def receive(self) -> bytes:
-        """Return the bytes that have arrived from the process; b"" if there are none."""
-
-    def locate(self) -> None:
-        """Ask the process to report its current line in the scripts."""
-
-    def end(self) -> tuple[Message, ...]:
-        """End the process at once. If known, return the reason for the end, and the script line that the
-        process executed last.
-        """
-
-    def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
-        """Send the last order, and pass received bytes to `is_done` until it returns True. Return False if
-        `is_done` does not return True in time."""
-
-
 @dataclass(frozen=True, slots=True)
 class PendingOrder:
-    """An order that the scripts have not answered yet.
-
-    Attributes:
-        hook: Name of the hook that the order calls.
-        sent_at: Time at which the order was sent, in ns.
-        size: Number of bytes of the message; 0 without a message.
-        message: Message that the order shows to the scripts; None for other orders.
-        token: Token that the caller passed for the message; None if the message does not wait for a decision.
+    """An order that the scripts have not answered yet. `message` is the message that the order shows to the
+    scripts, if any. `undecided` is the same message, if it waits for a decision.
     """
 
     hook: str
     sent_at: int
-    client: int = 0
-    size: int = 0
     message: WireMessage | None = None
-    token: UndecidedMessage | None = None
+    undecided: UndecidedMessage | None = None
+
+    @property
+    def size(self) -> int:
+        return 0 if self.message is None else len(self.message.data)
 
     def __str__(self) -> str:
         """Return the name of the hook, and the b-CAP function of the message that the hook got."""
@@ -124,18 +101,8 @@ class PendingOrder:
         return f"{self.hook} ({names[0][:80]})"
 
 
-@dataclass(frozen=True, slots=True)
-class ScriptDecision:
-    """A decision about a message.
-
-    Attributes:
-        token: Token that the caller gave with the message.
-        answer: Answer of the scripts; None if the scripts were switched off before they answered.
-    """
-
-    message: WireMessage
-    token: UndecidedMessage
-    answer: ScriptAnswer | None
+ScriptDecision: TypeAlias = tuple[UndecidedMessage, ScriptAnswer | None]
+"""A message, and the answer of the scripts; None if the scripts were switched off before they answered."""
 
 
 class ScriptQueue:
@@ -145,13 +112,12 @@ class ScriptQueue:
     or sends invalid data.
 
     Attributes:
-        is_on: True while the scripts get messages.
         off_because: Reason why the scripts are off; None while they are on.
         errors: Number of errors in the scripts so far.
         notify: Function that gets each message for the user.
     """
 
-    def __init__(self, names: str, link: ScriptLink, limit: int = TIME_LIMIT_NS) -> None:
+    def __init__(self, names: str, process: ScriptProcess, limit: int = TIME_LIMIT_NS) -> None:
         """Create a queue with a time `limit` in ns per message. Call `on_loaded` once the scripts are
         loaded."""
         self.names = names
@@ -159,7 +125,7 @@ class ScriptQueue:
         self.off_because: Message | None = None
         self.errors = 0
         self.notify: Callable[[Message], None] = lambda message: None
-        self._link = link
+        self._process = process
         self._limit = limit
         self._hooks: frozenset[str] = frozenset()
         self._queue: deque[PendingOrder] = deque()
@@ -186,9 +152,7 @@ class ScriptQueue:
 
     @property
     def inspects_frames(self) -> bool:
-        """Whether streams must be split into frames: True if a hook gets frames, or if motions are
-        refused.
-        """
+        """Whether streams must be split into frames, for a hook or to refuse motions."""
         return not self.is_on or not self._hooks.isdisjoint(("request", "reply", "settled"))
 
     def decides(self, direction: Direction) -> bool:
@@ -200,36 +164,31 @@ class ScriptQueue:
     def send_connected(self, client: int, conversation: Conversation, now: int) -> None:
         ends = conversation.client, conversation.server
         self._send_order(
-            ClientConnected(client, ends, conversation.transport), PendingOrder("connected", now, client)
+            ClientConnected(client, ends, conversation.transport), PendingOrder("connected", now)
         )
 
-    def show_message(self, client: int, message: WireMessage, token: UndecidedMessage | None) -> None:
-        """Pass a message to the scripts. A message with a token waits for a decision, and the decision
-        contains the token.
-        """
+    def show_message(self, client: int, message: WireMessage, undecided: UndecidedMessage | None) -> None:
+        """Pass a message to the scripts, and wait for their decision if the message is `undecided`."""
         up = message.flow.direction is Direction.REQUEST
-        if token is None:
+        if undecided is None:
             unwanted = not up and self._hooks.isdisjoint(("reply", "settled"))
             if unwanted or self._size > MAX_BYTES_IN_ALL:
                 return
-        hook, size = "request" if up else "reply", len(message.data)
         self._send_order(
             MessageShown(client, up, message.data, message.now, message.time),
-            PendingOrder(hook, message.now, client, size, message, token),
+            PendingOrder("request" if up else "reply", message.now, message, undecided),
         )
 
     def send_gone(self, client: int, now: int) -> None:
-        """Report to the scripts that a client is gone. Remove the client's waiting messages before you use
-        this method.
-        """
-        self._send_order(ClientGone(client), PendingOrder("gone", now, client))
+        """Report to the scripts that a client is gone. Call `remove_messages` first."""
+        self._send_order(ClientGone(client), PendingOrder("gone", now))
 
     def finish(self, now: int) -> None:
         """Report the end of the proxy to the scripts, wait for their answers, and end their process."""
         self._is_ending = True
         if self.is_on:
             self._enqueue(PendingOrder("done", now))
-            if not self._link.finish(pack(FinishScripts()), self._is_finished) and self.is_on:
+            if not self._process.finish(pack(FinishScripts()), self._is_finished) and self.is_on:
                 self._switch_off(Message("script.slow-end", order=str(self._queue[0])), now)
         self._end_process()
 
@@ -250,8 +209,9 @@ class ScriptQueue:
             yield from self._flush_undecided()
 
     def on_process_ended(self, now: int) -> Iterator[ScriptDecision]:
-        """Switch the scripts off because their process ended or the connection to it broke. Yield a decision
-        without an answer for each waiting message."""
+        """Switch the scripts off because their process ended. Yield a decision without an answer for each
+        waiting message.
+        """
         if self.is_on:
             why = Message("script.ended-between")
             if self._queue:
@@ -269,9 +229,7 @@ class ScriptQueue:
 
     def advance(self, now: int, time: int) -> Iterator[ScriptDecision]:
         """Check whether the scripts exceeded the time limit, and whether any calls expired. Yield the
-        decisions that result.
-
-        `now` is in ns of the monotonic clock, and `time` is the same time in ns since 1970.
+        decisions that result. `time` is `now` in ns since 1970.
         """
         due = self.due()
         if due is None or now < due:
@@ -283,7 +241,7 @@ class ScriptQueue:
             self._send_order(ExpireCalls(time), PendingOrder("settled", now))
         else:
             # An answer that arrived in time counts, even if the relay reads it too late.
-            yield from self.on_data(self._link.receive(), now)
+            yield from self.on_data(self._process.receive(), now)
             yield from self._check_time_limit(now)
 
     def _check_time_limit(self, now: int) -> Iterator[ScriptDecision]:
@@ -303,7 +261,7 @@ class ScriptQueue:
 
     def holds(self, flow: Flow) -> bool:
         """Return whether a message of this client and direction waits for the scripts."""
-        return any(_is_of(each, flow) for each in self._queue)
+        return any(each.undecided is not None and each.undecided.state.flow is flow for each in self._queue)
 
     def is_full(self, client: int) -> bool:
         """Return whether so many bytes wait that the proxy must not read more from a client's stream."""
@@ -314,39 +272,35 @@ class ScriptQueue:
         return not self.is_full(client) and self._counts[client] < MAX_WAITING
 
     def remove_messages(self, flow: Flow) -> list[bytes]:
-        """Remove the waiting messages of one client and direction, and return their bytes. The scripts' later
-        decisions about the removed messages have no effect.
+        """Remove the waiting messages of one client and direction, and return their bytes. Later decisions of
+        the scripts about them have no effect.
         """
         found: list[bytes] = []
         for place, each in enumerate(self._queue):
-            if each.message is not None and _is_of(each, flow):
-                found.append(each.message.data)
-                self._release(each)
-                self._queue[place] = replace(each, token=None)
+            if each.undecided is not None and each.undecided.state.flow is flow:
+                found.append(each.undecided.message.data)
+                self._count(each, -1)
+                self._queue[place] = replace(each, undecided=None)
         return found
 
     def _send_order(self, order: ScriptOrder, waiting: PendingOrder) -> None:
         if self.is_on:
             self._enqueue(waiting)
-            self._link.send(pack(order))
+            self._process.send(pack(order))
 
     def _enqueue(self, waiting: PendingOrder) -> None:
-        waiting = (
-            replace(waiting, sent_at=waiting.sent_at - self._relay_delay) if self._relay_delay else waiting
-        )
+        if self._relay_delay:
+            waiting = replace(waiting, sent_at=waiting.sent_at - self._relay_delay)
         if not self._queue:
             self._head_since = waiting.sent_at
         self._queue.append(waiting)
         self._size += waiting.size
-        if waiting.token is not None:
-            self._counts[waiting.client] += 1
-            self._sizes[waiting.client] += waiting.size
-            self._waiting_size += waiting.size
+        self._count(waiting, 1)
 
     def _on_answer(self, answer: ScriptAnswer, now: int) -> Iterator[ScriptDecision]:
         waiting = self._queue.popleft()
         self._size -= waiting.size
-        self._release(waiting)
+        self._count(waiting, -1)
         self._head_since = now - self._relay_delay
         self._was_late = False
         self._has_open_calls = answer.has_open_calls
@@ -355,22 +309,27 @@ class ScriptQueue:
             self._notice_count += 1
             if self._notice_count <= _MAX_NOTICES:
                 self.notify(notice.message)
-        yield from _decided(waiting, answer)
+        if waiting.undecided is not None:
+            yield waiting.undecided, answer
 
-    def _release(self, waiting: PendingOrder) -> None:
-        if waiting.token is not None:
-            self._counts[waiting.client] -= 1
-            self._sizes[waiting.client] -= waiting.size
-            self._waiting_size -= waiting.size
-            if not self._counts[waiting.client]:
-                del self._counts[waiting.client], self._sizes[waiting.client]
+    def _count(self, waiting: PendingOrder, sign: int) -> None:
+        """Add a message that waits for a decision to the counts, or subtract it if `sign` is -1."""
+        if waiting.undecided is not None:
+            client = waiting.undecided.state.client
+            self._counts[client] += sign
+            self._sizes[client] += sign * waiting.size
+            self._waiting_size += sign * waiting.size
+            if not self._counts[client]:
+                del self._counts[client], self._sizes[client]
 
     def _flush_undecided(self) -> Iterator[ScriptDecision]:
         self._counts.clear()
         self._sizes.clear()
         self._size = self._waiting_size = 0
         while self._queue:
-            yield from _decided(self._queue.popleft(), None)
+            undecided = self._queue.popleft().undecided
+            if undecided is not None:
+                yield undecided, None
 
     def _slow_reason(self, now: int) -> Message:
         if now - self._relay_delay - self._head_since >= self._limit:
@@ -383,12 +342,12 @@ class ScriptQueue:
         self.is_on = False
         self.off_because = why
         self._end_at = now + _LOCATED_WITHIN_NS
-        self._link.locate()
+        self._process.locate()
 
     def _end_process(self) -> None:
         """End the process of the scripts. If the scripts were switched off, report the reason to the user."""
         self._end_at = None
-        where = self._link.end()
+        where = self._process.end()
         if self.off_because is not None and not self._is_end_reported:
             self._is_end_reported = True
             self.off_because = joined_clauses((self.off_because, *where))
@@ -400,13 +359,3 @@ class ScriptQueue:
         for _ in self.on_data(data, self._head_since + self._relay_delay):
             pass  # all clients are gone, so the decisions have no effect
         return not self._queue
-
-
-def _is_of(waiting: PendingOrder, flow: Flow) -> bool:
-    """Return True if an order contains a message of `flow`, and this message waits for a decision."""
-    return waiting.token is not None and waiting.message is not None and waiting.message.flow is flow
-
-
-def _decided(waiting: PendingOrder, answer: ScriptAnswer | None) -> Iterator[ScriptDecision]:
-    if waiting.message is not None and waiting.token is not None:
-        yield ScriptDecision(waiting.message, waiting.token, answer)

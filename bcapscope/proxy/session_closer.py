@@ -51,9 +51,7 @@ class _ClientState:
 
 
 class SessionCloser(PipelineSubscriber):
-    """Remembers the last serial of each client and the arms that each client took, to close sessions that
-    clients leave open.
-    """
+    """Remembers the last serial and the arms of each client, to close sessions that clients leave open."""
 
     def __init__(self, handles: HandleTracker, slave_mode: SlaveModeTracker) -> None:
         """Use the handle and slave-mode trackers of the pipeline to which this object subscribes."""
@@ -82,7 +80,6 @@ class SessionCloser(PipelineSubscriber):
         self.on_call(calls[-1], None)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Store what a removed client left open, and drop the other data of the client."""
         self._left_open[conversation] = self._open_state(conversation)
         self._states.pop(conversation, None)
 

@@ -22,11 +22,8 @@ class SilenceMonitor:
         self._silent_since: dict[Conversation, int] = {}
 
     def check(self, clients: Iterable[tuple[Conversation, int]], now: int) -> Iterator[Message]:
-        """Yield a message for each client that has fallen silent or sends again.
-
-        Args:
-            clients: Clients in slave mode, each with the time of its last request in ns.
-            now: Time in ns. `clients` must already include the requests that arrived before this time.
+        """Yield a message for each client that has fallen silent or sends again. `clients` are the clients in
+        slave mode, each with the time of its last request in ns. They must include all requests before `now`.
         """
         here = dict(clients)
         for client in [client for client in self._silent_since if client not in here]:

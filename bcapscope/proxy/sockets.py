@@ -39,11 +39,7 @@ class UnreachableError(BcapError):
 
 
 def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
-    """Open a socket for clients.
-
-    Raises:
-        ProxyListenError: The proxy cannot listen on the address.
-    """
+    """Open a socket for clients. If the proxy cannot listen on the address, raise a `ProxyListenError`."""
     family = socket.AF_INET6 if ":" in endpoint.host else socket.AF_INET
     stream = transport is Transport.TCP
     sock = None
@@ -82,10 +78,8 @@ def _own_address(family: int, endpoint: Endpoint) -> SocketAddress:
 
 
 def resolve(endpoint: Endpoint, transport: Transport) -> tuple[int, SocketAddress]:
-    """Return the address family and the socket address of a controller.
-
-    Raises:
-        UnreachableError: There is no such host.
+    """Return the address family and the socket address of a controller. If there is no such host, raise an
+    `UnreachableError`.
     """
     kind = socket.SOCK_STREAM if transport is Transport.TCP else socket.SOCK_DGRAM
     try:
@@ -98,10 +92,8 @@ def resolve(endpoint: Endpoint, transport: Transport) -> tuple[int, SocketAddres
 
 
 def connect_datagrams(family: int, address: SocketAddress) -> socket.socket:
-    """Open a UDP socket that receives datagrams from one address only.
-
-    Raises:
-        OSError: There is no route to the address.
+    """Open a UDP socket that receives datagrams from one address only. If there is no route to the address,
+    raise an `OSError`.
     """
     sock = socket.socket(family, socket.SOCK_DGRAM)
     try:
@@ -115,9 +107,7 @@ def connect_datagrams(family: int, address: SocketAddress) -> socket.socket:
 
 
 def prepare_datagrams(sock: socket.socket) -> None:
-    """Request a large receive buffer and timestamps of receipt. If the system refuses the buffer or the
-    timestamps, the socket still works.
-    """
+    """Request a large receive buffer and timestamps of receipt. The system may refuse both."""
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
     if sys.platform == "linux":
         with suppress(OSError):  # only root may exceed the system's limit
@@ -148,9 +138,8 @@ def endpoint_of(address: SocketAddress) -> Endpoint:
 
 
 def local_address_for(sock: socket.socket, client: SocketAddress) -> Endpoint:
-    """Return the address by which `client` reaches a UDP socket of this machine.
-
-    The system sends replies from this address if the socket listens on all addresses.
+    """Return the address by which `client` reaches a UDP socket of this machine. The system sends replies
+    from this address, even if the socket listens on all addresses.
     """
     own = sock.getsockname()
     if own[0] not in ("0.0.0.0", "::"):

@@ -23,8 +23,6 @@ _MAX_ACCEPTED = 16
 
 
 class TcpListener(ClientListener):
-    """A socket to which TCP clients connect."""
-
     def __init__(self, relay: Relay, spec: ListenerSpec) -> None:
         super().__init__(relay, spec, Transport.TCP)
         self._is_pause_reported = False
@@ -61,8 +59,7 @@ class TcpListener(ClientListener):
         return True
 
     def _admit(self, client: socket.socket, address: SocketAddress, first: bytes, received_at: int) -> None:
-        """Give a client a slot and a connection to the controller, once the client has sent its first
-        frame."""
+        """Connect to the controller for a client that has sent its first frame."""
         relay = self.relay
         try:
             server, slot = self._open_upstream(
@@ -89,8 +86,8 @@ class TcpListener(ClientListener):
         self.relay.deny(endpoint_of(address), why)
 
     def _pause_accepting(self, error: OSError) -> None:
-        """Stop accepting clients for about a second. Report the error, unless an earlier error was reported
-        and no client was accepted since.
+        """Stop accepting clients for about a second. Report the error once, until a client is
+        accepted again.
         """
         if not self._is_pause_reported:
             self._is_pause_reported = True

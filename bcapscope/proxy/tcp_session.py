@@ -53,14 +53,13 @@ _RESETS = errno.ECONNRESET, errno.EPIPE
 
 @dataclass(eq=False, slots=True)
 class _HalfConnection:
-    """One direction of a connection.
+    """One direction of a connection: bytes from the socket `source` to the socket `sink`.
 
     Attributes:
-        source: Socket from which the bytes are read.
-        sink: Socket to which the bytes are written.
         pending: Bytes that the session could not write to the sink yet.
         source_ended: True after the source has sent its last byte.
         sink_shut: True after the session has forwarded the end to the sink.
+        mask: Events of the source for which the relay waits; None if the relay does not watch the source.
     """
 
     up: bool
@@ -69,6 +68,7 @@ class _HalfConnection:
     pending: bytearray = field(default_factory=bytearray)
     source_ended: bool = False
     sink_shut: bool = False
+    mask: int | None = 0
 
 
 class TcpSession(RelaySession):
@@ -82,10 +82,9 @@ class TcpSession(RelaySession):
         address: SocketAddress,
         first: tuple[bytes, int],
     ) -> None:
-        """Register a client. The client's connection to the controller is not established yet.
-
-        `ends` holds the sockets toward the client and the controller. `first` holds the bytes that the client
-        has sent so far, and when they arrived in ns since 1970.
+        """Register a client. `ends` holds the sockets toward the client and the controller, which is not
+        connected yet. `first` holds the bytes that the client has sent so far, and when they arrived in ns
+        since 1970.
         """
         super().__init__(relay, Transport.TCP, address, to)
         client, server = ends
@@ -98,12 +97,10 @@ class TcpSession(RelaySession):
         self._last_activity = relay.now
         self._first = first
         self._to = to
-        self._client = client
-        self._controller = server
         self._up = _HalfConnection(True, client, server)
         self._down = _HalfConnection(False, server, client)
         self._connected = self._closed = self._is_half_open = self._is_ending = self._is_answered = False
-        self._masks: dict[int, int | None] = {client.fileno(): 0, server.fileno(): WRITE}
+        self._down.mask = WRITE
         relay.watch(client.fileno(), self._on_client_ready, 0)
         relay.watch(server.fileno(), self._on_controller_ready, WRITE)
         places = endpoint_of(address), endpoint_of(client.getsockname()), endpoint_of(server.getsockname())
@@ -124,8 +121,7 @@ class TcpSession(RelaySession):
         self.close(True, Message("client.unreachable"))
 
     def send(self, up: bool, data: bytes) -> int:
-        """Send data that the rules released. Return the time in ns since 1970; 0 if some of the bytes
-        wait."""
+        """Send data that the rules released. Return the time in ns since 1970; 0 if some bytes wait."""
         if self._closed:
             return 0
         half = self._up if up else self._down
@@ -134,14 +130,10 @@ class TcpSession(RelaySession):
             self._relay.ring.write_record(up, self.number, 0, sent_at, data[:sent])
         return sent_at if sent == len(data) else 0
 
-    def on_nothing_held(self, up: bool) -> None:
-        """If the sender of a direction has ended its stream, forward the end of the stream now. Also resume
-        reading.
-        """
-        self._shut_sink_when_flushed(self._up if up else self._down)
-        self._update_masks()
-
-    def resume_reading(self) -> None:
+    def resume(self) -> None:
+        for half in (self._up, self._down):
+            if half.source_ended and not half.sink_shut and not self._relay.holds(self, half.up):
+                self._shut_sink_when_flushed(half)
         self._update_masks()
 
     def close(self, reset_both: bool, why: Message) -> None:
@@ -188,9 +180,7 @@ class TcpSession(RelaySession):
         self._relay.ring.write_required(how, self.number, cause, received_at, sent_at=sent_at, up=half.up)
 
     def _send_last(self, half: _HalfConnection) -> None:
-        """Write as many pending bytes as the system accepts without waiting. Report the remaining bytes as
-        lost.
-        """
+        """Write as many pending bytes as the system accepts. Report the other bytes as lost."""
         rest, sent, when = len(half.pending), 0, time.time_ns()
         with suppress(OSError):
             sent = half.sink.send(half.pending)
@@ -215,18 +205,13 @@ class TcpSession(RelaySession):
         return quiet if is_stuck and quiet > STUCK_AFTER_NS else None
 
     def sweep(self, now: int) -> None:
-        """End a session that cannot connect or stays half closed too long. If rules delayed
-        the end of a stream and the session continues, forward this end.
-        """
+        """End a session that cannot connect or stays half closed too long; otherwise `resume` it."""
         if not self._connected and now - self.last_heard > CONNECT_TIMEOUT_NS:
             self.fail(errno.ETIMEDOUT)
         elif not self._is_half_open and self._is_expired(now - self._last_activity):
             self._close(False, Message("client.half-closed"))
         elif self._relay.policy is not None:
-            for half in (self._up, self._down):
-                if half.source_ended and not half.sink_shut and not self._relay.holds(self, half.up):
-                    self._shut_sink_when_flushed(half)
-            self._update_masks()
+            self.resume()
 
     def _is_expired(self, quiet: int) -> bool:
         if any(self._relay.holds(self, half.up) for half in (self._up, self._down)):
@@ -236,11 +221,11 @@ class TcpSession(RelaySession):
         return self._up.sink_shut and quiet > REPLY_TIMEOUT_NS
 
     def _on_client_ready(self, happened: int) -> None:
-        self._handle(happened, self._client, self._up, self._down)
+        self._handle(happened, self._up, self._down)
 
     def _on_controller_ready(self, happened: int) -> None:
         if not self._connected:
-            problem = self._controller.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+            problem = self._down.source.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
             if problem:
                 self.fail(problem)
             elif happened & WRITE:
@@ -251,13 +236,11 @@ class TcpSession(RelaySession):
                     self._on_bytes(self._up, first, received_at)
                 self._update_masks()
         else:
-            self._handle(happened, self._controller, self._down, self._up)
+            self._handle(happened, self._down, self._up)
 
-    def _handle(
-        self, happened: int, sock: socket.socket, incoming: _HalfConnection, outgoing: _HalfConnection
-    ) -> None:
-        """Handle events of one socket: read bytes for the direction `incoming`, write bytes of the direction
-        `outgoing`."""
+    def _handle(self, happened: int, incoming: _HalfConnection, outgoing: _HalfConnection) -> None:
+        """Handle events of one socket, the source of `incoming` and the sink of `outgoing`."""
+        sock = incoming.source
         problem = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) if happened & ERROR else 0
         if problem:
             self._on_source_broken(incoming, problem)
@@ -268,7 +251,7 @@ class TcpSession(RelaySession):
             if self._may_read(incoming):
                 self._read(incoming)
             elif happened & HANG_UP:  # ignore the socket: the poller would report the hang-up again and again
-                self._set_mask(sock, None)
+                self._set_mask(incoming, None)
             else:
                 self._update_masks()
 
@@ -321,8 +304,7 @@ class TcpSession(RelaySession):
                 ring.write_record(half.up, self.number, 0, sent_at, data[:sent])
 
     def _write(self, half: _HalfConnection, data: memoryview) -> tuple[int, int]:
-        """Write as many bytes as the sink accepts. Return the time of writing and the number of bytes
-        written."""
+        """Write as many bytes as the sink accepts. Return the time of writing and the number of bytes."""
         sent = 0
         sent_at = time.time_ns()
         if not half.pending:
@@ -383,8 +365,8 @@ class TcpSession(RelaySession):
         self._close(True, why, b"" if was_reset else encode_note(why))
 
     def _may_read(self, half: _HalfConnection) -> bool:
-        """Return whether the session may read more bytes of a direction: False while the receiver of the
-        bytes is too slow.
+        """Return whether the session may read more bytes of a direction. It must not if their receiver is
+        slow.
         """
         policy = self._relay.policy
         if self._relay.pauses_reading(self):
@@ -397,24 +379,18 @@ class TcpSession(RelaySession):
     def _update_masks(self) -> None:
         if self._closed:
             return
-        for sock, incoming, outgoing in (
-            (self._client, self._up, self._down),
-            (self._controller, self._down, self._up),
-        ):
-            self._set_mask(sock, READ * self._may_read(incoming) | WRITE * bool(outgoing.pending))
+        for incoming, outgoing in ((self._up, self._down), (self._down, self._up)):
+            self._set_mask(incoming, READ * self._may_read(incoming) | WRITE * bool(outgoing.pending))
 
-    def _set_mask(self, sock: socket.socket, mask: int | None) -> None:
-        descriptor = sock.fileno()
-        if descriptor < 0:  # this socket is closed, but the session keeps its other socket open
+    def _set_mask(self, half: _HalfConnection, mask: int | None) -> None:
+        descriptor = half.source.fileno()
+        if descriptor < 0 or mask == half.mask:  # a session may close one socket, but keep the other open
             return
-        known = self._masks[descriptor]
-        if mask == known:
-            return
-        self._masks[descriptor] = mask
+        known, half.mask = half.mask, mask
         if mask is None:
             self._relay.unwatch(descriptor)
         elif known is None:
-            handler = self._on_client_ready if sock is self._client else self._on_controller_ready
+            handler = self._on_client_ready if half.up else self._on_controller_ready
             self._relay.watch(descriptor, handler, mask)
         else:
             self._relay.change(descriptor, mask)

@@ -13,7 +13,8 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.first_frame import first_frame_stops
 from bcapscope.protocol.tables.hresult import S_EXECUTING
 from bcapscope.proxy.listener_spec import ListenerSpec
-from bcapscope.proxy.relay import Handler, Relay, encode_note
+from bcapscope.proxy.poller import Handler
+from bcapscope.proxy.relay import Relay, encode_note
 from bcapscope.proxy.relay_session import ClientDeniedError, ClientEndpoints, ClientListener, RelaySession
 from bcapscope.proxy.ring_buffer import BATCH_SIZE, RelayCounter
 from bcapscope.proxy.sockets import (
@@ -54,8 +55,7 @@ class UdpListener(ClientListener):
     """A UDP socket to which clients send their requests.
 
     Attributes:
-        refused: True after a report that the controller refuses datagrams; False again once the controller
-            sends a datagram.
+        refused: True after a report that the controller refuses datagrams, until the controller sends one.
         sessions: Sessions of the clients that have sent more than one datagram, by client address.
     """
 
@@ -92,8 +92,7 @@ class UdpListener(ClientListener):
         self._fresh_sessions.pop(address, None)
 
     def session_for(self, address: SocketAddress, data: bytes) -> UdpSession | None:
-        """Return the session for the first or second datagram of a client; None if the proxy rejects the
-        client."""
+        """Return the session for the first or second datagram of a client; None for a rejected client."""
         session = self._fresh_sessions.pop(address, None)
         if session is not None:
             self.sessions[address] = session
@@ -208,9 +207,8 @@ class UdpSession(RelaySession):
         return sent_at
 
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
-        """Send requests on behalf of the client, each after the reply to the previous request. Return how
-        many requests got a reply. This method blocks the relay. No request is sent after the time `until`, in
-        seconds of `time.monotonic`.
+        """Send requests on behalf of the client, each after the reply to the previous request, but none after
+        the time `until` of `time.monotonic`. Return how many got a reply. This blocks the relay.
         """
         for count, request in enumerate(requests):
             if not any(time.monotonic() < until and self._request(request) for _ in range(_TRIES)):
@@ -218,7 +216,7 @@ class UdpSession(RelaySession):
         return len(requests)
 
     def _request(self, request: bytes) -> bool:
-        """Send a request and wait for its reply. Return False if the reply does not arrive in time."""
+        """Send a request. Return whether its reply arrives in time."""
         relay = self._relay
         sent_at = self.send(True, request)
         note = encode_note(Message("session.closing"))
@@ -253,16 +251,15 @@ class UdpSession(RelaySession):
         self._count_drops()
 
     def notify_refused(self) -> None:
-        """Report that the controller refuses datagrams. Repeat the report only after the controller has sent
-        a datagram.
-        """
+        """Report that the controller refuses datagrams, once until the controller sends a datagram."""
         if not self._listener.refused:
             self._listener.refused = True
             self._relay.notify(Message("client.refuses-datagrams", controller=str(self._listener.to)))
 
     def _count_send_failure(self, data: bytes, error: OSError) -> int:
         """Count a datagram that the system refused to send, and return 0. Report only the 1st, 2nd, 4th, 8th
-        refused datagram and so on."""
+        and so on.
+        """
         relay = self._relay
         relay.counts[RelayCounter.FULL] += 1
         if should_report(relay.counts[RelayCounter.FULL]):

@@ -9,7 +9,7 @@ from bcapscope.faults.fault_notation import read_fault
 from bcapscope.faults.quantities import FrameCondition
 from bcapscope.proxy.addons import PassingMessage
 from bcapscope.proxy.intercept import Intercept
-from bcapscope.proxy.policy import LateDecision, PolicyAction, SendAction
+from bcapscope.proxy.policy import PolicyAction, PolicyDecision, SendAction
 from bcapscope.proxy.request_guard import RequestGuard
 from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.traffic.observation import (
@@ -76,7 +76,7 @@ def rules(data: bytes) -> None:
         elif what == 3:
             made.on_rules_changed(now)
             if here is not None and later == 1:
-                made.on_scripts_ended(now)
+                made.on_script_data(b"", now)
         if here is not None and later != 2:
             here.answer(made, now)
         _take(made.pop_due_actions(now), left)
@@ -125,7 +125,7 @@ def _take(actions: object, left: dict[Direction, bytes]) -> None:
     for action in actions:
         taken: PolicyAction = action
         assert taken.client == 1
-        if isinstance(taken, LateDecision):
+        if isinstance(taken, PolicyDecision):
             _take(taken.actions, left)
         elif isinstance(taken, SendAction):
             left[taken.toward] += taken.data

@@ -11,9 +11,9 @@ from contextlib import contextmanager
 from bcapscope.proxy.listener_spec import parse_listener_specs
 from bcapscope.proxy.listeners import open_listeners
 from bcapscope.proxy.pending_connections import Admit, PendingConnections
-from bcapscope.proxy.policy import Policy
 from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RingReader, RingRecord, RingRecordKind, RingWriter
+from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.proxy.sockets import SocketAddress
 from bcapscope.proxy.udp_listener import EXPIRE_AFTER_NS
 from bcapscope.traffic.observation import Endpoint
@@ -84,7 +84,7 @@ def running(
     transport: str = "both",
     *,
     allow: Sequence[str] = (),
-    policy: Policy | None = None,
+    policy: RulePolicy | None = None,
     forget_after: int = EXPIRE_AFTER_NS,
     size: int = 1 << 20,
     waits: bool = False,

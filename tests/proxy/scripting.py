@@ -7,13 +7,13 @@ from collections.abc import Callable
 from bcapscope.messages import Message
 from bcapscope.proxy.addons import AddonClient, AddonRunner, PassingMessage
 from bcapscope.proxy.rule_policy import RulePolicy
-from bcapscope.proxy.script_host import ScriptHost
+from bcapscope.proxy.script_process import ScriptProcess
 from bcapscope.proxy.script_protocol import FrameUnpacker, ScriptOrder, pack
 from bcapscope.proxy.script_queue import TIME_LIMIT_NS, ScriptQueue
 from tests.faults.traffic import request
 
 
-class Here:
+class Here(ScriptProcess):
     """Runs addons here, as a link to them.
 
     Attributes:
@@ -26,16 +26,15 @@ class Here:
     """
 
     def __init__(self, *addons: object, limit: int = TIME_LIMIT_NS) -> None:
-        taken = AddonRunner(addons, clock=lambda: 0)
         self.obeys = True
         self.arrived = b""
         self.place: tuple[Message, ...] = ()
         self.located = self.ended = 0
-        self._host = ScriptHost(taken)
+        self._addons = AddonRunner(addons, clock=lambda: 0)
         self._orders: FrameUnpacker[ScriptOrder] = FrameUnpacker(ScriptOrder)
         self._answers: list[bytes] = []
         self.queue = ScriptQueue("mine.py", self, limit)
-        self.queue.on_loaded(taken.hooks)
+        self.queue.on_loaded(self._addons.hooks)
 
     @property
     def waiting(self) -> int:
@@ -47,7 +46,7 @@ class Here:
         self._orders.feed_bytes(frame)
         while (order := self._orders.next_frame()) is not None:
             if self.obeys:
-                self._answers.append(pack(self._host.execute(order)))
+                self._answers.append(pack(self._addons.execute(order)))
 
     def receive(self) -> bytes:
         """Give what `arrived` says has come."""

@@ -8,22 +8,32 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.faults.wire_message import WireMessage
 from bcapscope.proxy.addons import SLOW_HOOK_NS, AddonClient, AddonRunner, PassingMessage, load_addons
-from bcapscope.proxy.script_protocol import ScriptError
-from bcapscope.traffic.call_kind import RecentRequests
-from tests.english import collects
-from tests.faults.traffic import CLIENT, SERVER, request, talk
+from bcapscope.proxy.script_protocol import (
+    ClientConnected,
+    ClientGone,
+    FinishScripts,
+    MessageShown,
+    ScriptAnswer,
+    ScriptError,
+    ScriptOrder,
+)
+from bcapscope.traffic.observation import Transport
+from tests.faults.traffic import CLIENT, SERVER, request
 
-FLOWS = talk()
-WHO = AddonClient(1, CLIENT, SERVER, FLOWS.up.conversation.transport)
+WHO = AddonClient(1, CLIENT, SERVER, Transport.UDP)
+CONNECTED = ClientConnected(1, (CLIENT, SERVER), Transport.UDP)
 
 
-def message(raw: bytes = b"") -> WireMessage:
+def message(raw: bytes = b"") -> MessageShown:
     """Make a request on its way."""
-    made = WireMessage(1, FLOWS.up, raw or request(7), 0, 0)
-    made.annotate(RecentRequests())
-    return made
+    return MessageShown(1, True, raw or request(7), 0, 0)
+
+
+def obey(addons: AddonRunner, *orders: ScriptOrder) -> tuple[ScriptAnswer, list[str]]:
+    """Have orders obeyed by addons that know a client; return the last answer, and all notices."""
+    answers = [addons.execute(order) for order in (CONNECTED, *orders)]
+    return answers[-1], [str(notice.message) for answer in answers for notice in answer.notices]
 
 
 @pytest.fixture
@@ -84,9 +94,7 @@ def test_a_hook_sees_what_there_is_to_know() -> None:
         def request(self, message: PassingMessage) -> None:
             seen.append(message)
 
-    addons = AddonRunner([Looker()])
-    addons.run_message_hooks(WHO, message())
-    addons.run_message_hooks(WHO, message(b"garbage"))
+    obey(AddonRunner([Looker()]), message(), message(b"garbage"))
     first, second = seen
     assert (first.client, first.function, first.command) == (WHO, "Robot_Execute", "slvMove")
     assert first.values == [1, "slvMove", (1.0, 2.0, 3.0)]
@@ -114,21 +122,20 @@ class Careless:
 
 
 def test_what_goes_wrong_is_told_once_and_stops_nothing() -> None:
-    notices: list[str] = []
     addons = AddonRunner([Broken(), Careless()], clock=lambda: 0)
-    addons.notify = collects(notices)
-    for _ in range(3):
-        assert addons.run_message_hooks(WHO, message()).data == request(7)
-    addons.client_connected(WHO)
-    addons.client_gone(WHO, FLOWS.up.conversation)
-    addons.proxy_ended()
+    unchanged, notices = obey(addons, message(), message(), message())
+    assert unchanged.data is None
+    answer = addons.execute(ClientGone(1))
+    assert answer.notices == ()
+    answer = addons.execute(FinishScripts())
+    notices += [str(notice.message) for notice in answer.notices]
     assert [text.split(" (test_addons")[0] for text in notices] == [
+        "Broken.connected: RuntimeError: [/red]\x1b[2J",
         "Broken.request: SystemExit",
         "request: data must be bytes; the message passes unchanged (reported once)",
-        "Broken.connected: RuntimeError: [/red]\x1b[2J",
         "Broken.done: KeyError: 'x'",
     ]
-    assert addons.errors == 8
+    assert answer.errors == 8
 
 
 def test_where_it_went_wrong_is_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -143,10 +150,8 @@ def test_where_it_went_wrong_is_looked_for_once(monkeypatch: pytest.MonkeyPatch)
         return "here"
 
     monkeypatch.setattr("bcapscope.proxy.addons._where", where)
-    addons = AddonRunner([Broken()])
-    for _ in range(3):
-        addons.client_connected(WHO)
-    assert (len(looked), addons.errors) == (1, 3)
+    answer, _ = obey(AddonRunner([Broken()]), CONNECTED, CONNECTED)
+    assert (len(looked), answer.errors) == (1, 3)
 
 
 @pytest.mark.parametrize("kind", [SystemExit, asyncio.CancelledError, GeneratorExit, KeyboardInterrupt])
@@ -155,11 +160,8 @@ def test_nothing_that_can_be_raised_ends_the_relay(kind: type[BaseException]) ->
         def done(self) -> None:
             raise kind
 
-    notices: list[str] = []
-    addons = AddonRunner([Broken()], clock=lambda: 0)
-    addons.notify = collects(notices)
-    addons.proxy_ended()
-    assert addons.errors == len(notices) == 1
+    answer, notices = obey(AddonRunner([Broken()], clock=lambda: 0), FinishScripts())
+    assert answer.errors == len(notices) == 1
     assert kind.__name__ in notices[0]
 
 
@@ -168,9 +170,8 @@ def test_answers_are_given_in_one_way_only() -> None:
         def request(self, message: PassingMessage) -> None:
             message.answers = (-1,)  # type: ignore[misc]  # as users do
 
-    addons = AddonRunner([Careless()])
-    assert addons.run_message_hooks(WHO, message()).answers == ()
-    assert addons.errors == 1
+    answer, _ = obey(AddonRunner([Careless()]), message())
+    assert (answer.results, answer.errors) == ((), 1)
 
 
 def test_a_slow_hook_is_told_once() -> None:
@@ -179,10 +180,6 @@ def test_a_slow_hook_is_told_once() -> None:
             pass
 
     times = iter([0, SLOW_HOOK_NS + 500_000, 10 * SLOW_HOOK_NS, 12 * SLOW_HOOK_NS])
-    notices: list[str] = []
-    addons = AddonRunner([Slow()], clock=lambda: next(times))
-    addons.notify = collects(notices)
-    addons.run_message_hooks(WHO, message())
-    addons.run_message_hooks(WHO, message())
+    answer, notices = obey(AddonRunner([Slow()], clock=lambda: next(times)), message(), message())
     assert notices == ["Slow.request delayed messages by 2.5 ms (reported once)"]
-    assert addons.errors == 0
+    assert answer.errors == 0

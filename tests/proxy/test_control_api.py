@@ -25,10 +25,10 @@ def ask(api: ControlApi, at: int = 0, **question: object) -> dict[str, Any]:
     """Ask, and read the answer; `when` stands for the word if."""
     if "when" in question:
         question["if"] = question.pop("when")
-    reply = api.handle_line(json.dumps(question).encode(), at)
-    assert reply.is_json
-    assert reply.line.endswith(b"\n")
-    found: dict[str, Any] = json.loads(reply.line)
+    reply, is_json = api.handle_line(json.dumps(question).encode(), at)
+    assert is_json
+    assert reply.endswith(b"\n")
+    found: dict[str, Any] = json.loads(reply)
     return found
 
 
@@ -186,9 +186,9 @@ def test_a_request_is_written_as_documented() -> None:
 def test_what_makes_no_sense_is_refused_and_changes_nothing(question: object, error: str) -> None:
     made = rules("drop if serial == 2", intercept=holding("serial == 1"))
     made.receive(1, UP, request(1), 0)
-    reply = ControlApi(made).handle_line(json.dumps(question).encode(), 0)
-    answer = json.loads(reply.line)
-    assert reply.is_json
+    reply, is_json = ControlApi(made).handle_line(json.dumps(question).encode(), 0)
+    answer = json.loads(reply)
+    assert is_json
     assert not answer["ok"]
     assert answer["error"].startswith(error)
     assert list(made.shaper.hit_counts) == ["drop"]
@@ -196,9 +196,9 @@ def test_what_makes_no_sense_is_refused_and_changes_nothing(question: object, er
 
 
 def test_who_does_not_speak_json_is_no_client_of_ours() -> None:
-    reply = ControlApi(rules()).handle_line(b"GET / HTTP/1.1", 0)
-    assert not reply.is_json
-    assert json.loads(reply.line)["error"].startswith("this is not JSON: ")
+    reply, is_json = ControlApi(rules()).handle_line(b"GET / HTTP/1.1", 0)
+    assert not is_json
+    assert json.loads(reply)["error"].startswith("this is not JSON: ")
 
 
 @given(
@@ -212,7 +212,7 @@ def test_who_does_not_speak_json_is_no_client_of_ours() -> None:
     ).map(lambda each: json.dumps(each).encode())
 )
 def test_any_line_is_answered(line: bytes) -> None:
-    assert "ok" in json.loads(ControlApi(rules()).handle_line(line, 0).line)
+    assert "ok" in json.loads(ControlApi(rules()).handle_line(line, 0)[0])
 
 
 def test_half_a_character_in_what_is_held_is_told_as_well_as_can_be() -> None:

@@ -9,14 +9,14 @@ import socket
 import stat
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
 from bcapscope.proxy import control_socket
-from bcapscope.proxy.control_api import ControlApi, ControlResponse
+from bcapscope.proxy.control_api import ControlApi
 from bcapscope.proxy.control_messages import LONGEST_LINE
 from bcapscope.proxy.control_socket import (
     MAX_CONNECTIONS,
@@ -25,7 +25,7 @@ from bcapscope.proxy.control_socket import (
     connect_control,
     is_tcp_address,
 )
-from bcapscope.proxy.poller import READ, make_poller
+from bcapscope.proxy.poller import DescriptorWatcher
 from tests.proxy.relaying import eventually
 from tests.proxy.test_rule_policy import rules
 
@@ -34,30 +34,18 @@ unix_only = pytest.mark.skipif(
 )
 
 
-class Watcher:
+class Watcher(DescriptorWatcher):
     """Waits for descriptors, as the relay does, in a thread."""
 
     def __init__(self) -> None:
-        self._poller = make_poller()
-        self._handlers: dict[int, Callable[[int], None]] = {}
+        super().__init__()
         self.paused: list[int] = []
         self._ends = False
         self._thread = threading.Thread(target=self._run)
 
-    def watch(self, descriptor: int, handler: Callable[[int], None], mask: int = READ) -> None:
-        self._handlers[descriptor] = handler
-        self._poller.register(descriptor, mask)
-
-    def change(self, descriptor: int, mask: int) -> None:
-        self._poller.modify(descriptor, mask)
-
     def pause(self, descriptor: int) -> None:
-        self._poller.modify(descriptor, 0)
+        super().pause(descriptor)
         self.paused.append(descriptor)
-
-    def unwatch(self, descriptor: int) -> None:
-        del self._handlers[descriptor]
-        self._poller.unregister(descriptor)
 
     def __enter__(self) -> Watcher:
         self._thread.start()
@@ -75,6 +63,7 @@ class Watcher:
             for descriptor, happened in self._poller.poll(0.01):
                 if descriptor in self._handlers:
                     self._handlers[descriptor](happened)
+            self._adopt_new_handlers()
 
 
 @contextmanager
@@ -143,9 +132,9 @@ def test_of_who_asks_and_does_not_listen_one_answer_is_kept_however_long(address
     class Talkative(ControlApi):
         asked = 0
 
-        def handle_line(self, line: bytes, now: int) -> ControlResponse:
+        def handle_line(self, line: bytes, now: int) -> tuple[bytes, bool]:
             self.asked += 1
-            return ControlResponse(b"x" * (16 << 20) + b"\n", True)
+            return b"x" * (16 << 20) + b"\n", True
 
     api, watcher = Talkative(rules()), Watcher()
     with (

@@ -122,7 +122,7 @@ def test_long_streams_keep_few_times() -> None:
     large = encode_frame(1, 0, 1, ())[:1] + (1 << 20).to_bytes(4, "little") + bytes(1 << 19)
     for start in range(0, len(large), 100):
         list(decoder.decode([data(True, start + 1, start + 2, large[start : start + 100])]))
-    way = decoder._clients[1].streams[1]
+    way = decoder._clients[1].streams[True][0]
     assert len(way.arrival_times) <= 1025
 
 

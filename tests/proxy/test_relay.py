@@ -12,11 +12,13 @@ import pytest
 
 from bcapscope.messages import Message
 from bcapscope.messages.message import foreign_text
+from bcapscope.proxy import poller
 from bcapscope.proxy import relay as relay_module
 from bcapscope.proxy.policy import CloseAction, PolicyAction, PolicyDecision, SendAction
 from bcapscope.proxy.poller import SelectPoller
 from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring_buffer import RING_OVERHEAD, RelayCounter, RingRecordKind, RingWriter
+from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.proxy.tcp_session import MAX_PENDING, TcpSession
 from bcapscope.traffic.observation import Conversation, Direction
 from tests.english import decoded
@@ -25,17 +27,22 @@ from tests.proxy.relaying import PATIENCE, datagrams, eventually, listening, por
 DOWN = Direction.RESPONSE
 
 
-class Say:
+def decided(client: int, note: str, *actions: SendAction | CloseAction, waiting: int = 0) -> PolicyDecision:
+    """Return a decision with a note; "" for none."""
+    return PolicyDecision(client, list(actions), [foreign_text(note)] if note else [], waiting)
+
+
+class Say(RulePolicy):
     """A policy that a function makes; what is held goes out after its time, with its notes."""
 
     def __init__(self, decide: Callable[[int, Direction, bytes], PolicyDecision]) -> None:
         self.decide = decide
         self.held: list[tuple[int, PolicyAction]] = []
-        self.clients: list[str] = []
+        self.told: list[str] = []
         self.now = 0
 
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
-        self.clients.append(f"{client} {conversation.client.host} {conversation.transport}")
+        self.told.append(f"{client} {conversation.client.host} {conversation.transport}")
 
     def receive(self, client: int, direction: Direction, data: bytes, now: int) -> PolicyDecision:
         self.now = now
@@ -50,19 +57,17 @@ class Say:
     def is_full(self, client: int) -> bool:
         return False
 
-    def on_stream_end(
-        self, client: int, direction: Direction, now: int
-    ) -> Sequence[SendAction | CloseAction]:
-        return ()
+    def on_stream_end(self, client: int, direction: Direction, now: int) -> list[SendAction | CloseAction]:
+        return []
 
     def hides_end(self, client: int) -> bool:
         return False
 
-    def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
-        return ()
+    def release_held(self, client: int, now: int) -> list[SendAction | CloseAction]:
+        return []
 
     def remove_client(self, client: int, now: int) -> None:
-        self.clients.append(f"{client} gone")
+        self.told.append(f"{client} gone")
 
     def due(self) -> int | None:
         return min((when for when, _ in self.held), default=None)
@@ -73,22 +78,20 @@ class Say:
         return ready
 
     def close(self, now: int) -> None:
-        self.clients.append("closed")
+        self.told.append("closed")
 
     def report(self) -> Sequence[Message]:
-        return ()
+        return []
 
 
 def test_drop_answer_and_pass() -> None:
     def decide(client: int, direction: Direction, data: bytes) -> PolicyDecision:
         if data == b"drop":
-            return PolicyDecision(foreign_text("dropped"), ())
+            return decided(client, "dropped")
         if data == b"answer":
-            return PolicyDecision(
-                foreign_text("answered"),
-                (SendAction(client, DOWN, b"by the proxy", foreign_text("made up")),),
-            )
-        return PolicyDecision(None, (SendAction(client, direction, data),))
+            answer = SendAction(client, DOWN, b"by the proxy", foreign_text("made up"))
+            return decided(client, "answered", answer)
+        return decided(client, "", SendAction(client, direction, data))
 
     policy = Say(decide)
     with datagrams() as server, running(port_of(server), "udp", policy=policy) as proxy:
@@ -113,14 +116,14 @@ def test_drop_answer_and_pass() -> None:
             (b"pass back", "", True, True),
         ]
         assert proxy.relay.counts[RelayCounter.RULED] == 2
-    assert policy.clients == ["1 127.0.0.1 udp", "1 gone"]
+    assert policy.told == ["1 127.0.0.1 udp", "1 gone"]
 
 
 def test_what_still_waits_is_recorded_before_what_overtakes_it() -> None:
     def decide(client: int, direction: Direction, data: bytes) -> PolicyDecision:
         if data == b"waits":
-            return PolicyDecision(None, (), 1)
-        return PolicyDecision(None, (SendAction(client, direction, data),))
+            return decided(client, "", waiting=1)
+        return decided(client, "", SendAction(client, direction, data))
 
     with (
         datagrams() as server,
@@ -149,7 +152,7 @@ def test_what_is_held_goes_out_when_it_is_due() -> None:
     def decide(client: int, direction: Direction, data: bytes) -> PolicyDecision:
         policy.hold(SendAction(client, direction, b"second"), 60)
         policy.hold(SendAction(client, direction, b"first"), 30)
-        return PolicyDecision(foreign_text("held"), ())
+        return decided(client, "held")
 
     policy = Say(decide)
     with (
@@ -171,7 +174,7 @@ def test_what_is_held_goes_out_when_it_is_due() -> None:
 def test_the_end_of_a_stream_waits_for_what_is_held_before_it() -> None:
     def decide(client: int, direction: Direction, data: bytes) -> PolicyDecision:
         policy.hold(SendAction(client, direction, data), 80)
-        return PolicyDecision(None, ())
+        return decided(client, "")
 
     policy = Say(decide)
     with (
@@ -191,8 +194,8 @@ def test_the_end_of_a_stream_waits_for_what_is_held_before_it() -> None:
 @pytest.mark.parametrize("reset", [True, False])
 def test_rules_may_end_a_connection(reset: bool) -> None:
     policy = Say(
-        lambda client, direction, data: PolicyDecision(
-            None, (CloseAction(client, reset, foreign_text("the rule")),)
+        lambda client, direction, data: decided(
+            client, "", CloseAction(client, reset, foreign_text("the rule"))
         )
     )
     with listening() as door, running(port_of(door), "tcp", policy=policy) as proxy:
@@ -233,7 +236,7 @@ def test_nothing_is_told_to_have_left_after_it_was_there() -> None:
 
 
 def test_without_epoll_and_timers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(relay_module, "make_poller", SelectPoller)
+    monkeypatch.setattr(poller, "make_poller", SelectPoller)
     monkeypatch.setattr(relay_module, "open_ticker", lambda seconds: None)
     with listening() as door, datagrams(port_of(door)) as server, running(port_of(door)) as proxy:
         with datagrams(to=proxy.address) as client:
@@ -288,9 +291,7 @@ def test_who_asks_and_does_not_listen_is_not_read_while_answers_pile_up() -> Non
 
     def decide(client: int, direction: Direction, data: bytes) -> PolicyDecision:
         asked.append(data)
-        return PolicyDecision(
-            foreign_text("answered"), (SendAction(client, DOWN, answer, foreign_text("made up")),)
-        )
+        return decided(client, "answered", SendAction(client, DOWN, answer, foreign_text("made up")))
 
     with (
         listening() as door,

@@ -16,7 +16,7 @@ from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.hresult import E_ACCESSDENIED, E_FAIL
 from bcapscope.proxy.intercept import MAX_HELD, Intercept
-from bcapscope.proxy.policy import CloseAction, LateDecision, PolicyAction, PolicyDecision, SendAction
+from bcapscope.proxy.policy import CloseAction, PolicyAction, PolicyDecision, SendAction
 from bcapscope.proxy.request_guard import RequestGuard, read_target
 from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.traffic.observation import Direction, Transport
@@ -54,14 +54,16 @@ def holding(expression: str, patience: int = 60_000 * MS) -> Intercept:
 
 def sent(actions: Sequence[PolicyAction], toward: Direction = UP) -> bytes:
     """Give all bytes that are sent in one direction."""
-    flat = [one for each in actions for one in (each.actions if isinstance(each, LateDecision) else (each,))]
+    flat = [
+        one for each in actions for one in (each.actions if isinstance(each, PolicyDecision) else (each,))
+    ]
     return b"".join(each.data for each in flat if isinstance(each, SendAction) and each.toward is toward)
 
 
 def test_without_rules_all_passes_at_once() -> None:
     raw = request(1)
     decision = rules().receive(1, UP, raw, 0)
-    assert decision == PolicyDecision(None, (SendAction(1, UP, raw),))
+    assert (decision.note, decision.actions) == (None, [SendAction(1, UP, raw)])
     assert decision.actions[0].data is raw  # type: ignore[union-attr]  # it is a Send
 
 
@@ -241,7 +243,8 @@ def test_bytes_pass_unchanged_through_rules_that_strike_nothing(
 def test_frames_of_one_segment_stay_together() -> None:
     made = rules("drop if serial == 9", transport=Transport.TCP)
     both = request(1) + request(2)
-    assert made.receive(1, UP, both, 0) == PolicyDecision(None, [SendAction(1, UP, both)])
+    decision = made.receive(1, UP, both, 0)
+    assert (decision.note, decision.actions) == (None, [SendAction(1, UP, both)])
 
 
 def test_a_fault_that_comes_in_the_middle_finds_the_next_frame() -> None:
@@ -481,7 +484,7 @@ def test_nothing_that_comes_does_harm(
             case "answer":
                 here.answer(made, now, count=1)
             case "lose":
-                made.on_scripts_ended(now)
+                made.on_script_data(b"", now)
             case "end":
                 made.on_stream_end(1, UP, now)
             case "changed":

@@ -5,20 +5,28 @@ from __future__ import annotations
 import pytest
 
 from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.proxy.request_guard import RequestGuard
 from bcapscope.proxy.rule_report import names_with_counts, report_lines
-from tests.faults.traffic import request
+from bcapscope.traffic.observation import Direction
+from tests.faults.traffic import MS, request
+from tests.proxy.test_rule_policy import rules
 
 
 def test_each_rule_has_its_line() -> None:
-    assert list(map(str, report_lines({"drop": 0, "slow": 1}, 2, 3, 4, None))) == [
+    made = rules("drop if serial == 9", "delay=1ms times 1 name slow", guard=RequestGuard(read_only=True))
+    made.intercept.held_so_far, made.dropped_held = 3, 4
+    for serial in (1, 2):
+        made.receive(1, Direction.REQUEST, request(serial), 0)
+        made.pop_due_actions(MS)
+    assert list(map(str, report_lines(made))) == [
         "fault drop: injected never",
         "fault slow: injected once",
         "guard: refused 2 times",
         "intercept: held 3 times",
         "held requests dropped because their client no longer waited: 4",
     ]
-    assert list(map(str, report_lines({}, 0, 0, 0, None))) == ["guard: refused never"]
-    assert report_lines({}, None, 0, 0, None) == []
+    assert list(map(str, report_lines(rules(guard=RequestGuard())))) == ["guard: refused never"]
+    assert report_lines(rules()) == []
 
 
 def test_lost_requests_are_named_the_most_frequent_first() -> None:

@@ -10,7 +10,7 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.protocol.tables.hresult import E_ACCESSDENIED, E_FAIL
 from bcapscope.proxy.addons import PassingMessage
-from bcapscope.proxy.policy import LateDecision, PolicyDecision, SendAction
+from bcapscope.proxy.policy import PolicyDecision, SendAction
 from bcapscope.proxy.request_guard import RequestGuard, read_target
 from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.proxy.script_protocol import FinishScripts, ScriptAnswer, pack
@@ -22,10 +22,10 @@ from tests.proxy.scripting import Here, Listener, Meddler
 from tests.proxy.test_rule_policy import DOWN, HALT, SLAVE_OFF, UP, holding, rules, sent
 
 
-def late(made: RulePolicy, now: int = 0) -> LateDecision:
+def late(made: RulePolicy, now: int = 0) -> PolicyDecision:
     """Give the one thing that has been decided since it came."""
     (action,) = made.pop_due_actions(now)
-    assert isinstance(action, LateDecision)
+    assert isinstance(action, PolicyDecision)
     return action
 
 
@@ -33,13 +33,13 @@ def test_scripts_change_drop_and_answer() -> None:
     here = Here(Meddler())
     made = rules(scripts=here)
 
-    def decided(direction: Direction, raw: bytes) -> LateDecision:
+    def decided(direction: Direction, raw: bytes) -> PolicyDecision:
         decision = made.receive(1, direction, raw, 0)
         assert (decision.note, decision.actions) == (None, [])
         assert made.holds(1, direction)
         here.answer(made, 0)
         found = late(made)
-        assert (found.client, found.ticket) == (1, decision.ticket)
+        assert found is decision
         assert not made.holds(1, direction)
         return found
 
@@ -118,7 +118,8 @@ def test_a_stop_overtakes_all_that_waits_and_scripts_see_it_still(transport: Tra
     waiting = request(1, "CurJnt")
     assert made.receive(1, UP, waiting, 0).actions == []
     for stop in (HALT, SLAVE_OFF):
-        assert made.receive(1, UP, stop, 0) == PolicyDecision(None, [SendAction(1, UP, stop)])
+        decision = made.receive(1, UP, stop, 0)
+        assert (decision.note, decision.actions) == (None, [SendAction(1, UP, stop)])
     here.answer(made, 0)
     assert sent(made.pop_due_actions(0)) == waiting
     assert looker.seen == [waiting, HALT, SLAVE_OFF]
@@ -145,7 +146,7 @@ def test_a_motion_that_a_stop_has_overtaken_does_not_start_after_it(
     assert sent(actions) == request(2, "CurJnt") + request(3)
     refused = Frame(sent(actions, DOWN))
     assert (refused.serial, refused.code) == (1, E_ACCESSDENIED)
-    assert isinstance(actions[0], LateDecision)
+    assert isinstance(actions[0], PolicyDecision)
     assert english(actions[0].note) == "overtaken by a stop: motion is refused"
     assert made.refused_requests == 1
 
@@ -204,7 +205,7 @@ def test_a_release_ends_no_motion() -> None:
 def test_a_reply_is_no_stop_whatever_its_result() -> None:
     here = Here(Everything())
     made = rules(scripts=here)
-    assert made.receive(1, DOWN, reply(1, ID["Robot_Halt"]), 0).ticket
+    assert made.receive(1, DOWN, reply(1, ID["Robot_Halt"]), 0).waiting
 
 
 def test_what_came_in_one_piece_is_decided_when_all_of_it_is() -> None:
@@ -215,7 +216,8 @@ def test_what_came_in_one_piece_is_decided_when_all_of_it_is() -> None:
     here.answer(made, 0, count=1)
     assert made.pop_due_actions(0) == [SendAction(1, UP, request(1, "CurJnt"))]
     here.answer(made, 0)
-    assert late(made) == LateDecision(1, first.ticket, None, [SendAction(1, UP, request(2))])
+    assert late(made) is first
+    assert (first.client, first.note, first.actions) == (1, None, [SendAction(1, UP, request(2))])
     made.on_stream_end(1, UP, 0)
     assert made.holds(1, UP)
     here.answer(made, 0)
@@ -232,7 +234,7 @@ def switched_off(*waiting: bytes, transport: Transport = Transport.UDP) -> tuple
     here.obeys = False
     here.queue.notify = collects(notices)
     for raw in waiting:
-        assert made.receive(1, UP, raw, 0).ticket
+        assert made.receive(1, UP, raw, 0).waiting
     return made, here, notices
 
 
@@ -242,7 +244,7 @@ def test_a_script_that_takes_too_long_is_switched_off() -> None:
     assert made.pop_due_actions(100 * MS - 1) == []
     actions = made.pop_due_actions(100 * MS)
     assert sent(actions) == request(2, "CurJnt")
-    answers = [each for each in actions if isinstance(each, LateDecision) and each.note]
+    answers = [each for each in actions if isinstance(each, PolicyDecision) and each.note]
     assert [english(each.note) for each in answers] == ["the script is switched off: motion is refused"] * 2
     assert [Frame(sent(each.actions, DOWN)).code for each in answers] == [E_ACCESSDENIED] * 2
     assert (here.located, here.ended, notices) == (1, 0, [])
@@ -268,7 +270,8 @@ def test_without_its_script_all_but_motion_passes(transport: Transport) -> None:
     made.pop_due_actions(100 * MS)
     now = 200 * MS
     for raw in (HALT, SLAVE_OFF, request(2, "CurJnt")):
-        assert made.receive(1, UP, raw, now) == PolicyDecision(None, [SendAction(1, UP, raw)])
+        decision = made.receive(1, UP, raw, now)
+        assert (decision.note, decision.actions) == (None, [SendAction(1, UP, raw)])
     assert sent(made.receive(1, DOWN, reply(2), now).actions, DOWN) == reply(2)
     moving = made.receive(1, UP, request(3) + request(4, "CurJnt"), now)
     assert sent(moving.actions) == request(4, "CurJnt")
@@ -356,7 +359,7 @@ def test_what_a_client_that_has_gone_left_takes_no_room() -> None:
         made.receive(1, UP, request(serial), 0)
     made.release_held(1, 0)
     made.remove_client(1, 0)
-    assert made.receive(2, UP, request(1), 0).ticket
+    assert made.receive(2, UP, request(1), 0).waiting
     here.answer(made, 0)
     assert sent(made.pop_due_actions(0)) == request(1)
 
@@ -386,7 +389,7 @@ def test_a_relay_that_always_stands_still_does_not_let_messages_wait_for_ever() 
 def test_the_end_of_its_process_switches_a_script_off() -> None:
     made, here, notices = switched_off(request(1), request(2, "CurJnt"))
     here.place = (Message("script.exit-code", code=3),)
-    made.on_scripts_ended(MS)
+    made.on_script_data(b"", MS)
     assert sent(made.pop_due_actions(MS)) == request(2, "CurJnt")
     made.pop_due_actions(51 * MS)
     why = "its process ended during request (Robot_Execute slvMove); exit code 3"
@@ -428,19 +431,20 @@ def test_datagrams_that_find_no_room_are_dropped_and_streams_are_not_read() -> N
     note = made.receive(1, UP, request(99), 0).note
     assert english(note) == "addon: dropped, too many messages wait"
     assert made.receive(1, UP, HALT, 0).actions == [SendAction(1, UP, HALT)]
-    assert made.receive(2, UP, request(1, "CurJnt"), 0).ticket
+    assert made.receive(2, UP, request(1, "CurJnt"), 0).waiting
     here.answer(made, 0)
     assert len(sent(made.pop_due_actions(0))) == len(request(1, "CurJnt")) * (MAX_WAITING + 1)
-    assert made.receive(1, UP, request(99), 0).ticket
+    assert made.receive(1, UP, request(99), 0).waiting
     stream = rules(scripts=Here(Looker()), transport=Transport.TCP)
     while not stream.is_full(1):
-        assert stream.receive(1, UP, request(1) * 100, 0).ticket
+        assert stream.receive(1, UP, request(1) * 100, 0).waiting
 
 
 def test_nothing_waits_for_a_script_that_decides_nothing() -> None:
     here = Here(Listener())
     made = rules(scripts=here)
-    assert made.receive(1, UP, request(1), 0) == PolicyDecision(None, [SendAction(1, UP, request(1))])
+    decision = made.receive(1, UP, request(1), 0)
+    assert (decision.note, decision.actions) == (None, [SendAction(1, UP, request(1))])
     assert sent(made.receive(1, DOWN, reply(1), 0).actions, DOWN) == reply(1)
     here.obeys = False
     made.receive(1, UP, request(2), 0)

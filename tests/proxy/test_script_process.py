@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
@@ -14,7 +14,7 @@ import pytest
 from bcapscope.errors import BcapError
 from bcapscope.faults.fault_injector import FaultInjector
 from bcapscope.proxy import script_process
-from bcapscope.proxy.poller import READ, WRITE
+from bcapscope.proxy.poller import READ, WRITE, DescriptorWatcher, Handler
 from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.proxy.script_process import ScriptProcess
 from bcapscope.proxy.script_queue import ScriptQueue
@@ -37,20 +37,17 @@ subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"], pass_fd
 """
 
 
-class Watcher:
+class Watcher(DescriptorWatcher):
     """Notes for which events the process has the relay wait."""
 
     def __init__(self) -> None:
         self.masks: list[int] = []
 
-    def watch(self, descriptor: int, handler: Callable[[int], None], mask: int = READ) -> None:
+    def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
         self.masks.append(mask)
 
     def change(self, descriptor: int, mask: int) -> None:
         self.masks.append(mask)
-
-    def pause(self, descriptor: int) -> None:
-        raise AssertionError
 
     def unwatch(self, descriptor: int) -> None:
         self.masks.append(0)

@@ -15,9 +15,9 @@ import pytest
 
 from bcapscope.messages import Message
 from bcapscope.messages.message_codec import encode_message
-from bcapscope.proxy.policy import Policy
 from bcapscope.proxy.poller import READ
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
+from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.proxy.tcp_session import ANSWERED_IDLE_NS, REPLY_TIMEOUT_NS, STUCK_AFTER_NS, TcpSession
 from tests.english import decoded
 from tests.proxy.relaying import PATIENCE, Running, eventually, listening, port_of, running
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def connected(policy: Policy | None = None) -> Iterator[tuple[socket.socket, socket.socket, Running]]:
+def connected(policy: RulePolicy | None = None) -> Iterator[tuple[socket.socket, socket.socket, Running]]:
     """Connect a client to a server; yield both ends and the relay between them."""
     with (
         listening() as door,
@@ -251,12 +251,12 @@ def test_without_file_descriptors_clients_are_cut_off_and_taken_again_when_there
 def test_who_ended_its_side_may_wait_for_a_reply_as_long_as_a_call_takes() -> None:
     with standing() as (client, server, proxy, session):
         client.shutdown(socket.SHUT_WR)
-        wait_for(session._client, select.POLLIN)
+        wait_for(session._up.source, select.POLLIN)
         session._on_client_ready(READ)
         session.sweep(proxy.relay.now + REPLY_TIMEOUT_NS)
         assert session.evictable_idle_ns(proxy.relay.now + STUCK_AFTER_NS) is None
         server.sendall(b"the reply")
-        wait_for(session._controller, select.POLLIN)
+        wait_for(session._down.source, select.POLLIN)
         session._on_controller_ready(READ)
         assert receive(client, 9) == b"the reply"
         assert session.evictable_idle_ns(proxy.relay.now + ANSWERED_IDLE_NS) is None
@@ -272,7 +272,7 @@ def test_a_client_that_stays_when_the_controller_has_gone_is_ended() -> None:
     with standing() as (client, server, proxy, session):
         assert session.evictable_idle_ns(proxy.relay.now + 10 * STUCK_AFTER_NS) is None
         server.close()
-        wait_for(session._controller, select.POLLIN)
+        wait_for(session._down.source, select.POLLIN)
         session._on_controller_ready(READ)
         assert client.recv(1) == b""
         session.sweep(proxy.relay.now + STUCK_AFTER_NS)
@@ -356,7 +356,7 @@ def test_what_came_and_could_not_be_passed_on_any_more_is_told_before_its_client
     with standing() as (client, server, proxy, session):
         client.sendall(b"the last")
         cut(server)
-        for end, sign in ((session._controller, select.POLLERR), (session._client, select.POLLIN)):
+        for end, sign in ((session._down.source, select.POLLERR), (session._up.source, select.POLLIN)):
             wait_for(end, sign)
         session._on_client_ready(READ)
         assert not proxy.relay.sessions
