@@ -33,9 +33,8 @@ from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Count, joined_clauses
-from bcapscope.render.capture_counts_text import capture_counts_text
+from bcapscope.render.capture_text import capture_counts_text, places_message, server_evidence_message
 from bcapscope.render.escape import printable
-from bcapscope.render.server_evidence_text import server_evidence_message
 from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.joining.joined_observation import CapturePlace
@@ -251,10 +250,6 @@ class CaptureReader:
             print_stderr(capture_counts_text(counts, words))
 
     def _print_plans(self) -> None:
-        if not self._input.plans:
-            return
-        from bcapscope.render.place_text import places_message
-
         for plan in self._input.plans:
             near, far = (printable(Path(file.path).name) for file in plan.files)
             print_stderr(self._words.text(places_message(near, far, plan.clock)))
