@@ -33,6 +33,7 @@ from bcapscope.messages import Message
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult
 from bcapscope.render.json_values import (
+    conversation_object,
     json_ready,
     percentiles_object,
     result_object,
@@ -50,12 +51,9 @@ def slave_session_record(slave_session: SlaveSession) -> bytes:
 
 
 def _session(session: SlaveSession) -> _Object:
-    conversation = session.conversation
     return {
         "stay": session.number,
-        "client": text_fragment(str(conversation.client)),
-        "server": text_fragment(str(conversation.server)),
-        "transport": conversation.transport,
+        **conversation_object(session.conversation),
         **_members(session),
     }
 

@@ -44,7 +44,7 @@ import orjson
 from bcapscope.analysis.slave.captured_trajectory import CapturedTrajectory, TrajectoryStep
 from bcapscope.analysis.slave.slave_session import AcceptedFormat
 from bcapscope.protocol.slave_mode.poses import Axis
-from bcapscope.render.json_values import json_number, text_fragment, time_fragment
+from bcapscope.render.json_values import conversation_object, json_number, text_fragment, time_fragment
 from bcapscope.render.number import number_text, numbers_text
 from bcapscope.render.timestamp import epoch_text, utc_text
 
@@ -136,15 +136,12 @@ def _csv_number(value: float | None) -> str:
 
 
 def _header(trajectory: CapturedTrajectory) -> bytes:
-    conversation, mode = trajectory.conversation, trajectory.mode
-    known_by = mode.generation_known_by
+    mode, known_by = trajectory.mode, trajectory.mode.generation_known_by
     return orjson.dumps(
         {
             "format": FORMAT,
             "stay": trajectory.session_number,
-            "client": text_fragment(str(conversation.client)),
-            "server": text_fragment(str(conversation.server)),
-            "transport": conversation.transport,
+            **conversation_object(trajectory.conversation),
             "robot": trajectory.robot,
             "start": time_fragment(trajectory.start),
             "start_utc": utc_text(trajectory.start),
