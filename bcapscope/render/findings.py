@@ -13,9 +13,8 @@ from bcapscope.messages.message import message_params
 from bcapscope.messages.places import Count, frames_text
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import wrap_text
-from bcapscope.render.diagnosis_summary import diagnosis_summary
 from bcapscope.render.escape import printable
-from bcapscope.render.finding_text import finding_depths, finding_sentence, words_for
+from bcapscope.render.finding_text import diagnosis_summary, finding_depths, finding_sentence, words_for
 from bcapscope.render.json_values import packet_objects, time_fragment
 
 NARROWEST, WIDEST = 40, 120
