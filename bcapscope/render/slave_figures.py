@@ -15,7 +15,7 @@ from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, FramePlace, Quantity, Times, frames_text
 from bcapscope.render.captioned import CaptionWriter, frames_message
-from bcapscope.render.histogram import edges_around, edges_by_decades, histogram
+from bcapscope.render.text_charts import edges_around, edges_by_decades, histogram
 
 _SLICE_COLUMNS = (
     *("from", "sent", "retries", "refused", "cycle-p50", "p99", "max", "latency-p99", "max", "slack"),

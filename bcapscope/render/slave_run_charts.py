@@ -12,9 +12,8 @@ from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.message import PlaceValue
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
-from bcapscope.render.braille_chart import ChartCurve, braille_chart
 from bcapscope.render.color_palette import PLAIN, Palette
-from bcapscope.render.histogram import histogram
+from bcapscope.render.text_charts import ChartCurve, braille_chart, histogram
 
 if TYPE_CHECKING:  # importing this module loads sockets
     from bcapscope.player.player_messages import PlayProgress
