@@ -21,7 +21,7 @@ from bcapscope.protocol.tables.function_table import (
     function_name,
 )
 from bcapscope.render.escape import printable
-from bcapscope.render.notation_text import typed_text
+from bcapscope.render.value_text import typed_text
 
 if TYPE_CHECKING:  # it reaches sockets
     from bcapscope.client.controller_target import ControllerTarget

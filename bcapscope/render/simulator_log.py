@@ -6,8 +6,8 @@ from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.render.escape import printable
-from bcapscope.render.field_meaning import value_text
 from bcapscope.render.result_advice import result_text
+from bcapscope.render.value_text import value_text
 from bcapscope.simulator.call_executor import CallReport
 from bcapscope.simulator.simulator import Peer
 from bcapscope.traffic.observation import Endpoint

@@ -22,9 +22,9 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.render.call_code import hex_text, python_program, shell_command
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
-from bcapscope.render.notation_text import untyped_text
 from bcapscope.render.reply_text import ReplyRenderer
 from bcapscope.render.timestamp import utc_text
+from bcapscope.render.value_text import untyped_text
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import COMMAND_FUNCTIONS
 from bcapscope.traffic.filter.compiler import compile_filter
