@@ -39,7 +39,6 @@ def comparison_lines(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> Iterator[str]:
-    """Yield the differences between two captures as text. Notable differences come first."""
     sides = (("compare.good", good), ("compare.bad", bad))
     heads = [(words(name), printable(side.name), _size(side, words)) for name, side in sides]
     yield from align_columns(heads, "<<<")

@@ -94,7 +94,6 @@ def diagnosis_summary(
 
 
 def severity_counts_text(counts: Counter[Any], words: MessageFormatter) -> str:
-    """Return the number of findings for each severity that occurs, highest severity first."""
     found = (words.plural(f"count.{each}", counts[each]) for each in Severity if counts[each])
     return words("list.comma").join(found)
 

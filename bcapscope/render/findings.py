@@ -25,8 +25,6 @@ _STEP = 4
 
 
 class FindingsRenderer:
-    """Writes findings as text, each consequence indented under its cause."""
-
     def __init__(
         self,
         palette: Palette = PLAIN,
@@ -63,7 +61,6 @@ class FindingsRenderer:
             yield words("diagnosis.shown", shown=sum(shown), findings=Count(len(findings), "finding"))
 
     def new_finding_line(self, finding: Finding, totals: TrafficTotals) -> str:
-        """Return the line that announces a new finding in live traffic."""
         words = words_for(self._words, totals)
         severity = words(f"severity.{finding.severity}")
         head = f"{self._palette.problem}{severity}{self._palette.reset} {finding.rule}"

@@ -54,7 +54,6 @@ class FrameLineRenderer:
     def line(
         self, observation: Observation, call_kind: CallKind | None, comments: tuple[str, ...] = ()
     ) -> str:
-        """Return the line of a frame or of malformed bytes, without a line end."""
         if comments and not self._is_brief:
             remarks = "".join(f"  # {printable(comment)}" for comment in comments)
             return f"{self.line(observation, call_kind)}{self._palette.dim}{remarks}{self._palette.reset}"

@@ -144,7 +144,6 @@ def field_meaning(
 
 
 def _frame_field_meaning(field: FrameField, words: MessageFormatter) -> str:
-    """Describe a field of the frame that is not part of a VARIANT."""
     value = field.value
     if isinstance(value, bytes):
         return words.plural("count.byte", len(value)) + (f", {field.text}" if field.text else "")

@@ -69,7 +69,6 @@ class _ArgumentConverter:
         self._numbers_placed = 0
 
     def members(self, variant: Variant) -> dict[str, object]:
-        """Return the JSON members for the type and the value of a VARIANT."""
         vt, value = variant.vt, variant.value
         base = vt & ~ARRAY
         found: dict[str, object] = {"type": text_fragment(vt_name(vt))}
@@ -116,15 +115,12 @@ _EXTRA_MEMBERS: dict[int, tuple[str, Callable[[object], str]]] = {
 
 
 class FrameRecordRenderer:
-    """Writes frames as JSON objects."""
-
     def __init__(self) -> None:
         self._templates: dict[tuple[Flow, FrameTemplate, CallKind | None], _RecordTemplate] = {}
 
     def record(
         self, observation: Observation, call_kind: CallKind | None, comments: tuple[str, ...] = ()
     ) -> bytes:
-        """Return a frame or malformed bytes as one JSON object, without a line end."""
         if comments:
             return b'%b,"comments":[%b]}' % (
                 self.record(observation, call_kind)[:-1],

@@ -53,12 +53,10 @@ def time_fragment(time: int) -> orjson.Fragment:
 
 
 def result_object(code: int | None) -> dict[str, object]:
-    """Return the JSON members for a result code and its name."""
     return {"hresult": code, "hresult_name": None if code is None else hresult_name(code)}
 
 
 def conversation_object(conversation: Conversation) -> dict[str, object]:
-    """Return the JSON members for the client, the controller and the transport of a conversation."""
     return {
         "client": text_fragment(str(conversation.client)),
         "server": text_fragment(str(conversation.server)),

@@ -51,13 +51,10 @@ class LineTemplate:
         self.places = tuple(places)
 
     def fill(self, head: tuple[object, ...], numbers: FrameNumbers) -> str:
-        """Return the template filled with the values of its head and the numbers of a frame."""
         return self.text % (*head, *[write(numbers[where]) for where, write in self.places])
 
 
 class LineTemplateBuilder:
-    """Builds a template by appending parts."""
-
     def __init__(self, head: str = "") -> None:
         """Start the template with `head`, which is a %-format."""
         self._pieces = [head]
@@ -90,7 +87,6 @@ class LineTemplateBuilder:
             self.add_text(_constant(variant))
 
     def build(self) -> LineTemplate:
-        """Return the template built so far."""
         return LineTemplate("".join(self._pieces), self._places)
 
     def _add_constant(self, variant: Variant, typed: bool) -> None:

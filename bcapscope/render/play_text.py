@@ -36,7 +36,6 @@ Wave 2009, How to use the Slave mode).
 
 
 def controller_line(peer: ControllerInfo, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return a line that describes the controller and the slave mode that the player will enter."""
     kind = words("play.simulator" if peer.simulator else "play.controller")
     facts = [
         words(f"play.fact.{name.replace(' ', '-')}", value=printable(value))
@@ -80,7 +79,6 @@ def progress_line(progress: PlayProgress, width: int, words: MessageFormatter = 
 
 
 def play_summary_lines(ended: PlayEnded, words: MessageFormatter = ENGLISH_WORDS) -> Iterator[str]:
-    """Yield the lines of the summary that `play` prints at its end."""
     is_unbegun = ended.outcome is PlayOutcome.STOPPED and not ended.index
     head = words("play.ended.stopped-before" if is_unbegun else f"play.ended.{ended.outcome}")
     reason, *more = ("" if ended.reason is None else words.text(ended.reason)).splitlines() or ("",)
@@ -190,7 +188,6 @@ def _position_text(value: float) -> str:
 
 
 def cycle_histogram_lines(progress: PlayProgress, palette: Palette = PLAIN) -> Iterator[str]:
-    """Yield the histogram of the times from one set point to the next in ms, one line per bin."""
     bins = [Bin(low / 1e6, (high + 1) / 1e6, count) for low, high, count in progress.cycle]
     edges = sorted({edge for each in bins for edge in (each.low, each.high)})
     yield from histogram(bins, edges, palette)

@@ -100,8 +100,6 @@ def _parse_column(text: str, kind: RecordKind) -> RecordColumn:
 
 
 class ColumnRenderer:
-    """Writes records as columns, CSV rows or JSON objects."""
-
     def __init__(
         self,
         columns: Sequence[RecordColumn],

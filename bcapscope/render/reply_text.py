@@ -38,7 +38,6 @@ def reply_line(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> str:
-    """Return the line of a call: name, result, values, duration in ms, and number of retries."""
     builder = LineTemplateBuilder(f"{palette.name}{printable(name)}{palette.reset} ".replace("%", "%%"))
     builder.add_text(result_text(reply.code, palette, words))
     builder.add_arguments(reply.arguments, partial(result_param, function_id))
@@ -86,7 +85,6 @@ def replayed_line(
 
 
 def replayed_record(played: PlayedCall) -> bytes:
-    """Return a replayed call as a JSON object."""
     line, result = played.script_call, played.result
     answer = None if isinstance(result, CallTimedOut) else result
     return orjson.dumps(

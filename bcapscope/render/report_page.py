@@ -138,7 +138,6 @@ def template_environment() -> Environment:
 
 
 def _titles(report_data: ReportData, words: MessageFormatter) -> dict[str, str]:
-    """Return the title of each section that has content, by the section's id."""
     titles = {
         "summary": True,
         "findings": True,
@@ -152,7 +151,6 @@ def _titles(report_data: ReportData, words: MessageFormatter) -> dict[str, str]:
 
 
 def _summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tuple[str, str]]:
-    """Return the names and values of the main figures in the summary."""
     seen, statistics = report_data.totals, report_data.statistics
     tiles = {"frames": seen.frames, "calls": seen.calls, "clients": seen.clients}
     shown = [(name, f"{value:,}") for name, value in tiles.items()]
@@ -168,7 +166,6 @@ def _summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tup
 
 
 def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> OverallVerdict:
-    """Return the overall verdict, with the number of findings of each severity and the first finding."""
     counts = Counter(finding.severity for finding in report_data.findings)
     listed = severity_counts_text(counts, words)
     if counts[Severity.ERROR] or counts[Severity.WARNING]:

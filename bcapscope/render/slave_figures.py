@@ -24,7 +24,6 @@ _SLICE_COLUMNS = (
 
 
 def timing_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Yield a table with the distributions of times in ms, then histograms of cycle times and latencies."""
     names = ("cycle", "jitter", "latency", "round-trip")
     found = (timing.cycle, timing.jitter, timing.latency, timing.rtt)
     mean, most = writer.label("slave.column.mean"), writer.label("slave.column.max")
@@ -186,7 +185,6 @@ def _underflow_message(underflow: PredictedUnderflow) -> Message:
 
 
 def clock_lines(clock: ClockFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Yield the lines that compare the controller's time stamps with the clock of the capture."""
     text = Message(
         "slave.clock",
         stamps=Count(clock.stamps, "time-stamp"),

@@ -45,7 +45,6 @@ _Object: TypeAlias = "dict[str, object]"
 
 
 def slave_session_record(slave_session: SlaveSession) -> bytes:
-    """Return a slave-mode session as one JSON object, without a line end."""
     options = orjson.OPT_PASSTHROUGH_DATACLASS | orjson.OPT_NON_STR_KEYS
     return orjson.dumps(slave_session, lambda value: _CONVERTERS[type(value)](value), options)
 
@@ -176,7 +175,6 @@ the name of the code.
 
 
 def _members(value: object) -> _Object:
-    """Return the JSON members of an object, as `_MEMBERS` lists them for its class."""
     found: _Object = {}
     for word in _MEMBERS[type(value)].split():
         name, _, attribute = word.lstrip("@!").partition("=")

@@ -78,7 +78,6 @@ def call_kind_text(call_kind: CallKind, words: MessageFormatter = ENGLISH_WORDS)
 def statistics_lines(
     statistics: Statistics, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS
 ) -> Iterator[str]:
-    """Yield tables with the figures of a period: total, by client, and by client and command."""
     seconds = (statistics.end - statistics.start) / 1e9
     yield f"{palette.name}{utc_text(statistics.start)}, {seconds:.3f} s{palette.reset}"
     yield ""
@@ -111,7 +110,6 @@ def _client_text(row: StatisticsRow, words: MessageFormatter) -> str:
 
 
 def conversation_text(conversation: Conversation) -> str:
-    """Return the client, the controller and the transport of a conversation as text."""
     return printable(f"{conversation.client} > {conversation.server} {conversation.transport}")
 
 
@@ -240,7 +238,6 @@ def _row_object(row: StatisticsRow) -> dict[str, object]:
 
 
 def call_kind_object(call_kind: CallKind | None) -> dict[str, object]:
-    """Return the JSON members for a function and its command."""
     if call_kind is None:
         return {"function": None, "command": None}
     return {"function": _function(call_kind), "command": text_fragment(call_kind.command)}

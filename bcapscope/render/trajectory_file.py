@@ -60,15 +60,12 @@ class CsvTrajectoryWriter:
         self._empty_pose = "," * (len(trajectory.axes) - 1)
 
     def head(self) -> bytes:
-        """Return the header line."""
         return ",".join(column_names(self._trajectory)).encode("ascii") + b"\n"
 
     def rows(self, steps: Sequence[TrajectoryStep]) -> bytes:
-        """Return one line per set point."""
         return "".join(self._lines(steps)).encode("ascii")
 
     def tail(self) -> bytes:
-        """Return b"", because nothing follows the rows of a CSV file."""
         return b""
 
     def _lines(self, steps: Sequence[TrajectoryStep]) -> Iterator[str]:
@@ -92,17 +89,14 @@ class JsonTrajectoryWriter:
         self._point_count = 0
 
     def head(self) -> bytes:
-        """Return the beginning of the JSON object, up to the opening bracket of ``rows``."""
         return _header(self._trajectory)[:-1] + b',"rows":['
 
     def rows(self, steps: Sequence[TrajectoryStep]) -> bytes:
-        """Return one array per set point."""
         begun, self._point_count = bool(self._point_count), self._point_count + len(steps)
         text = b",\n".join(self._arrays(steps))
         return (b",\n" if begun and text else b"\n" if text else b"") + text
 
     def tail(self) -> bytes:
-        """Return the end of the JSON object: the closing bracket of ``rows``, and ``points``."""
         return b'\n],"points":%d}\n' % self._point_count
 
     def _arrays(self, steps: Sequence[TrajectoryStep]) -> Iterator[bytes]:

@@ -127,7 +127,6 @@ class _ServerThread:
             raise self._error
 
     def close(self) -> None:
-        """End the thread."""
         if self._thread.is_alive():
             self._is_closing = True
             self._other_end.send(b"\0")

@@ -21,7 +21,6 @@ _SOURCES = pytest.StashKey[dict[str, "RecordingContext"]]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Register the marker."""
     config.addinivalue_line(
         "markers",
         "bcap(profile=None, scenario=None, faults=(), seed=None): set up the fixture bcap_simulator; the "

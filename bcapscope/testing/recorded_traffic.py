@@ -56,7 +56,6 @@ MAX_CALLS = 30
 
 
 def failure_report_lines(traffic: RecordedTraffic, recording: Path) -> Iterator[str]:
-    """Yield the last calls, the findings of `diagnose`, and the path of the capture."""
     words, calls = ENGLISH_WORDS, traffic.calls
     renderer = CallRenderer()
     if calls:
