@@ -11,7 +11,7 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, fun
 from bcapscope.protocol.text_format import display_width, shortened
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable, quoted
-from bcapscope.render.line_template import LONGEST_STRING
+from bcapscope.render.frame_line import LONGEST_STRING
 from bcapscope.render.result_advice import result_text
 from bcapscope.render.timestamp import TimeFormat, timestamp_writer
 from bcapscope.traffic.call import Call, CallFrame, FrameRole, StrayReply

@@ -21,7 +21,7 @@ from bcapscope.messages.places import Count
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import align_columns, wrap_text
 from bcapscope.render.escape import printable
-from bcapscope.render.finding_text import finding_sentence, severity_counts_text, words_for
+from bcapscope.render.findings import finding_sentence, severity_counts_text, words_for
 from bcapscope.render.json_values import text_fragment
 from bcapscope.render.statistics_text import call_kind_object, call_kind_text
 from bcapscope.traffic.call_kind import CallKind

@@ -18,8 +18,8 @@ from bcapscope.protocol.tables.function_table import function_name, result_param
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
+from bcapscope.render.frame_line import LineTemplateBuilder
 from bcapscope.render.frame_record import FrameRecordRenderer
-from bcapscope.render.line_template import LineTemplateBuilder
 from bcapscope.render.result_advice import result_text
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Observation

@@ -26,7 +26,7 @@ from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.places import Count, Duration, frames_text
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.render.escape import printable
-from bcapscope.render.finding_text import finding_depths, finding_sentence, severity_counts_text, words_for
+from bcapscope.render.findings import finding_depths, finding_sentence, severity_counts_text, words_for
 from bcapscope.render.report_calls import latency_picture, retry_chain_picture, timeline_picture
 from bcapscope.render.report_slave_sessions import session_pictures
 from bcapscope.render.slave_session_text import (
