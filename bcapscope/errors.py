@@ -80,14 +80,6 @@ class ControllerError(BcapError):
     """
 
     def __init__(self, call: str, hresult: int, name: str, meaning: Message) -> None:
-        """Create the error and compose its message.
-
-        Args:
-            call: Name of the call, such as `Robot_Execute slvMove`.
-            hresult: Result code, unsigned.
-            name: DENSO's name of the result code, or the code in hex.
-            meaning: Meaning of the code.
-        """
         super().__init__(Message("call.refused", call=call, name=name, meaning=meaning))
         self.hresult = hresult
         self.name = name
@@ -157,12 +149,6 @@ class CallTimeout(BcapError, TimeoutError):
     """
 
     def __init__(self, call: str, attempts: tuple[Attempt, ...]) -> None:
-        """Create the error and compose its message.
-
-        Args:
-            call: Name of the call, such as `Robot_Execute slvMove`.
-            attempts: All attempts of the call, at least one, in the order of sending.
-        """
         from bcapscope.messages.places import Count, IndentedLines  # noqa: PLC0415 - keeps `bcapscope --help` fast
 
         log = IndentedLines(tuple(attempt.describe(attempts[0].sent) for attempt in attempts))

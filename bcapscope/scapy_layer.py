@@ -305,7 +305,6 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         return Frame(self.self_build())
 
     def do_dissect(self, s: bytes) -> bytes:
-        """Parse the frame at the beginning of `s` and return the bytes after it."""
         frame = parse_datagram(s)[0]
         assert isinstance(frame, Frame)  # by `dispatch_hook`
         size = len(frame.raw)

@@ -230,7 +230,6 @@ class _Problems:
         self._errors.append(CaptureError(named, error.offset))
 
     def raise_first(self) -> None:
-        """Raise the first error, if there is one. The others are its notes."""
         if not self._errors:
             return
         first, *others = self._errors

@@ -10,7 +10,7 @@ from bcapscope.analysis.finding import NO_TRAFFIC, Finding, TrafficTotals
 from bcapscope.api.word_choice import choose
 from bcapscope.messages import Language, MessageFormatter
 from bcapscope.render.escape import printable
-from bcapscope.render.finding_text import finding_sentence, words_for
+from bcapscope.render.findings import finding_sentence, words_for
 
 _LANGUAGES = {language.value: language for language in Language}
 

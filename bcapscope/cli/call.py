@@ -34,7 +34,7 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.render.call_code import NAMED_OWNERS
 from bcapscope.render.escape import printable
 from bcapscope.render.hexdump import hexdump
-from bcapscope.render.reply_text import ReplyRenderer
+from bcapscope.render.reply_text import reply_line, reply_record
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Observation
 
@@ -144,7 +144,6 @@ class _AnswerPrinter:
         self._as_json = as_json
         self._palette = choose_palette(color)
         self.words = words
-        self._renderer = ReplyRenderer(self._palette, words)
         self.packets: list[Observation] = []
 
     def print_answer(
@@ -160,9 +159,10 @@ class _AnswerPrinter:
             seen = next(each for each in reversed(self.packets) if each.item is reply)
             command_name = name.partition(" ")[2] or None
             question = CallKind(function.id, command_name)
-            echo(self._renderer.record(seen, question, took, attempts))
+            echo(reply_record(seen, question, took, attempts))
         else:
-            echo(self._renderer.line(name, function.id, reply, took, attempts))
+            given = name, function.id, reply, took, attempts
+            echo(reply_line(*given, palette=self._palette, words=self.words))
         self._print_packets()
 
     def _print_packets(self) -> None:

@@ -46,7 +46,7 @@ from bcapscope.protocol.guard import needs_arming
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.escape import printable
 from bcapscope.render.preflight_text import PreflightRenderer
-from bcapscope.render.replay_text import ReplayRenderer
+from bcapscope.render.reply_text import replayed_line, replayed_record
 from bcapscope.replay.recorded_controller import RecordedController
 from bcapscope.replay.replay_script import ReplayScript, scripts_of
 from bcapscope.replay.script_player import PlayedCall, ScriptPlayer
@@ -164,8 +164,7 @@ def command(
     palette = choose_palette(color)
     preflight = _PreflightCheck(script, limits, palette, quiet, words)
     preflight.check(UNKNOWN_ARM)
-    renderer = ReplayRenderer(palette, words)
-    runner = _ReplayRunner(script, preflight, keep_going, anywhere, as_json, quiet, renderer, words)
+    runner = _ReplayRunner(script, preflight, keep_going, anywhere, as_json, quiet, palette, words)
     with exit_on_failure(target, words):
         interrupt_on_end_signals()
         with realtime_priority():
@@ -265,7 +264,7 @@ class _ReplayRunner:
     anywhere: bool
     as_json: bool
     quiet: bool
-    renderer: ReplayRenderer
+    palette: Palette
     words: MessageFormatter
     _calls: int = 0
     _different: int = 0
@@ -304,9 +303,9 @@ class _ReplayRunner:
         self._unanswered += played.unanswered
         self._most_late_ns = max(self._most_late_ns, played.delay)
         if self.as_json:
-            echo(self.renderer.record(played))
+            echo(replayed_record(played))
         elif played.differs or not self.quiet:
-            echo(self.renderer.line(played))
+            echo(replayed_line(played, self.palette, self.words))
         return self.keep_going or not played.failed
 
     def _print_summary(self) -> None:

@@ -10,8 +10,12 @@ import click
 
 from bcapscope.analysis.statistics.call_statistics import SlicedStatistics, Statistics, StatisticsBuilder
 from bcapscope.cli.common.figure_command import FigureArguments, figure_options
-from bcapscope.render.statistics_csv import statistics_header, statistics_rows
-from bcapscope.render.statistics_text import statistics_lines, statistics_record
+from bcapscope.render.statistics_text import (
+    statistics_header,
+    statistics_lines,
+    statistics_record,
+    statistics_rows,
+)
 
 
 @click.command(short_help="Show figures by client and command: rates, latencies, retries, refusals.")

@@ -43,8 +43,7 @@ from bcapscope.proxy.ring_buffer import RelayCounter, RingReader, RingRecord, Ri
 from bcapscope.proxy.session_closer import SessionCloser
 from bcapscope.proxy.silence_monitor import SilenceMonitor
 from bcapscope.render.escape import printable
-from bcapscope.render.finding_text import finding_sentence, words_for
-from bcapscope.render.findings import FindingsRenderer
+from bcapscope.render.findings import FindingsRenderer, finding_sentence, words_for
 from bcapscope.traffic.handle_tracker import HandleTracker
 from bcapscope.traffic.observation import Conversation, Observation, Transport
 from bcapscope.traffic.pairing_windows import RETRY_WITHIN_NS

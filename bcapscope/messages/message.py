@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
 
 class Language(StrEnum):
-    """A language in which the message catalogue has texts."""
-
     ENGLISH = "en"
     JAPANESE = "ja"
 

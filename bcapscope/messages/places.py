@@ -285,8 +285,6 @@ class WireText(Place):
 
 
 class _Several:
-    """Several messages or strings."""
-
     def __init__(self, items: tuple[Message | str, ...]) -> None:
         self.items = items
 

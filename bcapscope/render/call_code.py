@@ -21,7 +21,7 @@ from bcapscope.protocol.tables.function_table import (
     function_name,
 )
 from bcapscope.render.escape import printable
-from bcapscope.render.notation_text import typed_text
+from bcapscope.render.value_text import typed_text
 
 if TYPE_CHECKING:  # it reaches sockets
     from bcapscope.client.controller_target import ControllerTarget
@@ -46,7 +46,6 @@ _WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
 
 def hex_text(raw: bytes) -> str:
-    """Return the hex digits of bytes, with a space between two bytes."""
     return raw.hex(" ").upper()
 
 
@@ -89,7 +88,6 @@ def _target_options(target: ControllerTarget) -> Iterator[str]:
 
 
 def _is_opened_by_call(subject: ObjectHandle) -> bool:
-    """Return whether `bcapscope call` can open this object if it knows only the object's name."""
     if subject.kind is ObjectClass.CONTROLLER:
         return True
     parent = subject.parent
@@ -171,9 +169,6 @@ def _name_arguments(opened: ObjectHandle) -> Sequence[str]:
 def _call_lines(
     function_id: int, arguments: Sequence[Variant], chain: Sequence[ObjectHandle]
 ) -> Iterator[str]:
-    """Yield the lines that make the call. They use a method if a method takes these arguments, and otherwise
-    the function number.
-    """
     function = FUNCTIONS.get(function_id)
     subject = chain[-1].kind if chain else None
     if function is None or subject is not function.owner or not _has_method_types(function, arguments):

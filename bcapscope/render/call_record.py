@@ -43,8 +43,6 @@ same template if they are of one kind, and each has one request and one reply.
 
 
 class CallRecordRenderer:
-    """Writes calls as JSON objects."""
-
     def __init__(self) -> None:
         self._templates: dict[_TemplateKey, bytes] = {}
 
@@ -68,12 +66,10 @@ class CallRecordRenderer:
         return form % (call.number, started, request.number, serial, reply.number, latency, latency)
 
     def drop_conversation(self, conversation: Conversation) -> None:
-        """Remove the cached templates of a closed conversation."""
         for kind in [kind for kind in self._templates if kind[0] is conversation]:
             del self._templates[kind]
 
     def _make_template(self, kind: _TemplateKey, call: Call) -> bytes:
-        """Make and cache the template for all calls that are of the same kind as `call`."""
         if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
         members = (

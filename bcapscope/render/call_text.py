@@ -11,7 +11,7 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, fun
 from bcapscope.protocol.text_format import display_width, shortened
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable, quoted
-from bcapscope.render.line_template import LONGEST_STRING
+from bcapscope.render.frame_line import LONGEST_STRING
 from bcapscope.render.result_advice import result_text
 from bcapscope.render.timestamp import TimeFormat, timestamp_writer
 from bcapscope.traffic.call import Call, CallFrame, FrameRole, StrayReply
@@ -63,7 +63,6 @@ class CallRenderer:
         self._write_time(time)
 
     def line(self, call: Call | StrayReply, subject: TrackedObject | None = None) -> str:
-        """Return the line of a call: number, start, endpoints, function, result, latency and frames."""
         if isinstance(call, StrayReply):
             return self._stray_line(call)
         color = self._palette
@@ -143,7 +142,6 @@ class CallRenderer:
         return self._words(f"call.verdict.{verdict.replace(' ', '-')}")
 
     def _call_frames(self, call: Call) -> str:
-        """Return the frame numbers of a call: first the requests, then the replies."""
         if call.is_plain and call.reply is not None and self._words.find_frame is None:  # nearly all calls
             return self._frames_text.format(call.request.number, call.reply.number)
         requests = ",".join(str(seen.number) for seen in call.attempts)
@@ -222,7 +220,6 @@ _SESSION_ENDINGS = {
 
 
 def session_text(session: ServiceSession, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return text that says how a session ended, and which objects the client did not release."""
     return printable(words.text(_session_message(session)))
 
 
@@ -254,5 +251,4 @@ def _subject_text(call: Call, subject: TrackedObject | None) -> str:
 
 
 def milliseconds(nanoseconds: int) -> str:
-    """Return a duration in milliseconds with three decimals."""
     return f"{nanoseconds / _MILLISECOND:.3f}"

@@ -23,8 +23,6 @@ _FRAMES_SHOWN = 8
 
 @dataclass(frozen=True, slots=True)
 class CaptionWriter:
-    """Writes captions, wrapped text and tables."""
-
     palette: Palette
     words: MessageFormatter
 
@@ -36,7 +34,6 @@ class CaptionWriter:
         return self.text(Message(id, **places))
 
     def joined(self, messages: Iterable[Message]) -> str:
-        """Return messages as one text, separated by commas."""
         return self.words("list.comma").join(map(self.text, messages))
 
     def captioned(self, caption: str, text: Message | str) -> str:

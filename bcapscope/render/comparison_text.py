@@ -20,9 +20,8 @@ from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.places import Count
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import align_columns, wrap_text
-from bcapscope.render.diagnosis_summary import severity_counts_text
 from bcapscope.render.escape import printable
-from bcapscope.render.finding_text import finding_sentence, words_for
+from bcapscope.render.findings import finding_sentence, severity_counts_text, words_for
 from bcapscope.render.json_values import text_fragment
 from bcapscope.render.statistics_text import call_kind_object, call_kind_text
 from bcapscope.traffic.call_kind import CallKind
@@ -40,7 +39,6 @@ def comparison_lines(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> Iterator[str]:
-    """Yield the differences between two captures as text. Notable differences come first."""
     sides = (("compare.good", good), ("compare.bad", bad))
     heads = [(words(name), printable(side.name), _size(side, words)) for name, side in sides]
     yield from align_columns(heads, "<<<")

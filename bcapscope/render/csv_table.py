@@ -77,11 +77,9 @@ class CsvTableRenderer:
         self._records = FrameRecordRenderer()
 
     def header(self) -> str:
-        """Return the header row."""
         return csv_row(COLUMNS)
 
     def row(self, observation: Observation, call_kind: CallKind | None) -> str:
-        """Return the row of a frame or of malformed bytes."""
         flow, item = observation.flow, observation.item
         head = (observation.number, epoch_text(observation.time), *_endpoint_cells(flow))
         if isinstance(item, Malformed):

@@ -10,10 +10,11 @@ from typing import NamedTuple
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import Malformed
+from bcapscope.protocol.codec.variant import vt_name
 from bcapscope.protocol.dissection.frame_field import HRESULT, FrameField, envelope_fields, frame_fields
 from bcapscope.protocol.tables.hresult import describe_hresult, is_failure
 from bcapscope.render.escape import printable
-from bcapscope.render.field_meaning import LONGEST_STRING, field_meaning
+from bcapscope.render.value_text import LONGEST_STRING, value_text
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Observation
 
@@ -124,3 +125,45 @@ def _rows_of_problems(
 ) -> Iterator[FieldRow]:
     for problem in problems:
         yield FieldRow(FieldRowKind.PROBLEM, depth, start, stop, "", printable(words.text(problem.reason)))
+
+
+def field_meaning(
+    field: FrameField, longest: int | None = LONGEST_STRING, words: MessageFormatter = ENGLISH_WORDS
+) -> str:
+    """Return the meaning of a field in one line, or "" if the name of the field says everything.
+
+    A string is cut after `longest` characters.
+    """
+    if field.vt is None:
+        text = _frame_field_meaning(field, words)
+    else:
+        text = _variant_meaning(field, field.vt, longest, words)
+    if field.unit:
+        text += f" {field.unit}"
+    return f"{text}, {words.place_text(field.text, '')}" if field.text and field.vt is not None else text
+
+
+def _frame_field_meaning(field: FrameField, words: MessageFormatter) -> str:
+    value = field.value
+    if isinstance(value, bytes):
+        return words.plural("count.byte", len(value)) + (f", {field.text}" if field.text else "")
+    if field.name == "type" or value is None:
+        return str(field.text)
+    if field.name == HRESULT and isinstance(value, int):
+        return f"{field.text}, {words.text(describe_hresult(value).meaning)}"
+    return f"{value} {field.text}".rstrip()
+
+
+def _variant_meaning(field: FrameField, vt: int, longest: int | None, words: MessageFormatter) -> str:
+    """Describe the value of a VARIANT. Add the type of the VARIANT if the field includes the bytes of the
+    type."""
+    value = field.value
+    text = value_text(value, vt, longest, words)
+    if isinstance(value, tuple):
+        text = words.plural("count.element", len(value))
+    elif isinstance(value, bytes):
+        text = words.plural("count.byte", len(value))
+    if field.name == "data" and isinstance(value, str):
+        return ""  # its characters come next
+    has_type = any(child.name == "type" for child in islice(field.children, 2))
+    return f"{vt_name(vt)} {text}".rstrip() if has_type else text

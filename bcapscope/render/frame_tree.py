@@ -35,7 +35,6 @@ class FrameTreeRenderer:
     words: MessageFormatter = ENGLISH_WORDS
 
     def lines(self, observation: Observation, call_kind: CallKind | None) -> Iterator[str]:
-        """Yield the lines of the tree of a frame or of malformed bytes."""
         for section in frame_sections(observation, call_kind):
             if section.caption is not None:
                 yield f"{self.palette.dim}{self.words.text(section.caption)}{self.palette.reset}"
@@ -60,7 +59,6 @@ class _TreeSection:
     highlights: list[Highlight] = field(default_factory=list)
 
     def row_lines(self, row: FieldRow) -> Iterator[str]:
-        """Yield the line of a row. With `full`, further lines show the remaining bytes of a long field."""
         color = self.palette
         margin = " " * (self._offsets_width + _HEX_WIDTH + 3) + _INDENT * row.depth
         if row.kind is FieldRowKind.PROBLEM:
@@ -92,7 +90,6 @@ class _TreeSection:
         return 2 * self._digits + 2
 
     def _offsets_text(self, start: int, stop: int) -> str:
-        """Return the offsets of the first and the last byte as text."""
         last = f"..{stop - 1:<{self._digits}}" if stop - start > 1 else ""
         text = f"{start:>{self._digits}}{last}" if stop > start else ""
         return f"{self.palette.dim}{text:<{self._offsets_width}}{self.palette.reset}"

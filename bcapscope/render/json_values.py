@@ -12,6 +12,7 @@ from bcapscope.analysis.statistics.distribution_summary import DistributionSumma
 from bcapscope.capture.capture_sequence import PacketOrigin
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.render.timestamp import epoch_text
+from bcapscope.traffic.observation import Conversation
 
 
 def json_text(value: str | None) -> bytes:
@@ -52,8 +53,15 @@ def time_fragment(time: int) -> orjson.Fragment:
 
 
 def result_object(code: int | None) -> dict[str, object]:
-    """Return the JSON members for a result code and its name."""
     return {"hresult": code, "hresult_name": None if code is None else hresult_name(code)}
+
+
+def conversation_object(conversation: Conversation) -> dict[str, object]:
+    return {
+        "client": text_fragment(str(conversation.client)),
+        "server": text_fragment(str(conversation.server)),
+        "transport": conversation.transport,
+    }
 
 
 def packet_objects(

@@ -1,11 +1,12 @@
-"""Output of `play`: the controller, a progress line, problems and the summary."""
+"""Output of `play`: the controller, progress, charts, problems and the summary."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import orjson
 
+from bcapscope.analysis.statistics.distribution_summary import Bin
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Enumeration
@@ -18,10 +19,13 @@ from bcapscope.player.player_messages import (
     PlayOutcome,
     PlayProgress,
 )
-from bcapscope.protocol.slave_mode.modes import describe_mode
+from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType, describe_mode
+from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.protocol.text_format import display_width
+from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
+from bcapscope.render.text_charts import ChartCurve, braille_chart, histogram
 
 _COUNTS = ("retries", "late", "unanswered", "repeated", "shifted", "held")
 
@@ -32,7 +36,6 @@ Wave 2009, How to use the Slave mode).
 
 
 def controller_line(peer: ControllerInfo, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return a line that describes the controller and the slave mode that the player will enter."""
     kind = words("play.simulator" if peer.simulator else "play.controller")
     facts = [
         words(f"play.fact.{name.replace(' ', '-')}", value=printable(value))
@@ -76,7 +79,6 @@ def progress_line(progress: PlayProgress, width: int, words: MessageFormatter = 
 
 
 def play_summary_lines(ended: PlayEnded, words: MessageFormatter = ENGLISH_WORDS) -> Iterator[str]:
-    """Yield the lines of the summary that `play` prints at its end."""
     is_unbegun = ended.outcome is PlayOutcome.STOPPED and not ended.index
     head = words("play.ended.stopped-before" if is_unbegun else f"play.ended.{ended.outcome}")
     reason, *more = ("" if ended.reason is None else words.text(ended.reason)).splitlines() or ("",)
@@ -126,3 +128,132 @@ def _spread_text(spread: Spread) -> str:
 
 def _spread_record(spread: Spread) -> dict[str, float]:
     return {name: getattr(spread, name) / 1e6 for name in ("p50", "p99", "p999", "most")}
+
+
+_MAX_CHART_ROWS = 16
+"""Maximum number of lines of one chart. A taller chart would not show more detail."""
+
+_LARGEST_POSITION = 1e9
+
+PoseHistory = Sequence[tuple[float, Sequence[float], Sequence[float]]]
+"""Poses during a play. For each set point: the elapsed time in seconds, the commanded pose and the returned
+pose.
+"""
+
+
+def axis_charts(
+    kind: PoseType,
+    history: PoseHistory,
+    axes: Sequence[int],
+    *,
+    width: int,
+    height: int,
+    palette: Palette = PLAIN,
+    words: MessageFormatter = ENGLISH_WORDS,
+) -> Iterator[str]:
+    """Yield one chart per axis with the commanded and the actual position. The title of a chart shows the
+    latest values. All charts together have `height` lines.
+    """
+    each = min(_MAX_CHART_ROWS, max(4, height // max(1, len(axes))))
+    for axis in axes:
+        commanded = [(time, point[axis]) for time, point, _ in history if axis < len(point)]
+        actual = [(time, pose[axis]) for time, _, pose in history if axis < len(pose)]
+        yield _title(AXES[kind][axis].name, commanded, actual, palette, words)
+        curves = [ChartCurve(actual, palette.good), ChartCurve(commanded, palette.number)]
+        yield from braille_chart(curves, width, each - 1, palette, AXES[kind][axis].unit.replace("deg", "°"))
+
+
+def _title(
+    name: str,
+    commanded: Sequence[tuple[float, float]],
+    actual: Sequence[tuple[float, float]],
+    palette: Palette,
+    words: MessageFormatter,
+) -> str:
+    text = f"{palette.name}{name}{palette.reset}"
+    if commanded:
+        position = _position_text(commanded[-1][1])
+        text += f"  {palette.number}{words('run.commanded')} {position}{palette.reset}"
+    if actual:
+        text += f"  {palette.good}{words('run.actual')} {_position_text(actual[-1][1])}{palette.reset}"
+    if commanded and actual:
+        behind = commanded[-1][1] - actual[-1][1]
+        text += f"  {palette.dim}{words('run.behind')} {_position_text(behind)}{palette.reset}"
+    return text
+
+
+def _position_text(value: float) -> str:
+    """Return a position as text with three decimals, or shorter if the value is implausibly large."""
+    return f"{value:.3f}" if abs(value) < _LARGEST_POSITION else f"{value:.3g}"
+
+
+def cycle_histogram_lines(progress: PlayProgress, palette: Palette = PLAIN) -> Iterator[str]:
+    bins = [Bin(low / 1e6, (high + 1) / 1e6, count) for low, high, count in progress.cycle]
+    edges = sorted({edge for each in bins for edge in (each.low, each.high)})
+    yield from histogram(bins, edges, palette)
+
+
+def run_figure_lines(
+    progress: PlayProgress,
+    slack: tuple[int, float, float] | None,
+    palette: Palette = PLAIN,
+    words: MessageFormatter = ENGLISH_WORDS,
+) -> Iterator[str]:
+    """Yield lines with elapsed and remaining time, lateness, retries and the estimated level of the buffer.
+
+    `slack` holds the buffer's number of slots, the time in ms that a full buffer lasts, and the time in ms
+    that was left at the longest pause. `slack` is None if the buffer cannot run empty.
+    """
+
+    def number(text: str) -> str:
+        return f"{palette.number}{text}{palette.reset}"
+
+    yield _progress_line(progress, palette, words)
+    late, counts = progress.lateness, progress.counts
+    if late.count:
+        figures = {"p50": late.p50, "p99": late.p99, "p999": late.p999, "most": late.most}
+        yield words("run.late", **{name: number(f"{each / 1e6:.3f}") for name, each in figures.items()})
+    color = palette.problem if counts.unanswered or counts.shifted else palette.number
+    yield words(
+        "run.counts",
+        retries=number(str(counts.retries)),
+        late=number(str(counts.late)),
+        unanswered=f"{color}{counts.unanswered}{palette.reset}",
+        postponed=f"{color}{counts.shifted}{palette.reset}",
+    )
+    if slack is not None:
+        slots, whole, rest = slack
+        shown = palette.good if rest > whole / 3 else palette.bad
+        yield words(
+            "run.buffer",
+            slots=slots,
+            period=f"{PERIOD_MS} ms",
+            rest=f"{shown}{max(0.0, rest):.1f}{palette.reset}",
+            whole=f"{whole:.0f} ms",
+        )
+
+
+def _progress_line(progress: PlayProgress, palette: Palette, words: MessageFormatter) -> str:
+    number, reset = palette.number, palette.reset
+    index = f"{number}{progress.index}"
+    point = (
+        words("run.point.of", index=index, total=f"{progress.of}{reset}")
+        if progress.of
+        else words("run.point", index=f"{index}{reset}")
+    )
+    places: dict[str, PlaceValue] = {
+        "state": f"{palette.name}{words.text(progress.state.message)}{reset}",
+        "point": point,
+        "elapsed": f"{number}{progress.elapsed:.1f} s{reset}",
+    }
+    if progress.left is None:
+        return words("run.progress", **places)
+    return words("run.progress.left", **places, left=f"{number}{progress.left:.1f} s{reset}")
+
+
+def progress_bar(progress: PlayProgress, width: int, palette: Palette = PLAIN) -> str:
+    """Return a progress bar, or "" if `play` continues without end."""
+    if not progress.of:
+        return ""
+    done = round(min(1.0, progress.index / progress.of) * width)
+    return f"{palette.good}{'━' * done}{palette.dim}{'─' * (width - done)}{palette.reset}"

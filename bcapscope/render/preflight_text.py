@@ -59,8 +59,6 @@ def source_lines(
 
 
 class PreflightRenderer:
-    """Writes the result of the pre-flight check as text."""
-
     def __init__(
         self, palette: Palette = PLAIN, width: int = 100, words: MessageFormatter = ENGLISH_WORDS
     ) -> None:
@@ -69,7 +67,6 @@ class PreflightRenderer:
         self._words = words
 
     def lines(self, preflight: PreflightResult) -> Iterator[str]:
-        """Yield a table with the motion of each axis, then the problems, then a summary line."""
         if preflight.axis_figures:
             head = tuple(self._words(f"preflight.head.{name}") for name in _HEAD)
             yield from align_columns([head, *map(self._axis_cells, preflight.axis_figures)], "<<>>>>>>")

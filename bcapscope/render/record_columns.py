@@ -20,8 +20,8 @@ from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import fit_line
 from bcapscope.render.csv_table import csv_cell, csv_row
 from bcapscope.render.escape import printable
+from bcapscope.render.frame_line import LineTemplateBuilder
 from bcapscope.render.json_values import json_ready, text_fragment, time_fragment
-from bcapscope.render.line_template import LineTemplateBuilder
 from bcapscope.render.timestamp import epoch_text, utc_text
 from bcapscope.traffic.filter.field_table import FIELD_BY_NAME, FieldType, FilterField, RecordKind, fields_of
 from bcapscope.traffic.filter.matching import element, plain_value
@@ -100,8 +100,6 @@ def _parse_column(text: str, kind: RecordKind) -> RecordColumn:
 
 
 class ColumnRenderer:
-    """Writes records as columns, CSV rows or JSON objects."""
-
     def __init__(
         self,
         columns: Sequence[RecordColumn],

@@ -99,7 +99,6 @@ def timeline_picture(report_data: ReportData, words: MessageFormatter) -> Pictur
 
 
 def latency_picture(rows: Sequence[StatisticsRow], words: MessageFormatter) -> Picture | None:
-    """Return the picture of latencies by command, or None if no call was answered."""
     answered = [(row, row.figures.latency) for row in rows if row.figures.latency is not None]
     if not answered:
         return None
@@ -204,7 +203,6 @@ def _row_axis(labels: Sequence[str], low: float, high: float, step: int = 1) -> 
 
 
 def endpoints_label(conversation: Conversation) -> str:
-    """Return a label with the client of a conversation on the first line and the controller on the second."""
     return (
         f"{plotly_label(str(conversation.client))}<br>→ {plotly_label(str(conversation.server))} "
         f"{conversation.transport.upper()}"
@@ -356,7 +354,6 @@ def _segments(name: str, lines: Sequence[tuple[int, float, float]], color: str, 
 
 
 def _role_trace(calls: Sequence[Call], role: FrameRole, words: MessageFormatter) -> Any:
-    """Return a plotly trace with a mark for each frame that has the role `role` in its call."""
     name = words(f"frame.role.{role.replace(' ', '-')}")
     found = [
         (index, call, event.observation)

@@ -53,7 +53,6 @@ def plotly_label(text: str, longest: int = LONGEST_LABEL) -> str:
 def make_picture(
     name: str, title: str, caption: str, height: int, traces: Sequence[Any], **layout: Any
 ) -> Picture:
-    """Return a picture of plotly traces. `layout` extends the layout that all pictures share."""
     common: dict[str, Any] = {
         "template": "none",
         "height": height,

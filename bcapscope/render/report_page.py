@@ -25,9 +25,8 @@ from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.places import Count, Duration, frames_text
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
-from bcapscope.render.diagnosis_summary import severity_counts_text
 from bcapscope.render.escape import printable
-from bcapscope.render.finding_text import finding_depths, finding_sentence, words_for
+from bcapscope.render.findings import finding_depths, finding_sentence, severity_counts_text, words_for
 from bcapscope.render.report_calls import latency_picture, retry_chain_picture, timeline_picture
 from bcapscope.render.report_slave_sessions import session_pictures
 from bcapscope.render.slave_session_text import (
@@ -139,7 +138,6 @@ def template_environment() -> Environment:
 
 
 def _titles(report_data: ReportData, words: MessageFormatter) -> dict[str, str]:
-    """Return the title of each section that has content, by the section's id."""
     titles = {
         "summary": True,
         "findings": True,
@@ -153,7 +151,6 @@ def _titles(report_data: ReportData, words: MessageFormatter) -> dict[str, str]:
 
 
 def _summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tuple[str, str]]:
-    """Return the names and values of the main figures in the summary."""
     seen, statistics = report_data.totals, report_data.statistics
     tiles = {"frames": seen.frames, "calls": seen.calls, "clients": seen.clients}
     shown = [(name, f"{value:,}") for name, value in tiles.items()]
@@ -169,7 +166,6 @@ def _summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tup
 
 
 def _overall_verdict(report_data: ReportData, words: MessageFormatter) -> OverallVerdict:
-    """Return the overall verdict, with the number of findings of each severity and the first finding."""
     counts = Counter(finding.severity for finding in report_data.findings)
     listed = severity_counts_text(counts, words)
     if counts[Severity.ERROR] or counts[Severity.WARNING]:

@@ -49,8 +49,6 @@ def session_pictures(session: SlaveSession, start: int, words: MessageFormatter)
 
 
 class _SessionDrawing:
-    """Draws the pictures of one session."""
-
     def __init__(self, session: SlaveSession, start: int, words: MessageFormatter) -> None:
         self._session = session
         self._start = start
@@ -60,7 +58,6 @@ class _SessionDrawing:
         self._points_per_sample = max((sample.points for sample in session.samples), default=1)
 
     def pace(self) -> Picture | None:
-        """Return the picture of cycle time, latency and buffer reserve over time."""
         if not self._samples:
             return None
         timing, words = self._session.timing, self._words
@@ -91,7 +88,6 @@ class _SessionDrawing:
         )
 
     def spread(self) -> Picture | None:
-        """Return histograms of cycle times and latencies."""
         timing, words = self._session.timing, self._words
         has_cycle = timing.cycle is not None and bool(timing.cycle.bins)
         made = [
@@ -139,7 +135,6 @@ class _SessionDrawing:
         )
 
     def motion(self) -> Picture | None:
-        """Return the picture of commanded and returned positions for each axis that moved."""
         motion = self._session.motion
         axes = [] if motion is None else list(enumerate(motion.axes))
         moving = [(index, axis) for index, axis in axes if self._moves(index, axis)]

@@ -6,8 +6,8 @@ from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.render.escape import printable
-from bcapscope.render.field_meaning import value_text
 from bcapscope.render.result_advice import result_text
+from bcapscope.render.value_text import value_text
 from bcapscope.simulator.call_executor import CallReport
 from bcapscope.simulator.simulator import Peer
 from bcapscope.traffic.observation import Endpoint
@@ -17,7 +17,6 @@ LONGEST_VALUE = 60
 
 
 def call_log_line(peer: Peer, report: CallReport, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return the line of a call: client, function, arguments, result and duration in ms."""
     parts = [_peer_text(peer), function_name(report.function_id)]
     parts += [_short_value_text(argument) for argument in report.arguments]
     parts += ["->", result_text(report.result.hresult, words=words)]
@@ -28,7 +27,6 @@ def call_log_line(peer: Peer, report: CallReport, words: MessageFormatter = ENGL
 
 
 def refusal_line(peer: Peer, report: CallReport) -> str:
-    """Return the line of a refused call: client and reason."""
     return f"{_peer_text(peer)}: {printable(report.result.reason)}"
 
 

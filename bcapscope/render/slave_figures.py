@@ -15,7 +15,7 @@ from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, FramePlace, Quantity, Times, frames_text
 from bcapscope.render.captioned import CaptionWriter, frames_message
-from bcapscope.render.histogram import edges_around, edges_by_decades, histogram
+from bcapscope.render.text_charts import edges_around, edges_by_decades, histogram
 
 _SLICE_COLUMNS = (
     *("from", "sent", "retries", "refused", "cycle-p50", "p99", "max", "latency-p99", "max", "slack"),
@@ -24,7 +24,6 @@ _SLICE_COLUMNS = (
 
 
 def timing_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Yield a table with the distributions of times in ms, then histograms of cycle times and latencies."""
     names = ("cycle", "jitter", "latency", "round-trip")
     found = (timing.cycle, timing.jitter, timing.latency, timing.rtt)
     mean, most = writer.label("slave.column.mean"), writer.label("slave.column.max")
@@ -186,7 +185,6 @@ def _underflow_message(underflow: PredictedUnderflow) -> Message:
 
 
 def clock_lines(clock: ClockFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Yield the lines that compare the controller's time stamps with the clock of the capture."""
     text = Message(
         "slave.clock",
         stamps=Count(clock.stamps, "time-stamp"),

@@ -33,6 +33,7 @@ from bcapscope.messages import Message
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult
 from bcapscope.render.json_values import (
+    conversation_object,
     json_ready,
     percentiles_object,
     result_object,
@@ -44,18 +45,14 @@ _Object: TypeAlias = "dict[str, object]"
 
 
 def slave_session_record(slave_session: SlaveSession) -> bytes:
-    """Return a slave-mode session as one JSON object, without a line end."""
     options = orjson.OPT_PASSTHROUGH_DATACLASS | orjson.OPT_NON_STR_KEYS
     return orjson.dumps(slave_session, lambda value: _CONVERTERS[type(value)](value), options)
 
 
 def _session(session: SlaveSession) -> _Object:
-    conversation = session.conversation
     return {
         "stay": session.number,
-        "client": text_fragment(str(conversation.client)),
-        "server": text_fragment(str(conversation.server)),
-        "transport": conversation.transport,
+        **conversation_object(session.conversation),
         **_members(session),
     }
 
@@ -178,7 +175,6 @@ the name of the code.
 
 
 def _members(value: object) -> _Object:
-    """Return the JSON members of an object, as `_MEMBERS` lists them for its class."""
     found: _Object = {}
     for word in _MEMBERS[type(value)].split():
         name, _, attribute = word.lstrip("@!").partition("=")

@@ -174,7 +174,6 @@ def _exit(slave_session: SlaveSession, writer: CaptionWriter) -> Iterator[str]:
 
 
 def exit_message(reason: ExitReason) -> Message:
-    """Return a clause that says why a slave-mode session ended."""
     return Message(f"slave.exit.{reason.replace(' ', '-')}")
 
 

@@ -1,4 +1,4 @@
-"""Call statistics as text and as JSON."""
+"""Call statistics as text, as JSON and as CSV (RFC 4180)."""
 
 from __future__ import annotations
 
@@ -20,9 +20,15 @@ from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import align_columns
+from bcapscope.render.csv_table import csv_cell, csv_row
 from bcapscope.render.escape import printable
-from bcapscope.render.json_values import percentiles_object, text_fragment, time_fragment
-from bcapscope.render.timestamp import utc_text
+from bcapscope.render.json_values import (
+    conversation_object,
+    percentiles_object,
+    text_fragment,
+    time_fragment,
+)
+from bcapscope.render.timestamp import epoch_text, utc_text
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
@@ -37,6 +43,25 @@ _COLUMNS = (
     *("calls", "per-s", "line-time", "p50", "p90", "p99", "p99-9", "max"),
     *("retries", "late", "refused", "unanswered"),
 )
+_FIGURES = {
+    "calls": "calls",
+    "answered": "answered",
+    "refused": "refused",
+    "unanswered": "unanswered",
+    "capture_ended": "open",
+    "not_followed": "not_followed",
+    "not_captured": "not_captured",
+    "retries": "retries",
+    "retried_calls": "retried_calls",
+    "late_replies": "late_replies",
+    "executing": "executing",
+    "request_bytes": "request_bytes",
+    "calls_per_s": "calls_per_second",
+    "line_time_share": "line_time_share",
+}
+"""Attributes of `CallFigures` by their names in JSON and CSV."""
+
+_LATENCIES = ("mean", "min", "p50", "p90", "p99", "p99.9", "max")
 
 
 def call_kind_text(call_kind: CallKind, words: MessageFormatter = ENGLISH_WORDS) -> str:
@@ -53,7 +78,6 @@ def call_kind_text(call_kind: CallKind, words: MessageFormatter = ENGLISH_WORDS)
 def statistics_lines(
     statistics: Statistics, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS
 ) -> Iterator[str]:
-    """Yield tables with the figures of a period: total, by client, and by client and command."""
     seconds = (statistics.end - statistics.start) / 1e9
     yield f"{palette.name}{utc_text(statistics.start)}, {seconds:.3f} s{palette.reset}"
     yield ""
@@ -86,22 +110,30 @@ def _client_text(row: StatisticsRow, words: MessageFormatter) -> str:
 
 
 def conversation_text(conversation: Conversation) -> str:
-    """Return the client, the controller and the transport of a conversation as text."""
     return printable(f"{conversation.client} > {conversation.server} {conversation.transport}")
 
 
 def _table(
     caption: str, rows: Sequence[tuple[str, CallFigures]], palette: Palette, words: MessageFormatter
 ) -> Iterator[str]:
-    cells = [
-        (caption, *(words(f"stats.column.{name}") for name in _COLUMNS)),
-        *((name, *_cells(figures)) for name, figures in rows[:MAX_ROWS]),
-    ]
-    first, *others = align_columns(cells, "<" + ">" * len(_COLUMNS))
-    yield f"{palette.dim}{first}{palette.reset}"
-    yield from others
+    cells = [(name, *_cells(figures)) for name, figures in rows[:MAX_ROWS]]
+    yield from _with_header(caption, _COLUMNS, cells, palette, words)
     if len(rows) > MAX_ROWS:
         yield words("stats.more", n=len(rows) - MAX_ROWS)
+
+
+def _with_header(
+    caption: str,
+    columns: Sequence[str],
+    rows: Sequence[tuple[str, ...]],
+    palette: Palette,
+    words: MessageFormatter,
+) -> Iterator[str]:
+    """Yield the lines of a table. `columns` are ids of the headings of all columns except the first."""
+    head = (caption, *(words(f"stats.column.{name}") for name in columns))
+    first, *others = align_columns([head, *rows], "<" + ">" * len(columns))
+    yield f"{palette.dim}{first}{palette.reset}"
+    yield from others
 
 
 def _cells(figures: CallFigures) -> tuple[str, ...]:
@@ -138,15 +170,16 @@ def _place_lines(places: Sequence[PlaceFigures], palette: Palette, words: Messag
     """
     if not places:
         return
-    rows = [(words("stats.places"), *(words(f"stats.column.{name}") for name in _PLACE_COLUMNS))]
-    for each in places[:MAX_ROWS]:
-        for role, figures in (("request", each.requests), ("reply", each.replies)):
-            name = f"{conversation_text(each.conversation)} {words(f'frame.role.{role}')}"
-            rows.append((name, *_one_way_cells(figures, each.delay_error)))
-    first, *others = align_columns(rows, "<" + ">" * len(_PLACE_COLUMNS))
+    rows = [
+        (
+            f"{conversation_text(each.conversation)} {words(f'frame.role.{role}')}",
+            *_one_way_cells(figures, each.delay_error),
+        )
+        for each in places[:MAX_ROWS]
+        for role, figures in (("request", each.requests), ("reply", each.replies))
+    ]
     yield ""
-    yield f"{palette.dim}{first}{palette.reset}"
-    yield from others
+    yield from _with_header(words("stats.places"), _PLACE_COLUMNS, rows, palette, words)
 
 
 def _one_way_cells(figures: OneWayFigures, error: float) -> tuple[str, ...]:
@@ -177,11 +210,8 @@ def statistics_record(statistics: Statistics) -> bytes:
 
 
 def _place_object(places: PlaceFigures) -> dict[str, object]:
-    conversation = places.conversation
     return {
-        "client": text_fragment(str(conversation.client)),
-        "server": text_fragment(str(conversation.server)),
-        "transport": conversation.transport,
+        **conversation_object(places.conversation),
         "proxy": places.is_relayed,
         "delay_error_ms": places.delay_error,
         "requests": _one_way_object(places.requests),
@@ -195,42 +225,53 @@ def _one_way_object(figures: OneWayFigures) -> dict[str, object]:
 
 
 def _row_object(row: StatisticsRow) -> dict[str, object]:
-    found: dict[str, object] = {}
-    if row.conversation is not None:
-        for name in ("client", "server", "transport"):
-            found[name] = text_fragment(str(getattr(row.conversation, name)))
-    if row.call_kind is not None:
-        found |= call_kind_object(row.call_kind)
-    return found | _figures_object(row.figures)
-
-
-def call_kind_object(call_kind: CallKind | None) -> dict[str, object]:
-    """Return the JSON members for a function and its command."""
-    if call_kind is None:
-        return {"function": None, "command": None}
-    name = "others" if call_kind is OTHER_KINDS else function_name(call_kind.function_id)
-    return {"function": text_fragment(name), "command": text_fragment(call_kind.command)}
-
-
-def _figures_object(figures: CallFigures) -> dict[str, object]:
-    latency = figures.latency
+    figures = row.figures
     return {
-        "calls": figures.calls,
-        "answered": figures.answered,
-        "refused": figures.refused,
-        "unanswered": figures.unanswered,
-        "capture_ended": figures.open,
-        "not_followed": figures.not_followed,
-        "not_captured": figures.not_captured,
-        "retries": figures.retries,
-        "retried_calls": figures.retried_calls,
-        "late_replies": figures.late_replies,
-        "executing": figures.executing,
-        "request_bytes": figures.request_bytes,
-        "calls_per_s": figures.calls_per_second,
-        "line_time_share": figures.line_time_share,
-        "latency_ms": None if latency is None else percentiles_object(latency),
+        **({} if row.conversation is None else conversation_object(row.conversation)),
+        **({} if row.call_kind is None else call_kind_object(row.call_kind)),
+        **{name: getattr(figures, attribute) for name, attribute in _FIGURES.items()},
+        "latency_ms": None if figures.latency is None else percentiles_object(figures.latency),
         "refusals": [
             {"hresult": code, "name": hresult_name(code), "calls": n} for code, n in figures.refusal_codes
         ],
     }
+
+
+def call_kind_object(call_kind: CallKind | None) -> dict[str, object]:
+    if call_kind is None:
+        return {"function": None, "command": None}
+    return {"function": _function(call_kind), "command": text_fragment(call_kind.command)}
+
+
+def _function(call_kind: CallKind) -> str:
+    return "others" if call_kind is OTHER_KINDS else function_name(call_kind.function_id)
+
+
+def statistics_header() -> str:
+    """Return the header of the CSV table. The column `row` contains `total`, `client` or `command`."""
+    columns = ("start", "end", "row", "client", "server", "transport", "function", "command")
+    return csv_row((*columns, *_FIGURES, *(f"latency_ms.{name}" for name in _LATENCIES)))
+
+
+def statistics_rows(statistics: Statistics) -> Iterator[str]:
+    """Yield the CSV rows for a period. The first row has the total. The others are one row per client, and
+    one row for each command of a client.
+    """
+    period = epoch_text(statistics.start), epoch_text(statistics.end)
+    yield csv_row((*period, "total", *_csv_cells(statistics.total)))
+    for row in statistics.clients:
+        yield csv_row((*period, "client", *_csv_cells(row)))
+    for row in statistics.commands:
+        yield csv_row((*period, "command", *_csv_cells(row)))
+
+
+def _csv_cells(row: StatisticsRow) -> Iterator[object]:
+    conversation, kind, figures = row.conversation, row.call_kind, row.figures
+    for name in ("client", "server", "transport"):
+        yield "" if conversation is None else csv_cell(str(getattr(conversation, name)))
+    yield from ("", "") if kind is None else (_function(kind), csv_cell(kind.command or ""))
+    for attribute in _FIGURES.values():
+        value = getattr(figures, attribute)
+        yield "" if value is None else value
+    latency = {} if figures.latency is None else percentiles_object(figures.latency)
+    yield from (latency.get(name, "") for name in _LATENCIES)

@@ -10,8 +10,6 @@ _SECOND = 1_000_000_000
 
 
 class TimeFormat(StrEnum):
-    """Format of the time in a line of output."""
-
     RELATIVE = "relative"
     """Seconds since the first frame."""
     DELTA = "delta"

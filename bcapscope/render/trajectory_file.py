@@ -44,7 +44,7 @@ import orjson
 from bcapscope.analysis.slave.captured_trajectory import CapturedTrajectory, TrajectoryStep
 from bcapscope.analysis.slave.slave_session import AcceptedFormat
 from bcapscope.protocol.slave_mode.poses import Axis
-from bcapscope.render.json_values import json_number, text_fragment, time_fragment
+from bcapscope.render.json_values import conversation_object, json_number, text_fragment, time_fragment
 from bcapscope.render.number import number_text, numbers_text
 from bcapscope.render.timestamp import epoch_text, utc_text
 
@@ -60,15 +60,12 @@ class CsvTrajectoryWriter:
         self._empty_pose = "," * (len(trajectory.axes) - 1)
 
     def head(self) -> bytes:
-        """Return the header line."""
         return ",".join(column_names(self._trajectory)).encode("ascii") + b"\n"
 
     def rows(self, steps: Sequence[TrajectoryStep]) -> bytes:
-        """Return one line per set point."""
         return "".join(self._lines(steps)).encode("ascii")
 
     def tail(self) -> bytes:
-        """Return b"", because nothing follows the rows of a CSV file."""
         return b""
 
     def _lines(self, steps: Sequence[TrajectoryStep]) -> Iterator[str]:
@@ -92,17 +89,14 @@ class JsonTrajectoryWriter:
         self._point_count = 0
 
     def head(self) -> bytes:
-        """Return the beginning of the JSON object, up to the opening bracket of ``rows``."""
         return _header(self._trajectory)[:-1] + b',"rows":['
 
     def rows(self, steps: Sequence[TrajectoryStep]) -> bytes:
-        """Return one array per set point."""
         begun, self._point_count = bool(self._point_count), self._point_count + len(steps)
         text = b",\n".join(self._arrays(steps))
         return (b",\n" if begun and text else b"\n" if text else b"") + text
 
     def tail(self) -> bytes:
-        """Return the end of the JSON object: the closing bracket of ``rows``, and ``points``."""
         return b'\n],"points":%d}\n' % self._point_count
 
     def _arrays(self, steps: Sequence[TrajectoryStep]) -> Iterator[bytes]:
@@ -136,15 +130,12 @@ def _csv_number(value: float | None) -> str:
 
 
 def _header(trajectory: CapturedTrajectory) -> bytes:
-    conversation, mode = trajectory.conversation, trajectory.mode
-    known_by = mode.generation_known_by
+    mode, known_by = trajectory.mode, trajectory.mode.generation_known_by
     return orjson.dumps(
         {
             "format": FORMAT,
             "stay": trajectory.session_number,
-            "client": text_fragment(str(conversation.client)),
-            "server": text_fragment(str(conversation.server)),
-            "transport": conversation.transport,
+            **conversation_object(trajectory.conversation),
             "robot": trajectory.robot,
             "start": time_fragment(trajectory.start),
             "start_utc": utc_text(trajectory.start),

@@ -6,7 +6,6 @@ import socket
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
-from queue import SimpleQueue
 from threading import Event, Thread
 from typing import TYPE_CHECKING
 
@@ -110,7 +109,7 @@ class _ServerThread:
     def __init__(self, server: SimulatorServer, recorder: BackgroundRecorder) -> None:
         self._server = server
         self._recorder = recorder
-        self._wishes: SimpleQueue[Event | None] = SimpleQueue()
+        self._is_encoded, self._is_closing = Event(), False
         self._own_end, self._other_end = socket.socketpair()
         self._error: BaseException | None = None
         self._thread = Thread(target=self._run, name="bcapscope simulator", daemon=True)
@@ -119,18 +118,17 @@ class _ServerThread:
     def write_recording(self) -> None:
         """Write all packets so far to the file. Raise the error that ended the thread, if there is one."""
         if self._thread.is_alive():
-            self._wishes.put(encoded := Event())
+            self._is_encoded.clear()
             self._other_end.send(b"\0")
-            while not encoded.wait(0.1) and self._thread.is_alive():
+            while not self._is_encoded.wait(0.1) and self._thread.is_alive():
                 pass
         self._recorder.wait_until_written(_WRITTEN_WITHIN)
         if self._error is not None:
             raise self._error
 
     def close(self) -> None:
-        """End the thread."""
         if self._thread.is_alive():
-            self._wishes.put(None)
+            self._is_closing = True
             self._other_end.send(b"\0")
             self._thread.join()
         self._own_end.close()
@@ -148,12 +146,11 @@ class _ServerThread:
 
     def _on_wish(self, descriptor: int) -> None:
         self._own_end.recv(1)
-        wish = self._wishes.get()
         while self._recorder.on_idle():
             pass
-        if wish is None:
+        if self._is_closing:
             raise _EndServing
-        wish.set()
+        self._is_encoded.set()
 
 
 class _EndServing(Exception):

@@ -21,7 +21,6 @@ _SOURCES = pytest.StashKey[dict[str, "RecordingContext"]]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Register the marker."""
     config.addinivalue_line(
         "markers",
         "bcap(profile=None, scenario=None, faults=(), seed=None): set up the fixture bcap_simulator; the "
@@ -90,7 +89,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
     report = yield
     if report.failed and report.when == "call":
         for name, source in item.stash.get(_SOURCES, {}).items():
-            from bcapscope.testing.failure_report import failure_report_lines
+            from bcapscope.testing.recorded_traffic import failure_report_lines
 
             lines = failure_report_lines(source.traffic(), source.recording)
             report.sections.append((f"b-CAP: {name}", "\n".join(lines)))

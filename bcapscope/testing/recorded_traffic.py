@@ -1,14 +1,19 @@
-"""The calls and the findings of a recording, even while bcapscope is writing the recording."""
+"""The calls and the findings of a recording that may still grow, and the report of a failed test."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.finding import Finding, TrafficTotals
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.capture_input import CaptureInput, read_items
+from bcapscope.messages import ENGLISH_WORDS
+from bcapscope.messages.places import Count
+from bcapscope.render.call_text import CallRenderer
+from bcapscope.render.escape import printable
+from bcapscope.render.findings import FindingsRenderer
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.pipeline import PipelineSubscriber
@@ -44,3 +49,23 @@ class RecordedTraffic(PipelineSubscriber):
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
         self.calls.append((call, target))
+
+
+MAX_CALLS = 30
+"""Maximum number of calls in a report. The report shows the last calls of the test."""
+
+
+def failure_report_lines(traffic: RecordedTraffic, recording: Path) -> Iterator[str]:
+    words, calls = ENGLISH_WORDS, traffic.calls
+    renderer = CallRenderer()
+    if calls:
+        renderer.set_time_origin(traffic.totals.began)
+    earlier = len(calls) - MAX_CALLS
+    if earlier > 0:
+        yield words("testing.report.earlier", calls=Count(earlier, "call"))
+    for call, target in calls[-MAX_CALLS:]:
+        yield renderer.line(call, target)
+    yield ""
+    yield from FindingsRenderer().lines(traffic.findings, traffic.totals)
+    yield ""
+    yield words("testing.report.capture", path=printable(str(recording)))

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from bcapscope.errors import InputError
 from bcapscope.messages import Message
-from bcapscope.testing.threaded_context import ThreadedContext
 
 if TYPE_CHECKING:
     from bcapscope.analysis.finding import Finding
@@ -20,8 +20,12 @@ if TYPE_CHECKING:
 LOOPBACK = "127.0.0.1"
 
 
-class RecordingContext(ThreadedContext):
-    """Records the traffic of a `with` block in the file `record`. If `record` is None, the file is temporary.
+class RecordingContext(ABC):
+    """Records the traffic of a `with` or `async with` block in the file `record`. If `record` is None, the
+    file is temporary.
+
+    With `async with`, a thread enters and leaves the block, so that the event loop continues. If the task is
+    cancelled, everything is released before the cancellation continues.
 
     Attributes:
         host: Address for clients.
@@ -80,7 +84,7 @@ class RecordingContext(ThreadedContext):
     def _server_ports(self) -> frozenset[int]:
         """Return the ports of the controllers in the recording."""
 
-    def _open(self) -> None:
+    def __enter__(self) -> Self:
         with ExitStack() as opened:
             if self._is_temporary:
                 folder = opened.enter_context(TemporaryDirectory(prefix="bcapscope-"))
@@ -88,14 +92,45 @@ class RecordingContext(ThreadedContext):
             self.port = self._start(opened)
             self._last_traffic, self._is_running = None, True
             self._stack = opened.pop_all()
+        return self
 
-    def _close(self) -> None:
+    def __exit__(self, *error: object) -> None:
         with self._stack:
             self._is_running = False
             self._stop()
             self._last_traffic = self._read_recording()
 
+    async def __aenter__(self) -> Self:
+        if await _was_cancelled_during(self.__enter__):
+            await _was_cancelled_during(self.__exit__)
+            raise _cancellation()
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        if await _was_cancelled_during(self.__exit__):
+            raise _cancellation()
+
     def _read_recording(self) -> RecordedTraffic:
         from bcapscope.testing.recorded_traffic import RecordedTraffic  # imports NumPy
 
         return RecordedTraffic(self.recording, self._server_ports())
+
+
+async def _was_cancelled_during(work: Callable[[], object]) -> bool:
+    """Run `work` in a thread to its end; return whether the asyncio task was cancelled meanwhile."""
+    import asyncio
+
+    task, is_cancelled = asyncio.ensure_future(asyncio.to_thread(work)), False
+    while not task.done():
+        try:
+            await asyncio.wait([task])
+        except asyncio.CancelledError:
+            is_cancelled = True
+    task.result()
+    return is_cancelled
+
+
+def _cancellation() -> BaseException:
+    import asyncio
+
+    return asyncio.CancelledError()

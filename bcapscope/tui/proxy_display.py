@@ -13,7 +13,7 @@ from bcapscope.protocol.codec.frame import Frame, parse_datagram
 from bcapscope.proxy.control_messages import ClientStatus, FaultStatus, HeldStatus, ProxyStats, RelayDelays
 from bcapscope.proxy.ring_buffer import SET_POINT_DEADLINE_NS
 from bcapscope.render.escape import printable
-from bcapscope.render.notation_text import untyped_text
+from bcapscope.render.value_text import untyped_text
 from bcapscope.traffic.observation import Flow
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label

@@ -28,7 +28,7 @@ _NETWORK = re.compile(r"[^\s,]+")
 
 
 class CaptureOptionError(BcapError):
-    """The options of a capture interface are invalid; the error text names the invalid option."""
+    pass
 
 
 class DialogType(StrEnum):
@@ -142,7 +142,6 @@ _SEED = DialogOption(
 
 
 def proxy_source() -> CaptureSource:
-    """Return the interface that captures the traffic of a new proxy."""
     return CaptureSource(
         "bcapscope-proxy",
         "b-CAP proxy",
@@ -197,7 +196,6 @@ def proxy_source() -> CaptureSource:
 
 
 def simulator_source() -> CaptureSource:
-    """Return the interface that captures the traffic of a new simulated controller."""
     profiles = {name: f"{name}: {profile.title}" for name, profile in PROFILES.items()}
     scenarios = {name: f"{name}: {title}" for name, title in bundled_titles().items()}
     return CaptureSource(
@@ -248,5 +246,4 @@ def simulator_source() -> CaptureSource:
 
 
 def capture_sources() -> dict[str, CaptureSource]:
-    """Return both interfaces by name."""
     return {source.name: source for source in (proxy_source(), simulator_source())}

@@ -28,7 +28,6 @@ local byte, sub, floor = string.byte, string.sub, math.floor
 
 
 def dissector_text() -> str:
-    """Return the text of the dissector, which is one Lua file."""
     folder = files(__package__) / "lua"
     parts = [(folder / f"{part}.lua").read_text(encoding="utf-8") for part in PARTS]
     return "\n".join((_HEAD.format(version=__version__), dissector_tables(parts), *map(_block, parts)))

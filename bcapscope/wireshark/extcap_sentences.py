@@ -24,7 +24,6 @@ def interface_sentences(sources: dict[str, CaptureSource]) -> Iterator[str]:
 
 
 def link_type_sentences() -> Iterator[str]:
-    """Yield the sentence with the link type of the packets. The link type is the same for all interfaces."""
     yield _sentence("dlt", number=_LINKTYPE_RAW, name="LINKTYPE_RAW", display="Raw IP")
 
 

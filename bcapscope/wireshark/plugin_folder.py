@@ -1,8 +1,11 @@
-"""The folders from which Wireshark loads a user's plugins, and bcapscope's files in these folders."""
+"""The folders from which Wireshark loads a user's plugins, and bcapscope's files in these folders: the
+dissector, coloring rules for the packet list, and the program that calls bcapscope for captures.
+"""
 
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 from collections.abc import Iterable
 from contextlib import suppress
@@ -11,10 +14,11 @@ from pathlib import Path
 from bcapscope.errors import FileWriteError
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
-from bcapscope.wireshark.coloring_rules import coloring_rules_text
+from bcapscope.protocol.tables.hresult import S_BUF_FULL, S_EXECUTING
 from bcapscope.wireshark.dissector import dissector_text
-from bcapscope.wireshark.extcap_launcher import LAUNCHER_NAME, default_extcap_folders, launcher_text
 
+IS_WINDOWS = sys.platform == "win32"
+LAUNCHER_NAME = "bcapscope.bat" if IS_WINDOWS else "bcapscope"
 DISSECTOR_NAME = "bcapscope.lua"
 COLORING_RULES_NAME = "bcapscope.colorfilters"
 """Wireshark loads only .lua files from the folder, so the user must import the coloring rules."""
@@ -25,16 +29,9 @@ _MARK_WITHIN = 400  # bytes
 
 def default_plugin_folder() -> Path:
     """Return the folder that Wireshark lists under About > Folders as Personal Lua Plugins."""
-    if sys.platform == "win32":
-        return Path(os.environ.get("APPDATA") or Path.home() / "AppData" / "Roaming", "Wireshark", "plugins")
+    if IS_WINDOWS:
+        return _windows_folder() / "plugins"
     return Path.home() / ".local" / "lib" / "wireshark" / "plugins"
-
-
-def extcap_folders(folder: Path | None) -> tuple[Path, ...]:
-    """Return the folders for the launcher: `extcap` in `folder`. If `folder` is None, return all folders in
-    which Wireshark looks for launchers.
-    """
-    return default_extcap_folders() if folder is None else (folder / "extcap",)
 
 
 def install(folder: Path, launcher_folders: Iterable[Path]) -> tuple[Path, Path, list[Path]]:
@@ -73,8 +70,8 @@ def uninstall(folder: Path, launcher_folders: Iterable[Path]) -> list[Path]:
     Raises:
         FileWriteError: A file cannot be removed, or another program has a file with the same name.
     """
-    paths = [folder / DISSECTOR_NAME, folder / COLORING_RULES_NAME]
-    paths += [each / LAUNCHER_NAME for each in launcher_folders]
+    launchers = [each / LAUNCHER_NAME for each in launcher_folders]
+    paths = [folder / DISSECTOR_NAME, folder / COLORING_RULES_NAME, *launchers]
     found = [path for path in paths if path.exists()]
     for path in found:
         _check_own(path)
@@ -83,7 +80,7 @@ def uninstall(folder: Path, launcher_folders: Iterable[Path]) -> list[Path]:
             path.unlink()
         except OSError as error:
             raise FileWriteError(path, os_reason(error)) from None
-        if path.name == LAUNCHER_NAME:
+        if path in launchers:
             with suppress(OSError):  # the folder has other programs
                 path.parent.rmdir()
     return found
@@ -100,3 +97,98 @@ def _check_own(path: Path) -> None:
         raise FileWriteError(path, os_reason(error)) from None
     if not is_own:
         raise FileWriteError(path, Message("wireshark.foreign"))
+
+
+_SHELL = """\
+#!/bin/sh
+# The capture interfaces of bcapscope, written by `bcapscope wireshark --install`.
+# PYTHONSAFEPATH keeps Python from importing files of the folder in which Wireshark runs.
+export PYTHONSAFEPATH=1
+exec {python} -m bcapscope extcap "$@"
+"""
+
+_BATCH = """\
+@echo off
+rem The capture interfaces of bcapscope, written by `bcapscope wireshark --install`.
+rem PYTHONSAFEPATH keeps Python from importing files of the folder in which Wireshark runs.
+rem Without __PYVENV_LAUNCHER__, a second process would stand between this one and Python.
+setlocal
+chcp 65001 >nul
+set "PYTHONSAFEPATH=1"
+set "__PYVENV_LAUNCHER__={environment}"
+"{python}" -m bcapscope extcap %*
+"""
+
+
+def launcher_text(executable: str = sys.executable, *, is_windows: bool = IS_WINDOWS) -> str:
+    """Return the launcher, which calls bcapscope with the interpreter `executable`."""
+    if not is_windows:
+        return _SHELL.format(python=shlex.quote(executable))
+    # `sys._base_executable` is what multiprocessing uses to start Python without the launcher of a venv.
+    base = getattr(sys, "_base_executable", executable)
+    text = _BATCH.format(environment=executable.replace("%", "%%"), python=base.replace("%", "%%"))
+    return text.replace("\n", "\r\n")
+
+
+def extcap_folders(folder: Path | None) -> tuple[Path, ...]:
+    """Return the folders for the launcher: `extcap` in `folder`. If `folder` is None, return the personal
+    extcap folders of all versions of Wireshark.
+
+    Wireshark 4.0 and older search the configuration folder; 4.2 and newer search ~/.local/lib instead. On
+    Windows, all versions search the same folder.
+    """
+    if folder is not None:
+        return (folder / "extcap",)
+    if IS_WINDOWS:
+        return (_windows_folder() / "extcap",)
+    return _configuration_folder() / "extcap", Path.home() / ".local" / "lib" / "wireshark" / "extcap"
+
+
+def _windows_folder() -> Path:
+    return Path(os.environ.get("APPDATA") or Path.home() / "AppData" / "Roaming", "Wireshark")
+
+
+def _configuration_folder() -> Path:
+    """Return the folder in which Wireshark looks for its preferences.
+
+    If ~/.wireshark exists, bcapscope does not create the newer folder. With the newer folder, Wireshark would
+    ignore ~/.wireshark.
+    """
+    if chosen := os.environ.get("WIRESHARK_CONFIG_DIR"):
+        return Path(chosen)
+    newer = Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config", "wireshark")
+    older = Path.home() / ".wireshark"
+    return older if older.is_dir() and not newer.is_dir() else newer
+
+
+_TEXT = (18, 39, 46)
+_COLORING_RULES = (
+    ("damaged", "bcap.problems", (120, 28, 34), (255, 240, 200)),
+    (
+        "failed",
+        "bcap.hresult >= 0x80000000 || (bcap.hresult >= 0x1000 && bcap.hresult <= 0xffff)",
+        (247, 186, 186),
+        _TEXT,
+    ),
+    ("buffer full", f"bcap.hresult == 0x{S_BUF_FULL:08x}", (255, 222, 173), _TEXT),
+    ("retry", "bcap.retry_of", (255, 243, 176), _TEXT),
+    ("still executing", f"bcap.hresult == 0x{S_EXECUTING:x}", (226, 226, 226), _TEXT),
+    ("reply", 'bcap.kind == "response"', (222, 240, 222), _TEXT),
+    ("request", "bcap", (218, 232, 250), _TEXT),
+)
+"""Name, display filter, and colors of background and text (red, green and blue from 0 to 255). Wireshark
+colors a packet by the first rule whose display filter matches the packet.
+"""
+
+
+def coloring_rules_text() -> str:
+    """Return the rules as a file that Wireshark imports under View > Coloring Rules."""
+    lines = [
+        f"@b-CAP {name}@{display_filter}@{_color(background)}{_color(text)}"
+        for name, display_filter, background, text in _COLORING_RULES
+    ]
+    return "\n".join(("# Coloring rules for b-CAP, written by bcapscope", *lines, ""))
+
+
+def _color(levels: tuple[int, int, int]) -> str:
+    return f"[{','.join(str(level * 257) for level in levels)}]"

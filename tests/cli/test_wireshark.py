@@ -10,8 +10,12 @@ from pathlib import Path
 import pytest
 
 from bcapscope.traffic.filter.field_table import RecordKind, fields_of
-from bcapscope.wireshark.extcap_launcher import LAUNCHER_NAME, default_extcap_folders, launcher_text
-from bcapscope.wireshark.plugin_folder import default_plugin_folder
+from bcapscope.wireshark.plugin_folder import (
+    LAUNCHER_NAME,
+    default_plugin_folder,
+    extcap_folders,
+    launcher_text,
+)
 from tests.cli.run import CAPTURES, run, run_here
 from tests.wireshark.tshark import needs_tshark
 
@@ -81,14 +85,14 @@ def test_launchers_are_where_old_and_new_versions_of_wireshark_look(
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("HOME", str(tmp_path))
     newer = tmp_path / ".local" / "lib" / "wireshark" / "extcap"
-    assert default_extcap_folders() == (tmp_path / ".config" / "wireshark" / "extcap", newer)
+    assert extcap_folders(None) == (tmp_path / ".config" / "wireshark" / "extcap", newer)
     (tmp_path / ".wireshark").mkdir()
-    assert default_extcap_folders() == (tmp_path / ".wireshark" / "extcap", newer)
+    assert extcap_folders(None) == (tmp_path / ".wireshark" / "extcap", newer)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "c"))
     (tmp_path / "c" / "wireshark").mkdir(parents=True)
-    assert default_extcap_folders() == (tmp_path / "c" / "wireshark" / "extcap", newer)
+    assert extcap_folders(None) == (tmp_path / "c" / "wireshark" / "extcap", newer)
     monkeypatch.setenv("WIRESHARK_CONFIG_DIR", str(tmp_path / "d"))
-    assert default_extcap_folders() == (tmp_path / "d" / "extcap", newer)
+    assert extcap_folders(None) == (tmp_path / "d" / "extcap", newer)
 
 
 def test_a_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:

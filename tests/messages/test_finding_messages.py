@@ -10,7 +10,7 @@ from bcapscope.analysis.finding import Severity, TrafficTotals
 from bcapscope.analysis.rules.rule_table import RULES
 from bcapscope.messages import Language, MessageFormatter
 from bcapscope.messages.message import has_message
-from bcapscope.render.diagnosis_summary import diagnosis_summary
+from bcapscope.render.findings import diagnosis_summary
 from tests.analysis.plays import SCENES
 from tests.analysis.plays.scene import Scene
 from tests.analysis.scenes import stage

@@ -5,8 +5,8 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.render.braille_chart import ChartCurve, braille_chart
 from bcapscope.render.color_palette import Palette
+from bcapscope.render.text_charts import ChartCurve, braille_chart
 
 
 def test_a_rising_line_goes_from_corner_to_corner() -> None:

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from bcapscope.protocol.codec.frame import Frame, Malformed, encode_frame, parse_datagram
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.render.color_palette import ANSI
-from bcapscope.render.frame_line import MAX_TEMPLATES, FrameLineRenderer
-from bcapscope.render.line_template import LONGEST_STRING, MAX_ELEMENTS
+from bcapscope.render.frame_line import LONGEST_STRING, MAX_ELEMENTS, MAX_TEMPLATES, FrameLineRenderer
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 from bcapscope.traffic.observation import Direction
 from tests.render.scenes import JOINTS, ROBOT, observe, scenes

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from bcapscope.analysis.statistics.distribution_summary import Bin
 from bcapscope.render.color_palette import ANSI
-from bcapscope.render.histogram import BAR_WIDTH, edges_around, edges_by_decades, histogram
+from bcapscope.render.text_charts import BAR_WIDTH, edges_around, edges_by_decades, histogram
 
 
 def test_rows_between_the_first_and_the_last_that_hold_something() -> None:

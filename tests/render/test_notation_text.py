@@ -7,7 +7,7 @@ from hypothesis import given
 
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant, encode_variant
 from bcapscope.protocol.codec.variant_notation import parse_variant
-from bcapscope.render.notation_text import typed_text, untyped_text
+from bcapscope.render.value_text import typed_text, untyped_text
 from tests.strategies import variants
 
 CASES = [

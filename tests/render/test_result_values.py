@@ -7,7 +7,7 @@ from hypothesis import given
 
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
-from bcapscope.render.result_values import reply_values_text, variant_values_text
+from bcapscope.render.value_text import reply_values_text, variant_values_text
 from tests.strategies import variants
 
 JOINTS = Variant.array(VT.R4, (12.422607421875, 60.3607177734375, 0.0))

@@ -6,8 +6,8 @@ import pytest
 
 from bcapscope.protocol.codec.variant import EMPTY, VT, Value, Variant
 from bcapscope.render import simulator_log
-from bcapscope.render.field_meaning import value_text
 from bcapscope.render.simulator_log import call_log_line
+from bcapscope.render.value_text import value_text
 from bcapscope.simulator.argument_values import bstr, float_array, i4, r8
 from bcapscope.simulator.call_executor import CallReport
 from bcapscope.simulator.call_outcome import CallResult

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.render.sparkline import sparkline
+from bcapscope.render.text_charts import sparkline
 
 
 def test_least_and_most_are_the_lowest_and_the_highest() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bcapscope.analysis.finding import NO_TRAFFIC, Finding, Severity, TrafficTotals
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
-from bcapscope.render.finding_text import finding_sentence, words_for
+from bcapscope.render.findings import finding_sentence, words_for
 from bcapscope.traffic.observation import SERVER_PORT, Conversation, Endpoint, Transport
 
 HERE = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007), Transport.UDP, SERVER_PORT)

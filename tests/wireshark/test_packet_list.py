@@ -9,7 +9,7 @@ import pytest
 
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.wireshark.coloring_rules import coloring_rules_text
+from bcapscope.wireshark.plugin_folder import coloring_rules_text
 from tests import frames
 from tests.bench.traffic import write as write_traffic
 from tests.cli.run import CAPTURES

@@ -31,9 +31,8 @@ from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Count, joined_clauses
-from bcapscope.render.capture_counts_text import capture_counts_text
+from bcapscope.render.capture_text import capture_counts_text, places_message, server_evidence_message
 from bcapscope.render.escape import printable
-from bcapscope.render.server_evidence_text import server_evidence_message
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.capture_point import CapturePoint
 from bcapscope.traffic.filter.compiler import Filter
@@ -232,10 +231,6 @@ class CaptureReader(CaptureInput):
             print_stderr(printable(sentence))
 
     def _print_plans(self) -> None:
-        if not self.plans:
-            return
-        from bcapscope.render.place_text import places_message
-
         for plan in self.plans:
             near, far = (printable(Path(file.path).name) for file in plan.files)
             print_stderr(self._words.text(places_message(near, far, plan.clock)))

@@ -25,7 +25,7 @@ from bcapscope.live.controller.session_updates import ConnectStep, ConnectStepUp
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.variant import EMPTY
 from bcapscope.protocol.tables.function_table import ObjectClass
-from bcapscope.render.field_meaning import value_text
+from bcapscope.render.value_text import value_text
 
 
 class ConnectStepError(BcapError):

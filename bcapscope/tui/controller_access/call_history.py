@@ -22,9 +22,9 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.render.call_code import hex_text, python_program, shell_command
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
-from bcapscope.render.notation_text import untyped_text
-from bcapscope.render.reply_text import ReplyRenderer
+from bcapscope.render.reply_text import reply_line
 from bcapscope.render.timestamp import utc_text
+from bcapscope.render.value_text import untyped_text
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import COMMAND_FUNCTIONS
 from bcapscope.traffic.filter.compiler import compile_filter
@@ -59,9 +59,8 @@ def history_line(record: HistoryRecord, palette: Palette) -> str:
     head = f"{record.number:>5} {utc_text(record.began)[11:23]} {_INITIATOR_MARKS[record.initiator]}"
     name = f"{call_name(record.function_id, record.arguments)}{_subject_text(record)}{_argument_text(record)}"
     if record.reply is not None:
-        text = ReplyRenderer(palette, reader_words()).line(
-            name, record.function_id, record.reply, record.took, record.attempts
-        )
+        given = name, record.function_id, record.reply, record.took, record.attempts
+        text = reply_line(*given, palette=palette, words=reader_words())
     else:
         took = f"{palette.dim}{record.took / 1e6:.3f} ms{palette.reset}"
         failure = f"{palette.bad}{failure_text(record)}{palette.reset}"

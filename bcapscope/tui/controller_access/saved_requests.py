@@ -28,7 +28,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.codec.variant_notation import parse_variant_as
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, Param, function_by_name
-from bcapscope.render.notation_text import typed_text
+from bcapscope.render.value_text import typed_text
 from bcapscope.tui.reader_language import full_error_text
 from bcapscope.tui.settings import write_atomically
 

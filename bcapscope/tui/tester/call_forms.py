@@ -18,7 +18,7 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.command_catalogue import commands_of
 from bcapscope.protocol.tables.enumerations import INTERPOLATIONS, TASK_START_MODES, TASK_STOP_MODES
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, Param, function_name
-from bcapscope.render.notation_text import untyped_text
+from bcapscope.render.value_text import untyped_text
 from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import label, reader_words, table_text
 from bcapscope.tui.tester.call_runner import CallWanted, RawWanted

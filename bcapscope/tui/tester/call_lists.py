@@ -16,8 +16,8 @@ from textual.message import Message
 
 from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.render.escape import printable
-from bcapscope.render.result_values import variant_values_text
-from bcapscope.render.sparkline import sparkline
+from bcapscope.render.text_charts import sparkline
+from bcapscope.render.value_text import variant_values_text
 from bcapscope.tui.controller_access.call_history import history_filter, history_line
 from bcapscope.tui.controller_access.saved_requests import SavedRequest, list_requests
 from bcapscope.tui.controller_access.watched_variables import WatchedVariable, WatchSeries

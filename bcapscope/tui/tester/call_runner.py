@@ -22,7 +22,7 @@ from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.render.escape import printable
-from bcapscope.render.result_values import reply_values_text
+from bcapscope.render.value_text import reply_values_text
 from bcapscope.tui.app import BcapApp
 from bcapscope.tui.controller_access.call_history import error_text, failure_text
 from bcapscope.tui.reader_language import label

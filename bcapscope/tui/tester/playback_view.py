@@ -12,12 +12,13 @@ from textual.containers import Container
 from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.render.columns import wrap_text
 from bcapscope.render.escape import printable
-from bcapscope.render.play_text import play_summary_lines, trouble_lines
-from bcapscope.render.slave_run_charts import (
+from bcapscope.render.play_text import (
     axis_charts,
     cycle_histogram_lines,
+    play_summary_lines,
     progress_bar,
     run_figure_lines,
+    trouble_lines,
 )
 from bcapscope.tui.controller_access.playback import PlaybackRun
 from bcapscope.tui.ink import INK

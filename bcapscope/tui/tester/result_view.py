@@ -13,7 +13,7 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.protocol.tables.hresult import E_FAIL, S_OK, describe_hresult, hresult_name
 from bcapscope.render.escape import printable
 from bcapscope.render.result_advice import result_advice
-from bcapscope.render.result_values import reply_values_text
+from bcapscope.render.value_text import reply_values_text
 from bcapscope.tui.controller_access.call_history import failure_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, reader_words, table_text

@@ -17,7 +17,7 @@ from textual.widgets import Input, Select
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, vt_name
 from bcapscope.protocol.codec.variant_notation import parse_variant
 from bcapscope.protocol.tables.command_catalogue import CommandSpec, find_command
-from bcapscope.render.notation_text import type_word
+from bcapscope.render.value_text import type_word
 from bcapscope.tui.reader_language import full_error_text, label, table_text
 
 PARAMETER_TYPES: tuple[int, ...] = (

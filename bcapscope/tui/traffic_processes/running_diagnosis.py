@@ -10,7 +10,7 @@ from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.statistics.call_statistics import StatisticsBuilder
 from bcapscope.messages import ENGLISH_WORDS, Language, MessageFormatter
 from bcapscope.render.escape import printable
-from bcapscope.render.finding_text import finding_sentence, words_for
+from bcapscope.render.findings import finding_sentence, words_for
 from bcapscope.render.slave_session_text import slave_session_lines
 from bcapscope.render.statistics_text import statistics_lines
 from bcapscope.traffic.pipeline import PipelineSubscriber

@@ -14,7 +14,7 @@ from bcapscope.analysis.finding import Severity
 from bcapscope.messages import Language
 from bcapscope.protocol.text_format import display_width
 from bcapscope.render.columns import wrap_text
-from bcapscope.render.diagnosis_summary import diagnosis_summary as summed_up
+from bcapscope.render.findings import diagnosis_summary as summed_up
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import current_language, label, reader_words
 from bcapscope.tui.traffic_processes.process_messages import NO_ANALYSIS, ShownFinding, TrafficAnalysis

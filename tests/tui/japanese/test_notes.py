@@ -20,8 +20,7 @@ from bcapscope.player.player_messages import (
 from bcapscope.protocol.codec.variant_notation import parse_variant
 from bcapscope.protocol.tables.table_rows import table_rows
 from bcapscope.protocol.tables.table_text import table_message
-from bcapscope.render.play_text import controller_line
-from bcapscope.render.slave_run_charts import run_figure_lines
+from bcapscope.render.play_text import controller_line, run_figure_lines
 from bcapscope.tui.reader_language import reader_words
 from tests.faults.traffic import request, talk
 from tests.tui.japanese.english import left_over

@@ -20,7 +20,7 @@ from bcapscope.capture.call_store import CallStore
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.observation_store import ObservationStore
 from bcapscope.capture.packet import Interface, Packet
-from bcapscope.render.diagnosis_summary import diagnosis_summary as verdict_line
+from bcapscope.render.findings import diagnosis_summary as verdict_line
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.capture_point import CapturePoint

@@ -10,7 +10,7 @@ from bcapscope.messages import Language, MessageFormatter
 from bcapscope.player.lateness import Spread
 from bcapscope.player.player_messages import PlayCounts, PlayProgress, PlayState
 from bcapscope.protocol.slave_mode.modes import PoseType
-from bcapscope.render.slave_run_charts import (
+from bcapscope.render.play_text import (
     axis_charts,
     cycle_histogram_lines,
     progress_bar,
