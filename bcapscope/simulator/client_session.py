@@ -22,7 +22,7 @@ from bcapscope.protocol.tables.hresult import (
     E_NOTIMPL,
     E_REFUSED_IN_SLAVE_MODE,
 )
-from bcapscope.simulator.argument_values import argument_at, i4, text_of
+from bcapscope.simulator.argument_values import Arguments, i4
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.call_context import CallContext
 from bcapscope.simulator.call_outcome import (
@@ -104,9 +104,11 @@ class ClientSession:
     def _call(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> HandlerOutcome:
         method = FUNCTION_HANDLERS.get(function_id)
         if method is None or not self.is_started:
-            return self._call_without_object(function_id, arguments)
+            return self._call_without_object(function_id, Arguments(arguments))
         owner, handler = method
-        found = self.objects.find(owner, argument_at(arguments, 0))
+        if not arguments:
+            raise RefusedError(E_INVALIDARG)
+        found = self.objects.find(owner, arguments[0])
         if handler is None:
             raise RefusedError(E_NOTIMPL)
         machine = self.machine
@@ -114,9 +116,10 @@ class ClientSession:
             function_id, arguments, is_other=machine.owner != self.number
         ):
             machine.refuse(E_REFUSED_IN_SLAVE_MODE, now)
-        return handler(CallContext(machine, self.number, self.objects, found, now), arguments[1:])
+        own = Arguments(arguments[1:])
+        return handler(CallContext(machine, self.number, self.objects, found, now, own))
 
-    def _call_without_object(self, function_id: int, arguments: tuple[Variant, ...]) -> Variant | None:
+    def _call_without_object(self, function_id: int, arguments: Arguments) -> Variant | None:
         """Run a function that needs no object, or refuse the call."""
         if function_id not in FUNCTIONS:
             raise RefusedError(E_INVALIDARG)
@@ -130,8 +133,8 @@ class ClientSession:
             self.end()
         return None
 
-    def _start(self, arguments: tuple[Variant, ...]) -> None:
-        options = parse_options(text_of(arguments[0]) if arguments else "")
+    def _start(self, arguments: Arguments) -> None:
+        options = parse_options(arguments.text(0, default=""))
         wdt = _milliseconds(options.get("wdt"))
         limit = _milliseconds(options.get("invoketimeout"))
         self.wdt = None if wdt is None else wdt * MS
@@ -139,14 +142,14 @@ class ClientSession:
         self.is_started = True
         self.machine.open_objects[self.number] = self.objects
 
-    def _connect(self, arguments: tuple[Variant, ...]) -> Variant:
+    def _connect(self, arguments: Arguments) -> Variant:
         """Open the controller. RC7 ignores all four arguments; other controllers require the name of their
         provider.
 
         While any client has a controller object open, the name of this object is in use. If a client crashes,
         its names stay in use until the controller removes the client.
         """
-        name, provider, _, option = (text_of(argument_at(arguments, index)) for index in range(4))
+        name, provider, _, option = (arguments.text(index) for index in range(4))
         providers = self.machine.profile.providers
         if providers and provider.strip().casefold() not in map(str.casefold, providers):
             raise RefusedError(E_INVALIDARG, _provider_reason(provider.strip(), providers))

@@ -1,4 +1,4 @@
-"""The controller's equipment besides the arm: hands, coordinate frames, areas, serial and socket lines.
+"""The controller's equipment besides the arm: hands, areas, serial and socket lines.
 
 Times are in ns, widths in mm, and speeds in mm/s. Source of `COBOTTA_HAND`: DENSORobot/denso_cobotta_ros
 denso_cobotta_gripper/config/gripper_parallel.yaml (stroke, speed, acceleration, force). Source of
@@ -10,15 +10,9 @@ parameter, the second hand's speed in mm/s, and the start position with both han
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from bcapscope.simulator.call_outcome import HAND_STOPPED
-
-CoordinateFrame: TypeAlias = tuple[float, ...]
-"""Position and orientation of a coordinate frame: X, Y, Z [mm], Rx, Ry, Rz [deg]."""
-
-MAX_FRAMES = 64
-"""Number of tool frames, and number of work frames. Both kinds are counted from 0. The number is assumed."""
 
 MAX_AREAS = 32
 MAX_LINES = 256
@@ -178,8 +172,6 @@ class Equipment:
         hand: COBOTTA's electric hand, which is also the extension `Hand0`.
         gripper: The 2FG hand.
         vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
-        tools: Definitions of tools by number; the definition of a missing tool is all zeros. `works` holds
-            the definitions of works.
         lines: Numbers of the open serial and socket lines.
         brackets: `time` after SyncTimeStart until SyncTimeEnd, and `move` after SyncMoveStart until
             SyncMoveEnd.
@@ -191,8 +183,6 @@ class Equipment:
         self.hand = Hand(COBOTTA_HAND, object_width)
         self.gripper = Hand(TWO_FINGER_HAND, object_width)
         self.vacuum = 0.0
-        self.tools: dict[int, CoordinateFrame] = {}
-        self.works: dict[int, CoordinateFrame] = {}
         self.areas: set[int] = set()
         self.lines: set[int] = set()
         self.brackets: set[str] = set()

@@ -247,11 +247,15 @@ class Machine:
         if not self.initial_state.token:
             raise RefusedError(NO_TOKEN)
 
-    def check_motion(self, client: int, now: int) -> None:
-        """Refuse a motion unless `check_state` passes, the motor is on and the client has the arm."""
+    def check_motor(self, now: int) -> None:
+        """Refuse a call unless `check_state` passes and the motor is on."""
         self.check_state()
         if not self.motor_is_on(now):
             raise RefusedError(MOTOR_IS_OFF)
+
+    def check_motion(self, client: int, now: int) -> None:
+        """Refuse a motion unless `check_motor` passes and the client has the arm."""
+        self.check_motor(now)
         self.check_arm(client)
 
     def check_arm(self, client: int) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from bcapscope.errors import LocalProtocolError
-from bcapscope.protocol.codec.variant import EMPTY, VT, Variant, encode_variant
+from bcapscope.protocol.codec.variant import VT, Variant, encode_variant
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import E_HANDLE, E_MAX_OBJECT
 from bcapscope.simulator.call_outcome import OUT_OF_MEMORY, TYPE_MISMATCH, RefusedError
@@ -28,17 +28,15 @@ class ControllerObject:
     """One object of a client, opened from its `parent`; a controller has no parent.
 
     Attributes:
-        tag: Value that the client stored with PutTag.
-        id: Value that the client stored with PutID, such as the number of a variable whose name ends in `*`.
-        values: Other values that objects of this class hold, such as a command's parameters.
+        values: Values that the object holds, such as a command's parameters. "tag" and "id" are the values
+            that the client stored with PutTag and PutID. The id may be the number of a variable whose name
+            ends in `*`.
     """
 
     handle: int
     kind: ObjectClass
     name: str
     parent: ControllerObject | None
-    tag: Variant = EMPTY
-    id: Variant = EMPTY
     values: dict[str, Variant] = field(default_factory=dict)
 
 

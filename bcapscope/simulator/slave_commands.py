@@ -49,8 +49,8 @@ HAND_IO, MINI_IO = 48, 0
 HAND_MASK, MINI_MASK = 0x00FF0000, 0xFF000000
 
 
-def change_mode(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    value = integer_value(parameter)
+def change_mode(context: CallContext) -> HandlerOutcome:
+    value = integer_value(context.parameter)
     mode = None if value is None else slave_mode_by_number(value, context.machine.profile.generation)
     if mode is None:
         raise RefusedError(E_INVALIDARG)
@@ -105,29 +105,29 @@ def _leave(context: CallContext) -> RunningCall | None:
     )
 
 
-def get_mode(context: CallContext, parameter: Variant) -> Variant:
+def get_mode(context: CallContext) -> Variant:
     mode = context.machine.slave.mode
     value = mode.value if mode else 0
     return i2(value) if context.machine.profile.mode_type == VT.I2 else i4(value)
 
 
-def send_format(context: CallContext, parameter: Variant) -> None:
-    found = parse_format_parameter(parameter)
+def send_format(context: CallContext) -> None:
+    found = parse_format_parameter(context.parameter)
     form = SendFormat.parse(found.value) if found else None
     if form is None or not form.is_known:
         raise RefusedError(E_INVALIDARG)
     context.machine.slave.send_format = form
 
 
-def receive_format(context: CallContext, parameter: Variant) -> None:
-    found = parse_format_parameter(parameter)
+def receive_format(context: CallContext) -> None:
+    found = parse_format_parameter(context.parameter)
     form = ReceiveFormat.parse(found.value, found.microseconds) if found else None
     if form is None or not form.is_known:
         raise RefusedError(E_INVALIDARG)
     context.machine.slave.receive_format = form
 
 
-def slave_move(context: CallContext, parameter: Variant) -> CallOutcome:
+def slave_move(context: CallContext) -> CallOutcome:
     machine, slave = context.machine, context.machine.slave
     mode = slave.mode
     if mode is None or mode.pose_type is None:
@@ -136,7 +136,7 @@ def slave_move(context: CallContext, parameter: Variant) -> CallOutcome:
             raise RefusedError(owed)
         machine.refuse(E_NOT_IN_SLAVE_MODE, context.now)
     machine.check_arm(context.client)
-    point = parse_set_point(parameter, mode.pose_type, slave.send_format, slave.receive_format)
+    point = parse_set_point(context.parameter, mode.pose_type, slave.send_format, slave.receive_format)
     joints = _joints(context, mode.pose_type, point)
     needed = slave.push(joints)
     _write_io(context, point)
