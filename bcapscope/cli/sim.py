@@ -21,11 +21,10 @@ from bcapscope.cli.common.scenario_options import (
 from bcapscope.live.server_runner import ServerRunner, reachability
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import Message, MessageFormatter
-from bcapscope.simulator.controller_setup import ScenarioProfileError, played_scenario, start_simulator
+from bcapscope.simulator.controller_setup import ScenarioProfileError, played_scenario, start_controller
 from bcapscope.simulator.listening_sockets import SimulatorListenError
 from bcapscope.simulator.profile import DEFAULT_PROFILE, PROFILES, NoArgument
 from bcapscope.simulator.scenario import Scenario, ServerDefect
-from bcapscope.simulator.scenario_runner import ScenarioRunner
 from bcapscope.simulator.simulator import Simulator
 from bcapscope.simulator.simulator_server import SimulatorServer
 
@@ -126,10 +125,8 @@ def command(
     """
     played = _played_scenario(scenario, profile, defects, no_argument)
     serving = ServerRunner(quiet=quiet, record=record, words=words)
-    simulator, now = start_simulator(played, serving.log.on_call)
-    served: Simulator | ScenarioRunner = simulator
-    if scenario is not None:
-        served = ScenarioRunner(played, simulator, now, seed=seed, on_news=serving.log.add_note)
+    log = serving.log
+    simulator, served = start_controller(played, seed, on_call=log.on_call, on_news=log.add_note)
     exits = exit_on(SimulatorListenError, ExitCode.UNREADABLE)
     with exits, serving.listen(served, listen, port) as server:
         _print_introduction(simulator, server, scenario, words)

@@ -26,7 +26,6 @@ PASS_SHARE = 0.7
 # highest speed and acceleration of a minimum-jerk curve that covers distance 1 in time 1
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.774
 
-
 _Step: TypeAlias = tuple[int, Joints]
 
 
@@ -39,7 +38,6 @@ class ArmMotion(NamedTuple):
     ends: int
 
     def at(self, time: int) -> Joints:
-        """Return the joints that the motion commands at `time`."""
         if time >= self.ends:
             return self.goal
         if time <= self.began:
@@ -84,11 +82,9 @@ class Arm:
         return (self._changed if self._steps else max(self._changed, self._motion.ends)) + ENCODER_LAG_NS
 
     def is_at_rest(self, now: int) -> bool:
-        """Return whether the commanded joints and the encoders stand still."""
         return now >= self.at_rest_from
 
     def commanded(self, now: int) -> Joints:
-        """Return the joints that are commanded at `now`."""
         if not self._steps:
             return self._motion.at(now)
         before = self._steps[0]
@@ -102,13 +98,12 @@ class Arm:
         """Return the joints that the encoders show at `now`."""
         return self.commanded(now - ENCODER_LAG_NS)
 
-    def move(self, goal: Joints, now: int, speed: float, min_duration: int = 0) -> ArmMotion:
+    def move(self, goal: Joints, now: int, speed: float, min_duration: int) -> None:
         """Begin an ordinary motion at the commanded joints. The motion takes at least `min_duration` ns."""
         start = self.commanded(now)
         duration = max(min_duration, motion_duration(start, goal, speed))
         self._motion = ArmMotion(start, goal, now, now + duration)
         self._steps.clear()
-        return self._motion
 
     def halt(self, now: int) -> None:
         """Stop at the commanded joints."""
@@ -187,7 +182,6 @@ class TimedMove:
             self.done_at = NEVER
 
     def resume(self, now: int) -> None:
-        """Continue a held motion."""
         if self.is_held:
             self._start(now, self._remaining)
 
@@ -197,7 +191,8 @@ class TimedMove:
         self.done_at = now
 
     def _start(self, now: int, min_duration: int) -> None:
-        ends = self._arm.move(self._goal, now, self._speed, min_duration).ends
+        self._arm.move(self._goal, now, self._speed, min_duration)
+        ends = self._arm.ends
         if self._passing == END_OF_ENCODERS:
             ends += ENCODER_LAG_NS
         elif self._passing == PASSING:

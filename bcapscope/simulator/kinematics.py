@@ -53,13 +53,12 @@ AXIS_LIMITS: tuple[AxisLimit, ...] = (
 
 
 _P, _J, _T = PoseType.P, PoseType.J, PoseType.T
-_ZEROS = (0.0,) * 8
-_NOT_THERE = _ZEROS[AXIS_COUNT:]
+_NOT_THERE = (0.0, 0.0)
 
 
 def pad_joints(values: tuple[float, ...]) -> Joints:
-    """Keep the six joints that the arm has, and append zeros up to eight joints."""
-    return (values[:AXIS_COUNT] + _ZEROS)[:8]
+    """Keep the first six joints, and append zeros for the two joints that the arm lacks."""
+    return values[:AXIS_COUNT] + _NOT_THERE
 
 
 def axis_beyond_limit(joints: Joints, limits: tuple[AxisLimit, ...] = AXIS_LIMITS) -> int | None:

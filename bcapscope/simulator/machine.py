@@ -354,9 +354,9 @@ class Machine:
     def advance(self, now: int) -> None:
         slave, log = self.slave, self.log
         if slave.mode is not None and slave.next_tick <= now:
-            fault = slave.advance(now)
-            if fault:
-                self.raise_error(fault.code, fault.time)
+            code = slave.advance(now)
+            if code is not None:
+                self.raise_error(code, slave.next_tick)
         if log.due is not None:
             log.advance(now, self._sample_log)
         collision = self.equipment.hand.collides_at

@@ -8,7 +8,6 @@ modes in ShoheiKobata/orin_bcap_python_samples and issues of DENSORobot/denso_ro
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
 from bcapscope.protocol.slave_mode.formats import POSE_ONLY_FORMAT, ReceiveFormat
 from bcapscope.protocol.slave_mode.modes import PERIOD_NS, ModeKind, SlaveMode
@@ -21,14 +20,6 @@ MOVING_THRESHOLD = 0.01
 """An axis counts as moving if it moves by more than this number of degrees in 8 ms."""
 
 _TOLERANCE = 1.000001  # tolerance for set points that were rounded to single precision
-
-
-@dataclass(frozen=True, slots=True)
-class SlaveModeFault:
-    """The HRESULT of the error that ended slave mode, and the error's time in ns."""
-
-    code: int
-    time: int
 
 
 class SlaveDrive:
@@ -109,19 +100,21 @@ class SlaveDrive:
             return 0
         return place if mode.kind is ModeKind.SYNC else place - mode.buffer_slots
 
-    def advance(self, now: int) -> SlaveModeFault | None:
-        """Consume the set points due by `now`; return the first error, or None."""
+    def advance(self, now: int) -> int | None:
+        """Consume the set points due by `now`; return the result code of the first error, or None. The time
+        of the error is `next_tick`.
+        """
         while self.mode is not None and self.next_tick <= now:
             if self.is_empty:
                 self.next_tick += ((now - self.next_tick) // PERIOD_NS + 1) * PERIOD_NS
                 break
-            code = self._tick(self.mode, self.next_tick)
+            code = self._tick(self.mode)
             if code:
-                return SlaveModeFault(code, self.next_tick)
+                return code
             self.next_tick += PERIOD_NS
         return None
 
-    def _tick(self, mode: SlaveMode, time: int) -> int:
+    def _tick(self, mode: SlaveMode) -> int:
         here = self._arm.goal
         if not self._queue:
             self._clear_speed()
@@ -134,7 +127,7 @@ class SlaveDrive:
         self._speed = speed
         self._moving = any(abs(each) > MOVING_THRESHOLD for each in speed)
         if not code:
-            self._arm.add_set_point(goal, time - PERIOD_NS, time)
+            self._arm.add_set_point(goal, self.next_tick - PERIOD_NS, self.next_tick)
         return code
 
     def _clear_speed(self) -> None:
