@@ -91,9 +91,7 @@ class LogFiles:
         return self._folder / f"actions-{day}{f'.{number}' if number > 1 else ''}.jsonl"
 
     def _delete_oldest(self) -> None:
-        """Delete the oldest files until a new file fits into the limit. If a file cannot be deleted, stop
-        without an error.
-        """
+        """Delete the oldest files until a new file fits into the limit, or a file cannot be deleted."""
         with suppress(OSError):
             found = [(path.stat(), path) for path in self._folder.glob("actions-*.jsonl")]
             left = sum(stat.st_size for stat, _ in found) + self.max_file_size
@@ -116,22 +114,16 @@ CLOSE_TIMEOUT = 2.0
 """Maximum time in s that `ActionLog.close` waits for unwritten lines."""
 
 MAX_WAITING = 4096
-"""Maximum number of lines that wait to be written. The same limit applies to requests that wait for a
-reply.
-"""
+"""Maximum number of lines that wait to be written, and of requests that wait for a reply."""
 
 _MAX_TEXT, _MAX_VALUES, _MAX_BYTES = 512, 128, 1024
 
 ErrorCallback: TypeAlias = Callable[[Path, OSError], None]
-"""Function that receives the path of a file that cannot be written, and the reason. Any thread may call the
-function.
-"""
+"""Receives the path of a file that cannot be written, and the reason. Any thread may call the function."""
 
 
 class LoggedConnection(NamedTuple):
-    """A connection to a controller over "udp" or "tcp". `client_port` is 0 if the port of the client is
-    unknown.
-    """
+    """A connection to a controller over "udp" or "tcp". `client_port` is 0 if it is unknown."""
 
     host: str
     port: int
@@ -140,15 +132,12 @@ class LoggedConnection(NamedTuple):
 
     @classmethod
     def of_target(cls, target: ControllerTarget) -> LoggedConnection:
-        """Describe the connection to a target. The host of the connection is the text that the user typed."""
+        """The host is the text that the user typed."""
         transport = Transport.TCP if target.tcp else Transport.UDP
         return cls(target.host, target.port, transport.value)
 
     @classmethod
     def of_conversation(cls, conversation: Conversation) -> LoggedConnection:
-        """Describe the connection of a conversation. The host of the connection is the address of the
-        controller.
-        """
         server = conversation.server
         return cls(server.host, server.port, conversation.transport.value, conversation.client.port)
 
@@ -280,7 +269,7 @@ class ActionLog:
 
 
 def _timestamp(time: int) -> str:
-    """Return a time in ns as ISO 8601 text: local time with UTC offset."""
+    """Return local time with UTC offset."""
     return datetime.fromtimestamp(time / 1e9).astimezone().isoformat(timespec="microseconds")
 
 
@@ -291,17 +280,13 @@ def _json(fields: dict[str, object]) -> bytes:
 
 
 def _hex(raw: bytes) -> dict[str, object]:
-    """Return the first bytes of a frame as hex. If the frame is too long to log completely, the result also
-    contains its size.
-    """
+    """Return the first bytes of a frame as hex and, if the frame is too long to log completely, its size."""
     shown: dict[str, object] = {"hex": raw[:_MAX_BYTES].hex()}
     return shown if len(raw) <= _MAX_BYTES else {**shown, "bytes": len(raw)}
 
 
 def _value_json(value: Value, left: list[int]) -> object:
-    """Convert a value to JSON types. `left[0]` is the number of values that may still be logged for the
-    call.
-    """
+    """Convert a value to JSON types. `left[0]` is the number of values that the line may still contain."""
     left[0] -= 1
     if isinstance(value, Variant):
         return {"type": vt_name(value.vt), "value": _value_json(value.value, left)}

@@ -1,6 +1,4 @@
-"""Base class of the controller's objects. Methods of the base class call a function of the object and convert
-the value in the reply.
-"""
+"""Base class of the controller's objects: calls a function, and converts the value in the reply."""
 
 from __future__ import annotations
 
@@ -20,9 +18,7 @@ R = TypeVar("R")
 
 
 def handle_of(reply: Frame) -> int:
-    """Return the handle in the reply to a call that opens an object; raise RemoteProtocolError if the reply
-    has no handle.
-    """
+    """Return the handle in a reply; raise RemoteProtocolError if the reply has no handle."""
     return expect_value(reply, int, "reply.a-handle")
 
 

@@ -175,9 +175,7 @@ class Session:
             pass
 
     def retry_policy_for(self, function_id: int, arguments: Sequence[Variant]) -> RetryPolicy:
-        """Return the timeout and the number of retries of a call. On UDP, these values depend on the slave
-        mode.
-        """
+        """Return timeout and number of retries of a call. On UDP, they depend on the slave mode."""
         paces = self.retry_policies
         if not self.caller.link.datagrams:
             return RetryPolicy(paces.others.timeout * (paces.others.retries + 1), 0)
@@ -198,9 +196,7 @@ class Session:
         return needs_arming(function_id, arguments, "" if variable is None else variable.label)
 
     def record_call(self, function_id: int, arguments: Sequence[Variant], reply: Frame) -> None:
-        """Record what a successful call opened, released or changed. It is safe to record the same call
-        twice.
-        """
+        """Record what a successful call opened, released or changed. Recording a call twice is safe."""
         function = FUNCTIONS.get(function_id)
         if function is None:
             return

@@ -56,7 +56,6 @@ def bstr_array(items: Iterable[str]) -> Variant:
 
 
 def clip_to_r4(number: float) -> float:
-    """Clip a finite number to the range of VT_R4."""
     if math.isfinite(number):
         return max(-LARGEST_FLOAT, min(LARGEST_FLOAT, float(number)))
     return float(number)

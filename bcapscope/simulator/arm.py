@@ -48,8 +48,7 @@ class ArmMotion(NamedTuple):
 
 
 def motion_duration(start: Joints, goal: Joints, speed: float) -> int:
-    """Return the shortest time in ns within the limits of all axes. `speed` is a share of the speed
-    limits."""
+    """Return the shortest time in ns within all limits. `speed` is a share of the speed limits."""
     longest = 0.0
     for a, b, limit in zip(start, goal, AXIS_LIMITS, strict=False):
         way = abs(b - a)
@@ -95,7 +94,7 @@ class Arm:
         return before[1]
 
     def actual(self, now: int) -> Joints:
-        """Return the joints that the encoders show at `now`."""
+        """Return the joints that the encoders show."""
         return self.commanded(now - ENCODER_LAG_NS)
 
     def move(self, goal: Joints, now: int, speed: float, min_duration: int) -> None:
@@ -106,16 +105,13 @@ class Arm:
         self._steps.clear()
 
     def halt(self, now: int) -> None:
-        """Stop at the commanded joints."""
         here = self.commanded(now)
         self._motion = ArmMotion(here, here, now, now)
         self._steps.clear()
         self._changed = now
 
     def add_set_point(self, joints: Joints, began: int, time: int) -> None:
-        """Stand still until `began`, then move in a straight line to `joints`. The motion ends at `time`.
-        Times are in ns.
-        """
+        """Stand still until `began`, then move in a straight line to `joints`, until `time`."""
         if not self._steps or joints != self._steps[-1][1]:
             self._changed = time
         if self._steps and self._steps[-1][0] < began:
@@ -172,9 +168,7 @@ class TimedMove:
         return self.done_at == NEVER
 
     def hold(self, now: int) -> None:
-        """Unless the motion has ended, stop the motion at the commanded joints, so that a client can resume
-        it.
-        """
+        """Stop the motion, unless it has ended, so that a client can resume it."""
         left = self._arm.ends - now
         if left > 0 and not self.is_held:
             self._arm.halt(now)

@@ -77,9 +77,7 @@ class ClientSession:
         self.objects = ObjectTable()
 
     def call(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> CallOutcome:
-        """Run a call and return its outcome. Invalid input also leads to an outcome, never to an
-        exception.
-        """
+        """Run a call and return its outcome. Invalid input also leads to an outcome, not to an exception."""
         self.machine.advance(now)
         try:
             outcome = self._call(function_id, arguments, now)
@@ -90,9 +88,7 @@ class ClientSession:
         return DONE if outcome is None else CallResult(value=outcome)
 
     def end(self) -> None:
-        """Release all objects and the arm of this client, as DENSO's C server does for a client that is
-        lost.
-        """
+        """Release all objects and the arm of this client, as DENSO's C server does for a lost client."""
         self.is_started = False
         self.wdt = None
         self.objects.clear()
@@ -120,7 +116,6 @@ class ClientSession:
         return handler(CallContext(machine, self.number, self.objects, found, now, own))
 
     def _call_without_object(self, function_id: int, arguments: Arguments) -> Variant | None:
-        """Run a function that needs no object, or refuse the call."""
         if function_id not in FUNCTIONS:
             raise RefusedError(E_INVALIDARG)
         if function_id == _START:
@@ -203,9 +198,7 @@ _REFUSED_COMMANDS: Mapping[int, frozenset[str]] = {
 
 
 def parse_options(text: str) -> dict[str, str]:
-    """Parse options such as `,WDT=400,InvokeTimeout=180000`. Keys become lower case; parts without `=` are
-    ignored.
-    """
+    """Parse options such as `,WDT=400`. Keys become lower case; parts without `=` are ignored."""
     pairs = (part.partition("=") for part in text[:1024].split(","))
     return {key.strip().casefold(): value.strip() for key, equals, value in pairs if equals}
 

@@ -124,14 +124,12 @@ class Hand:
         return self._force > 0 and self._touches_object and not self.is_moving(now)
 
     def force(self, now: int) -> float:
-        """Return the force on the object in N; 0 if the hand does not grip."""
+        """Return the force on the object in N."""
         return self._force if self.is_gripping(now) else 0.0
 
     @property
     def collides_at(self) -> int | None:
-        """Time in ns at which the fingers hit the object in a motion that is not a grip; None if the fingers
-        do not hit the object.
-        """
+        """Time in ns at which the fingers hit the object in a motion that is not a grip, or None."""
         return self.ends if self._touches_object and not self._force else None
 
     def move(self, goal: float, speed: float, now: int, force: float = 0.0) -> int:
@@ -149,9 +147,7 @@ class Hand:
         return self.ends
 
     def stop(self, now: int, result: int) -> None:
-        """Stop the fingers; the call that waits for their motion returns `result`. A gripped object stays
-        gripped.
-        """
+        """Stop the fingers; the call that waits for them returns `result`. A gripped object stays gripped."""
         if self.is_moving(now) or self.collides_at is not None:
             self._final_width = self.width(now)
             self.ends = now
@@ -193,9 +189,7 @@ class Equipment:
         self.gripper.stop(now, HAND_STOPPED)
 
     def lose_power(self) -> None:
-        """Switch off force control and release the grip, because both need the motor's power (error
-        80500371).
-        """
+        """Switch off force control and release the grip: both need the motor's power (error 80500371)."""
         self.hand.lose_grip()
         self.vacuum = 0.0
         self.force_control = None

@@ -52,9 +52,7 @@ from bcapscope.simulator.call_outcome import (
 from bcapscope.simulator.equipment import MAX_AREAS, MAX_LINES, Hand
 
 _STORED_SPEED, _STORED_FORCE = 0.5, 10.0
-"""The controller's stored data for a grip: the share of the top speed, and COBOTTA's force in N. Both values
-are assumptions.
-"""
+"""Assumed data that the controller stores for a grip: share of the top speed, and COBOTTA's force in N."""
 
 _WEAKEST_SUCTION = 40.0
 """Percent: DENSORobot/denso_cobotta_ros denso_cobotta_gripper/config/gripper_vacuum.yaml."""
@@ -67,9 +65,7 @@ _SUCTION, _SUCTION_LOAD = -0.5, 50.0
 
 
 def _move_to(context: CallContext, relative: bool = False, grips: bool = False) -> HandlerOutcome:
-    """Run HandMoveA, HandMoveR, HandMoveAH or HandMoveRH. Parameters: width or distance [mm], speed [%] and,
-    for a grip, force [N].
-    """
+    """Run HandMoveA, ...R, ...AH or ...RH: width or distance [mm], speed [%] and, for a grip, force [N]."""
     items, hand = context.items, context.machine.equipment.hand
     goal = items.number(0) + (hand.width(context.now) if relative else 0.0)
     speed = _speed(hand, items.number(1))
@@ -181,7 +177,7 @@ def _check_width(hand: Hand, width: float, refusal: int = HAND_SETTING) -> None:
 
 
 def _speed(hand: Hand, percent: float) -> float:
-    """Convert a speed in percent to mm/s."""
+    """Convert percent to mm/s."""
     _check_range(percent, hand.limits.slowest, 100)
     return hand.limits.speed * percent / 100
 
@@ -192,9 +188,7 @@ def _force(hand: Hand, force: float) -> float:
 
 
 def _has_next_option(rest: tuple[Variant, ...]) -> bool:
-    """Return whether the option NEXT is given. With NEXT, the call ends before the motion ends. The option
-    DetectOn has no effect.
-    """
+    """Return whether the option NEXT is given. The option DetectOn has no effect."""
     return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
 
 
@@ -255,9 +249,7 @@ def _close_bracket(context: CallContext, name: str) -> None:
 
 
 def _force_control(context: CallContext) -> None:
-    """Run ForceCtrl. Its parameters are on or off, a number 1..10 and a mode. Force control stays off while
-    the motor is off.
-    """
+    """Run ForceCtrl: on or off, a number 1..10 and a mode. Without the motor, force control stays off."""
     items, machine = context.items, context.machine
     machine.check_arm(context.client)
     if items.integer(0) == 0:
@@ -301,9 +293,7 @@ def _scene_info(context: CallContext) -> Variant:
 
 
 def _switch_area(context: CallContext) -> None:
-    """Run SetAreaEnabled. Its first parameter is the area's number, and its second parameter says on or
-    off.
-    """
+    """Run SetAreaEnabled. Parameters: the area's number, and on or off."""
     areas = context.machine.equipment.areas
     (areas.add if context.items.number(1) else areas.discard)(_area(context))
 
@@ -317,7 +307,6 @@ def _line(context: CallContext) -> int:
 
 
 def _of_line(value: Variant | None) -> CallHandler:
-    """Make a command that checks its line number and returns `value`."""
 
     def run(context: CallContext) -> Variant | None:
         _line(context)

@@ -186,9 +186,7 @@ def _create_file(context: CallContext, name: str, option: str) -> None:
 
 
 def _get_message(context: CallContext) -> Variant:
-    """Run Controller_GetMessage, which returns the newest active error. Refuse the call if no error is
-    active.
-    """
+    """Run Controller_GetMessage, which returns the newest active error, or refuses the call."""
     active = context.machine.active_alarms
     if not active:
         raise RefusedError(OBJECT_NOT_FOUND)
@@ -206,9 +204,7 @@ def _get_message(context: CallContext) -> Variant:
 
 
 def command_runner(commands: CommandTable) -> CallHandler:
-    """Return a handler for an ..._Execute function. If the profile lacks a command, the handler refuses the
-    command.
-    """
+    """Return a handler for an ..._Execute function. It refuses the commands that the profile lacks."""
 
     def execute(context: CallContext) -> HandlerOutcome:
         arguments = context.arguments
@@ -360,6 +356,4 @@ def _handler(function: Function) -> CallHandler | None:
 FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, CallHandler | None]] = {
     function.id: (function.owner, _handler(function)) for function in FUNCTIONS.values() if function.id > 3
 }
-"""Object class and handler of each function, by function id. The simulator refuses functions without a
-handler.
-"""
+"""Object class and handler by function id. The simulator refuses functions without a handler."""

@@ -47,9 +47,7 @@ MAX_ACTIVE = 32
 MAX_LOGGED = 128
 
 OTHER_CLIENT = 0
-"""Number of the arm's owner while the pendant, or a client on another network, has the arm. Numbers of
-clients start at 1.
-"""
+"""Number of the arm's owner while the pendant or another network has it. Numbers of clients start at 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,9 +124,7 @@ class Alarm:
 
 
 class ControlLogRecord(NamedTuple):
-    """One record of the control log: time in ns since the controller's start, commanded joints, and joints of
-    the encoders.
-    """
+    """Time in ns since the controller's start, commanded joints, and joints of the encoders."""
 
     time: int
     commanded: Joints
@@ -136,9 +132,7 @@ class ControlLogRecord(NamedTuple):
 
 
 class ControlLog:
-    """The control log, with one record of the joints every 8 ms, oldest first. `due` is the time of the next
-    record in ns.
-    """
+    """One record of the joints every 8 ms, oldest first. `due` is the time of the next record in ns."""
 
     def __init__(self) -> None:
         self.records: deque[ControlLogRecord] = deque(maxlen=MAX_RECORDS)
@@ -235,9 +229,7 @@ class Machine:
         return self._motor_at
 
     def check_state(self) -> None:
-        """Refuse a call during an emergency stop or error, outside automatic mode, or without the executable
-        token.
-        """
+        """Refuse a call in an emergency stop, error or manual mode, or without the executable token."""
         if self.emergency:
             raise RefusedError(EMERGENCY_STOP)
         if self.active_alarms:
@@ -270,9 +262,7 @@ class Machine:
             raise RefusedError(E_FAIL)
 
     def check_reach(self, joints: Joints) -> None:
-        """Refuse joints beyond their limits, with the software-limit error of the first axis that is beyond
-        its limit.
-        """
+        """Refuse joints beyond their limits, with the software-limit error of the first such axis."""
         axis = axis_beyond_limit(joints, self.initial_state.limits)
         if axis:
             raise RefusedError(SOFTWARE_LIMIT + axis)
@@ -327,9 +317,7 @@ class Machine:
         self.slave.unreported_result = 0
 
     def switch_mode(self, mode: int, now: int) -> None:
-        """Turn the mode switch. Unless the new mode is automatic, stop all motion and switch the motor
-        off.
-        """
+        """Turn the mode switch. Unless the mode is automatic, stop all motion and switch the motor off."""
         self.mode = mode
         if mode != AUTOMATIC:
             self._lose_power()

@@ -45,9 +45,7 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: CallContext) -> HandlerOutcome:
-    """Run Robot_Move. For a line or a circle, the simulated arm moves to the end as in PTP. For a free curve,
-    the arm does not move.
-    """
+    """Run Robot_Move. The arm moves along lines and circles as in PTP, and not at all in a free curve."""
     arguments = context.arguments
     target = _move_target(context, arguments.at(1), arguments.integer(0))
     return run_motion(context, target, arguments.text(2, default=""))
@@ -176,18 +174,14 @@ def _parse_passing(option: str) -> int:
 
 
 def _before_position(joints: Joints, distance: float) -> Joints:
-    """Return the joints for the point that lies `distance` mm before a position, along the position's
-    approach vector.
-    """
+    """Return the joints for the point `distance` mm before a position, along its approach vector."""
     here = position(joints)
     vector = trans(joints)[6:9]
     return joints_of_position((*(a - distance * b for a, b in zip(here, vector, strict=False)), *here[3:]))
 
 
 def _distance(part: Variant) -> tuple[float, int]:
-    """Return the distance in mm and the pass (such as @P), from text such as `@P 10`, from a number, or from
-    `[10, "", "@P"]`.
-    """
+    """Return distance in mm and pass, from text such as `@P 10`, a number, or `[10, "", "@P"]`."""
     if isinstance(part.value, str):
         last = part.value.split()[-1:] or ["0"]
         return float(number_of(bstr(last[0]))), _parse_passing(part.value)

@@ -51,9 +51,7 @@ class ObjectTable:
         return len(self._by_handle)
 
     def open(self, kind: ObjectClass, name: str, parent: ControllerObject | None) -> ControllerObject:
-        """Open an object and return it. Refuse the call if the client already has 1000 objects or the name is
-        too long.
-        """
+        """Open an object. Refuse the call if the client already has 1000 objects or the name is too long."""
         if len(self._by_handle) >= MAX_OBJECTS:
             raise RefusedError(E_MAX_OBJECT)
         if len(name) > LONGEST_NAME:

@@ -96,9 +96,7 @@ def _move(context: CallContext, move: Callable[[PoseNumbers, PoseNumbers], PoseN
 
 
 def _convert_work(context: CallContext) -> Variant:
-    """Run ConvertPosWork. It converts a pose from the coordinates of one work to the coordinates of another
-    work.
-    """
+    """Run ConvertPosWork, which converts a pose from one work to another work."""
     items, read = context.items, context.machine.memory.read
     pose = _parse_position(context, items.at(0))
     source, target = (numbers_of(read("WORK", items.integer(index))) for index in (1, 2))

@@ -89,9 +89,7 @@ class ClientProgram(StrEnum):
 
 
 class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The client that a scenario is made for: its program, its slave mode, and its options of
-    Service_Start.
-    """
+    """The client that a scenario is made for; `options` are those of Service_Start."""
 
     session: ClientProgram = ClientProgram.SLAVE
     over: ScenarioTransport = ScenarioTransport.UDP

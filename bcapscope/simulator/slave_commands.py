@@ -200,7 +200,6 @@ def _run(run: UserIO) -> tuple[int, int]:
 
 
 def _feedback(context: CallContext, pose_type: PoseType, point: SetPoint) -> Variant:
-    """Return the value that slvMove returns in the current receive format."""
     machine = context.machine
     actual = machine.arm.actual(context.now)
     form = machine.slave.receive_format

@@ -101,9 +101,7 @@ class SlaveDrive:
         return place if mode.kind is ModeKind.SYNC else place - mode.buffer_slots
 
     def advance(self, now: int) -> int | None:
-        """Consume the set points due by `now`; return the result code of the first error, or None. The time
-        of the error is `next_tick`.
-        """
+        """Consume the set points due by `now`; return the first error, of the time `next_tick`, or None."""
         while self.mode is not None and self.next_tick <= now:
             if self.is_empty:
                 self.next_tick += ((now - self.next_tick) // PERIOD_NS + 1) * PERIOD_NS
@@ -135,9 +133,7 @@ class SlaveDrive:
         self._moving = False
 
     def _limit_violation(self, speed: Joints) -> int:
-        """Return the result code for the first axis that would be too fast or accelerate too much; 0 if there
-        is no such axis.
-        """
+        """Return the result code for the first axis that is too fast or accelerates too much; 0 if none."""
         seconds = PERIOD_NS / 1e9
         for axis in range(AXIS_COUNT):
             limit = self._limits[axis]

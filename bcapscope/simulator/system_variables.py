@@ -64,9 +64,7 @@ def read_variable(context: CallContext) -> Variant:
 
 
 def write_variable(context: CallContext) -> HandlerOutcome:
-    """Write the variable of `context.object`; if the write runs a command, the call lasts as long as the
-    command.
-    """
+    """Write a variable; if the write runs a command, the call lasts as long as the command."""
     context.parameter = context.arguments.at(0)
     place = _numbered_variable(context)
     if place:
@@ -162,9 +160,7 @@ _WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CallHandler] = {
 """Handlers of the variables that run a command or function when a client writes them, such as Motor."""
 
 _REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
-"""Variables that clients cannot write in slave mode, because slave mode refuses the equivalent command or
-function.
-"""
+"""Variables that slave mode refuses to write, because it refuses the equivalent command or function."""
 
 
 def _speed(field: str) -> VariableReader:

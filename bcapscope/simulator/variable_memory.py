@@ -23,9 +23,7 @@ IO_BYTES = 64
 """512 bits, IO0 to IO511."""
 
 LONGEST_TEXT = 247
-"""Maximum length of an S variable on RC8, according to the manual's table of string variables. The limit is
-not verified.
-"""
+"""Maximum length of an S variable, as in the RC8 manual's table of string variables; not verified."""
 
 LETTERS = ("I", "F", "D", "V", "P", "J", "T", "S")
 FRAMES = ("TOOL", "WORK")
@@ -81,9 +79,7 @@ class VariableMemory:
         return Variant(_SCALARS[letter], 0 if letter == "I" else 0.0)
 
     def word(self, first: int) -> int:
-        """Return 32 bits of I/O as a signed little-endian number. `first` is the first of these bits, a
-        multiple of 8.
-        """
+        """Return 32 bits of I/O from bit `first`, a multiple of 8, as a signed little-endian number."""
         return int.from_bytes(self.io[first // 8 : first // 8 + 4], "little", signed=True)
 
     def write_word(self, first: int, word: int, mask: int) -> None:
@@ -137,9 +133,7 @@ def _check_text(value: Variant) -> None:
 
 
 def _vector(value: Variant, letter: str) -> tuple[float, ...]:
-    """Convert an array to the numbers of a vector. A seventh number of a frame, the Fig of a position, is
-    dropped.
-    """
+    """Convert an array to the numbers of a vector. The seventh number of a frame (Fig) is dropped."""
     if not value.vt & ARRAY:
         raise RefusedError(TYPE_MISMATCH)
     numbers, length = argument_values.numbers_of(value), _ROW_LENGTHS[letter]
