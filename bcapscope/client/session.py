@@ -153,17 +153,14 @@ class Session:
             for function_id, arguments in closing_calls(robots, (), objects, stops_service=stops):
                 await self._call_ignoring_refusal(function_id, arguments)
         except CallTimeout:
-            await self._stop_service_once()
+            if self.handles.is_service_started:
+                self.retry_policies = self.retry_policies._replace(others=_TRY_ONCE)
+                with suppress(CallTimeout, OSError):
+                    await self._call_ignoring_refusal(_SERVICE_STOP, ())
         except OSError:
             pass
         finally:
             self.caller.close()
-
-    async def _stop_service_once(self) -> None:
-        if self.handles.is_service_started:
-            self.retry_policies = self.retry_policies._replace(others=_TRY_ONCE)
-            with suppress(CallTimeout, OSError):
-                await self._call_ignoring_refusal(_SERVICE_STOP, ())
 
     async def _call_ignoring_refusal(self, function_id: int, arguments: Sequence[Variant]) -> None:
         try:
