@@ -13,7 +13,7 @@ from contextlib import suppress
 
 from bcapscope.protocol.codec.variant import ARRAY, VT, Value, Variant
 from bcapscope.protocol.tables.hresult import E_INVALIDARG
-from bcapscope.simulator.call_outcome import TYPE_MISMATCH, RefusedError
+from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 
 LARGEST_FLOAT = 3.4028234663852886e38
 
@@ -77,7 +77,7 @@ def number_of(variant: Variant) -> float | int:
             found = float(found)
     if isinstance(found, int | float) and math.isfinite(found):
         return found
-    raise RefusedError(TYPE_MISMATCH)
+    raise RefusedError(RefusalCode.TYPE_MISMATCH)
 
 
 def integer_of(variant: Variant) -> int:

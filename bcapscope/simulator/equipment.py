@@ -12,7 +12,7 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-from bcapscope.simulator.call_outcome import HAND_STOPPED
+from bcapscope.simulator.call_outcome import RefusalCode
 
 MAX_AREAS = 32
 MAX_LINES = 256
@@ -185,8 +185,8 @@ class Equipment:
         self.force_control: int | None = None
 
     def stop(self, now: int) -> None:
-        self.hand.stop(now, HAND_STOPPED)
-        self.gripper.stop(now, HAND_STOPPED)
+        self.hand.stop(now, RefusalCode.HAND_STOPPED)
+        self.gripper.stop(now, RefusalCode.HAND_STOPPED)
 
     def lose_power(self) -> None:
         """Switch off force control and release the grip: both need the motor's power (error 80500371)."""

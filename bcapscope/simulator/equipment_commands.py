@@ -34,22 +34,17 @@ from bcapscope.simulator.argument_values import (
 )
 from bcapscope.simulator.call_context import CallContext, CallHandler, CommandTable, accept_without_effect
 from bcapscope.simulator.call_outcome import (
-    BAD_INDEX,
-    BRACKET_IS_CLOSED,
-    BRACKET_IS_OPEN,
     DONE,
-    GRIP_BEYOND_LIMIT,
-    HAND_IS_MOVING,
-    HAND_SETTING,
-    HAND_STOPPED,
-    NOTHING_GRIPPED,
-    RELATIVE_GRIP_BEYOND_LIMIT,
     CallResult,
     HandlerOutcome,
+    RefusalCode,
     RefusedError,
     RunningCall,
 )
 from bcapscope.simulator.equipment import MAX_AREAS, MAX_LINES, Hand
+
+BRACKET_IS_OPEN = {"time": 0x83500189, "move": 0x83500190}
+BRACKET_IS_CLOSED = {"time": 0x83500191, "move": 0x83500192}
 
 _STORED_SPEED, _STORED_FORCE = 0.5, 10.0
 """Assumed data that the controller stores for a grip: share of the top speed, and COBOTTA's force in N."""
@@ -70,8 +65,8 @@ def _move_to(context: CallContext, relative: bool = False, grips: bool = False) 
     goal = items.number(0) + (hand.width(context.now) if relative else 0.0)
     speed = _speed(hand, items.number(1))
     force = _force(hand, items.number(2)) if grips else 0.0
-    beyond = RELATIVE_GRIP_BEYOND_LIMIT if relative else GRIP_BEYOND_LIMIT
-    _check_width(hand, goal, beyond if grips else HAND_SETTING)
+    beyond = RefusalCode.RELATIVE_GRIP_BEYOND_LIMIT if relative else RefusalCode.GRIP_BEYOND_LIMIT
+    _check_width(hand, goal, beyond if grips else RefusalCode.HAND_SETTING)
     return _start(context, hand, goal, speed, force, waits=not _has_next_option(items[3 if grips else 2 :]))
 
 
@@ -100,7 +95,7 @@ def _suck(context: CallContext) -> None:
 def _stop(context: CallContext) -> None:
     """Run HandStop: the call of a running motion returns 835002FF, and the vacuum switches off."""
     equipment = context.machine.equipment
-    equipment.hand.stop(context.now, HAND_STOPPED)
+    equipment.hand.stop(context.now, RefusalCode.HAND_STOPPED)
     equipment.vacuum = 0.0
 
 
@@ -152,12 +147,12 @@ def _start(
     else:
         context.machine.check_motor(context.now)
     if hand.is_moving(context.now):
-        raise RefusedError(HAND_IS_MOVING)
+        raise RefusedError(RefusalCode.HAND_IS_MOVING)
     ends = hand.move(goal, speed, context.now, force)
     if not waits:
         return None
     missed = is_gripper and force > 0 and not hand.is_gripping(ends)
-    last, run = CallResult(NOTHING_GRIPPED) if missed else DONE, hand.motion_count
+    last, run = CallResult(RefusalCode.NOTHING_GRIPPED) if missed else DONE, hand.motion_count
 
     def poll(now: int) -> CallResult | None:
         if hand.motion_count != run:
@@ -167,12 +162,14 @@ def _start(
     return RunningCall(poll, lambda now: ends)
 
 
-def _check_range(value: float, lowest: float, highest: float, refusal: int = HAND_SETTING) -> None:
+def _check_range(
+    value: float, lowest: float, highest: float, refusal: int = RefusalCode.HAND_SETTING
+) -> None:
     if not lowest <= value <= highest:
         raise RefusedError(refusal)
 
 
-def _check_width(hand: Hand, width: float, refusal: int = HAND_SETTING) -> None:
+def _check_width(hand: Hand, width: float, refusal: int = RefusalCode.HAND_SETTING) -> None:
     _check_range(width, hand.limits.narrowest, hand.limits.widest, refusal)
 
 
@@ -281,14 +278,14 @@ def _force_sensor(context: CallContext) -> None:
 
 def _button_state(context: CallContext) -> Variant:
     """Run GetMechaButtonState or ClearMechaButtonState; the buttons 0 to 2 are never pressed."""
-    number_within(context.parameter, _BUTTONS, BAD_INDEX)
+    number_within(context.parameter, _BUTTONS, RefusalCode.BAD_INDEX)
     return i4(0)
 
 
 def _scene_info(context: CallContext) -> Variant:
     """Run SceneInfo, which returns scene, sub-scene and an empty name."""
     if any([context.items.integer(index) for index in (0, 1)]):
-        raise RefusedError(BAD_INDEX)
+        raise RefusedError(RefusalCode.BAD_INDEX)
     return variant_array(i4(0), i4(0), bstr(""))
 
 
@@ -299,11 +296,11 @@ def _switch_area(context: CallContext) -> None:
 
 
 def _area(context: CallContext) -> int:
-    return context.items.integer_within(0, range(MAX_AREAS), BAD_INDEX)
+    return context.items.integer_within(0, range(MAX_AREAS), RefusalCode.BAD_INDEX)
 
 
 def _line(context: CallContext) -> int:
-    return number_within(context.parameter, range(MAX_LINES), BAD_INDEX)
+    return number_within(context.parameter, range(MAX_LINES), RefusalCode.BAD_INDEX)
 
 
 def _of_line(value: Variant | None) -> CallHandler:
@@ -320,7 +317,9 @@ EQUIPMENT_COMMANDS: CommandTable = {
     "handrelease": partial(_hand_grip, closes=False),
     "twofggrip": _two_finger_grip,
     "twofgrelease": _two_finger_release,
-    "twofgstop": lambda context: context.machine.equipment.gripper.stop(context.now, HAND_STOPPED),
+    "twofgstop": lambda context: context.machine.equipment.gripper.stop(
+        context.now, RefusalCode.HAND_STOPPED
+    ),
     "twofgisconn": lambda context: i4(1),
     "twofgisbusy": _of_gripper(lambda hand, now: i4(int(hand.is_moving(now)))),
     "twofgisgrip": _of_gripper(lambda hand, now: i4(int(hand.is_gripping(now)))),

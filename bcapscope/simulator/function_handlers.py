@@ -36,13 +36,9 @@ from bcapscope.simulator.argument_values import (
 )
 from bcapscope.simulator.call_context import CallContext, CallHandler, CommandTable, accept_without_effect
 from bcapscope.simulator.call_outcome import (
-    BAD_INDEX,
-    EMERGENCY_STOP,
-    INVALID_COMMAND,
-    OBJECT_NOT_FOUND,
-    OUT_OF_MEMORY,
     CallResult,
     HandlerOutcome,
+    RefusalCode,
     RefusedError,
     RunningCall,
 )
@@ -57,7 +53,7 @@ _DAY_0 = datetime(1899, 12, 30)
 
 def _clear_error(context: CallContext) -> None:
     if context.machine.emergency:
-        raise RefusedError(EMERGENCY_STOP)
+        raise RefusedError(RefusalCode.EMERGENCY_STOP)
     context.machine.clear_errors()
 
 
@@ -78,7 +74,7 @@ def _error_log(context: CallContext) -> Variant:
 def _alarm_at(alarms: Sequence[Alarm], index: int) -> Alarm:
     """Return an error by its index; index 0 is the newest error."""
     if not 0 <= index < len(alarms):
-        raise RefusedError(BAD_INDEX)
+        raise RefusedError(RefusalCode.BAD_INDEX)
     return alarms[index]
 
 
@@ -172,16 +168,16 @@ def _check_name(context: CallContext, kind: ObjectClass, name: str, option: str)
     if kind is ObjectClass.VARIABLE:
         system_variables.check_exists(context.object.kind, name, machine.profile.generation)
     elif kind in _KNOWN_NAMES and folded not in _KNOWN_NAMES[kind](context):
-        raise RefusedError(OBJECT_NOT_FOUND)
+        raise RefusedError(RefusalCode.OBJECT_NOT_FOUND)
     elif kind is ObjectClass.FILE and folded not in machine.files:
         _create_file(context, name, option)
 
 
 def _create_file(context: CallContext, name: str, option: str) -> None:
     if not re.search(r"@create\s*=\s*1", option.casefold()) or not name:
-        raise RefusedError(OBJECT_NOT_FOUND)
+        raise RefusedError(RefusalCode.OBJECT_NOT_FOUND)
     if len(context.machine.files) >= MAX_FILES or len(name) > 255:
-        raise RefusedError(OUT_OF_MEMORY)
+        raise RefusedError(RefusalCode.OUT_OF_MEMORY)
     context.machine.files[name.casefold()] = name
 
 
@@ -189,7 +185,7 @@ def _get_message(context: CallContext) -> Variant:
     """Run Controller_GetMessage, which returns the newest active error, or refuses the call."""
     active = context.machine.active_alarms
     if not active:
-        raise RefusedError(OBJECT_NOT_FOUND)
+        raise RefusedError(RefusalCode.OBJECT_NOT_FOUND)
     made, alarm = context.objects.open(ObjectClass.MESSAGE, "", context.object), active[0]
     made.values = {
         "Message_GetNumber": i4(alarm.code),
@@ -210,7 +206,7 @@ def command_runner(commands: CommandTable) -> CallHandler:
         arguments = context.arguments
         name = arguments.text(0).casefold()
         if name not in commands or name in context.machine.profile.lacks:
-            raise RefusedError(INVALID_COMMAND)
+            raise RefusedError(RefusalCode.INVALID_COMMAND)
         if len(arguments) > 1:
             context.parameter = arguments[1]
         return commands[name](context)

@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeAlias
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.protocol.tables.hresult import E_INVALIDARG
-from bcapscope.simulator.call_outcome import POSITION_LIMIT, RefusedError
+from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 
 Joints: TypeAlias = tuple[float, ...]
 """Eight joints in degrees. The arm lacks the last two joints, so these two stay 0."""
@@ -93,7 +93,7 @@ def joints_of_position(values: tuple[float, ...]) -> Joints:
     radius, height = hypot(x, y), z - SHOULDER_HEIGHT
     reach = hypot(radius, height) / (2 * LINK_LENGTH)
     if reach > 1:
-        raise RefusedError(POSITION_LIMIT + 2)
+        raise RefusedError(RefusalCode.POSITION_LIMIT + 2)
     elbow = 2 * acos(reach)
     second = atan2(radius, height) - elbow / 2
     return pad_joints((degrees(atan2(y, x)), degrees(second), degrees(elbow), *wrist))

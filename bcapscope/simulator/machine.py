@@ -15,18 +15,7 @@ from typing import NamedTuple, NoReturn
 from bcapscope.protocol.slave_mode.modes import PERIOD_NS
 from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_FAIL, E_NOT_IN_SLAVE_MODE, describe_hresult
 from bcapscope.simulator.arm import MS, Arm, TimedMove
-from bcapscope.simulator.call_outcome import (
-    EMERGENCY_STOP,
-    ERROR_IS_ACTIVE,
-    HAND_DEVIATION,
-    MOTOR_IS_OFF,
-    NO_TOKEN,
-    NOT_AUTOMATIC,
-    POSITION_LIMIT,
-    SOFTWARE_LIMIT,
-    RefusedError,
-    error_level,
-)
+from bcapscope.simulator.call_outcome import RefusalCode, RefusedError, error_level
 from bcapscope.simulator.equipment import Equipment
 from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, Joints, axis_beyond_limit
 from bcapscope.simulator.object_table import ObjectTable
@@ -196,7 +185,7 @@ class Machine:
         self.current_move: TimedMove | None = None
         self.equipment = Equipment(self.initial_state.object_width)
         self._motor_at: int | None = now if self.initial_state.motor else None
-        for code in (*self.initial_state.errors, *((EMERGENCY_STOP,) if self.emergency else ())):
+        for code in (*self.initial_state.errors, *((RefusalCode.EMERGENCY_STOP,) if self.emergency else ())):
             self._add_alarm(code, now)
 
     def date(self, now: int) -> float:
@@ -221,7 +210,7 @@ class Machine:
         """
         if not on:
             self._lose_power()
-            self.stop(now, MOTOR_IS_OFF, is_reported=False)
+            self.stop(now, RefusalCode.MOTOR_IS_OFF, is_reported=False)
             return now
         self.check_state()
         if self._motor_at is None:
@@ -231,19 +220,19 @@ class Machine:
     def check_state(self) -> None:
         """Refuse a call in an emergency stop, error or manual mode, or without the executable token."""
         if self.emergency:
-            raise RefusedError(EMERGENCY_STOP)
+            raise RefusedError(RefusalCode.EMERGENCY_STOP)
         if self.active_alarms:
-            raise RefusedError(ERROR_IS_ACTIVE)
+            raise RefusedError(RefusalCode.ERROR_IS_ACTIVE)
         if self.mode != AUTOMATIC:
-            raise RefusedError(NOT_AUTOMATIC)
+            raise RefusedError(RefusalCode.NOT_AUTOMATIC)
         if not self.initial_state.token:
-            raise RefusedError(NO_TOKEN)
+            raise RefusedError(RefusalCode.NO_TOKEN)
 
     def check_motor(self, now: int) -> None:
         """Refuse a call unless `check_state` passes and the motor is on."""
         self.check_state()
         if not self.motor_is_on(now):
-            raise RefusedError(MOTOR_IS_OFF)
+            raise RefusedError(RefusalCode.MOTOR_IS_OFF)
 
     def check_motion(self, client: int, now: int) -> None:
         """Refuse a motion unless `check_motor` passes and the client has the arm."""
@@ -265,7 +254,7 @@ class Machine:
         """Refuse joints beyond their limits, with the software-limit error of the first such axis."""
         axis = axis_beyond_limit(joints, self.initial_state.limits)
         if axis:
-            raise RefusedError(SOFTWARE_LIMIT + axis)
+            raise RefusedError(RefusalCode.SOFTWARE_LIMIT + axis)
 
     def stop(self, now: int, code: int, is_reported: bool = True) -> None:
         """End motions and slave mode now; the calls that wait for a motion or for slave mode return
@@ -294,7 +283,11 @@ class Machine:
         self.stop(now, code, is_reported)
         if ROBSLAVE.casefold() in self.tasks:
             self.tasks[ROBSLAVE.casefold()] = READY
-        if error_level(code) >= 4 or code & ~0xF == POSITION_LIMIT or code == EMERGENCY_STOP:
+        if (
+            error_level(code) >= 4
+            or code & ~0xF == RefusalCode.POSITION_LIMIT
+            or code == RefusalCode.EMERGENCY_STOP
+        ):
             self._lose_power()
 
     def refuse(self, code: int, now: int) -> NoReturn:
@@ -321,7 +314,7 @@ class Machine:
         self.mode = mode
         if mode != AUTOMATIC:
             self._lose_power()
-            self.stop(now, NOT_AUTOMATIC, is_reported=False)
+            self.stop(now, RefusalCode.NOT_AUTOMATIC, is_reported=False)
 
     def start_task(self, name: str) -> None:
         """Start a program, unless `check_state` refuses."""
@@ -337,7 +330,7 @@ class Machine:
     def press_emergency_stop(self, now: int) -> None:
         """Press the emergency stop: the motor goes off, and nothing moves until the stop is released."""
         self.emergency = True
-        self.raise_error(EMERGENCY_STOP, now)
+        self.raise_error(RefusalCode.EMERGENCY_STOP, now)
 
     def advance(self, now: int) -> None:
         slave, log = self.slave, self.log
@@ -349,8 +342,8 @@ class Machine:
             log.advance(now, self._sample_log)
         collision = self.equipment.hand.collides_at
         if collision is not None and collision <= now:
-            self.equipment.hand.stop(collision, HAND_DEVIATION)
-            self.raise_error(HAND_DEVIATION, collision)
+            self.equipment.hand.stop(collision, RefusalCode.HAND_DEVIATION)
+            self.raise_error(RefusalCode.HAND_DEVIATION, collision)
 
     def due(self) -> int | None:
         """Return the time in ns of the next change that happens without a call; None if none is due."""

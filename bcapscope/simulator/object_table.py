@@ -13,7 +13,7 @@ from bcapscope.errors import LocalProtocolError
 from bcapscope.protocol.codec.variant import VT, Variant, encode_variant
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import E_HANDLE, E_MAX_OBJECT
-from bcapscope.simulator.call_outcome import OUT_OF_MEMORY, TYPE_MISMATCH, RefusedError
+from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 
 MAX_OBJECTS = 1000
 LONGEST_NAME = 255
@@ -55,7 +55,7 @@ class ObjectTable:
         if len(self._by_handle) >= MAX_OBJECTS:
             raise RefusedError(E_MAX_OBJECT)
         if len(name) > LONGEST_NAME:
-            raise RefusedError(OUT_OF_MEMORY)
+            raise RefusedError(RefusalCode.OUT_OF_MEMORY)
         made = ControllerObject(self._next, kind, name, parent)
         self._next = self._next % 0x7FFFFFFF + 1
         self._by_handle[made.handle] = made
@@ -100,7 +100,7 @@ def check_storable(value: Variant) -> Variant:
     try:
         size = len(encode_variant(value))
     except LocalProtocolError:
-        raise RefusedError(TYPE_MISMATCH) from None
+        raise RefusedError(RefusalCode.TYPE_MISMATCH) from None
     if size > LARGEST_VALUE:
-        raise RefusedError(OUT_OF_MEMORY)
+        raise RefusedError(RefusalCode.OUT_OF_MEMORY)
     return value

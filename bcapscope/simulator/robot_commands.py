@@ -29,7 +29,7 @@ from bcapscope.simulator.argument_values import (
 )
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.call_context import CallContext, CallHandler, CommandTable, accept_without_effect
-from bcapscope.simulator.call_outcome import BAD_INDEX, RefusedError, RunningCall, succeed_at
+from bcapscope.simulator.call_outcome import RefusalCode, RefusedError, RunningCall, succeed_at
 from bcapscope.simulator.equipment_commands import EQUIPMENT_COMMANDS
 from bcapscope.simulator.kinematics import (
     FIG,
@@ -137,7 +137,7 @@ def _pallet_position(context: CallContext) -> Variant:
     place = _count(items.at(7)) - 1
     layer = _count(items[8]) - 1 if len(items) > 8 else 0
     if place >= rows * columns:
-        raise RefusedError(BAD_INDEX)
+        raise RefusedError(RefusalCode.BAD_INDEX)
     down, across = _fraction(place // columns, rows), _fraction(place % columns, columns)
     near = _interpolate(corners[0], corners[1], across)
     far = _interpolate(corners[2], corners[3], across)
@@ -242,7 +242,7 @@ def _log_record(context: CallContext) -> Variant:
     """
     index, machine = integer_of(context.parameter), context.machine
     if not 0 <= index < len(machine.log.records):
-        raise RefusedError(BAD_INDEX)
+        raise RefusedError(RefusalCode.BAD_INDEX)
     record, values = machine.log.records[index], []
     for commanded, actual in zip(record.commanded, record.actual, strict=True):
         lag = commanded - actual

@@ -29,7 +29,7 @@ from bcapscope.protocol.slave_mode.modes import Generation
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.simulator.argument_values import boolean, bstr, float_array, r8
-from bcapscope.simulator.call_outcome import BAD_INDEX, RefusedError
+from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, axis_beyond_limit, pad_joints
 from bcapscope.simulator.machine import MOTOR_ON_TIME, ROBOT_TYPE, ROBSLAVE, InitialState
 from bcapscope.simulator.profile import DEFAULT_PROFILE, PROFILES, NoArgument, Profile
@@ -249,7 +249,11 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             try:
                 memory.write(match[1], int(match[2]), _variant(value))
             except RefusedError as refusal:
-                case = "scenario.bad-index" if refusal.hresult == BAD_INDEX else "scenario.unfit-value"
+                case = (
+                    "scenario.bad-index"
+                    if refusal.hresult == RefusalCode.BAD_INDEX
+                    else "scenario.unfit-value"
+                )
                 raise FieldError(("variables", name), Message(case)) from refusal
 
 

@@ -25,10 +25,10 @@ from bcapscope.simulator.arm import MS
 from bcapscope.simulator.call_context import CallContext, CommandTable
 from bcapscope.simulator.call_outcome import (
     DONE,
-    POSITION_LIMIT,
     CallOutcome,
     CallResult,
     HandlerOutcome,
+    RefusalCode,
     RefusedError,
     RunningCall,
 )
@@ -174,7 +174,7 @@ def _joints(context: CallContext, pose_type: PoseType, point: SetPoint) -> Joint
         joints = joints_of(pose_type, values)
         axis = axis_beyond_limit(joints, context.machine.initial_state.limits)
         if axis:
-            raise RefusedError(POSITION_LIMIT + axis)
+            raise RefusedError(RefusalCode.POSITION_LIMIT + axis)
     except RefusedError as refusal:
         context.machine.raise_error(refusal.hresult, context.now, is_reported=True)
         raise

@@ -13,7 +13,7 @@ from bcapscope.protocol.slave_mode.formats import POSE_ONLY_FORMAT, ReceiveForma
 from bcapscope.protocol.slave_mode.modes import PERIOD_NS, ModeKind, SlaveMode
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW
 from bcapscope.simulator.arm import Arm
-from bcapscope.simulator.call_outcome import ACCELERATION_LIMIT, SPEED_LIMIT, RefusedError
+from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 from bcapscope.simulator.kinematics import AXIS_COUNT, AXIS_LIMITS, AxisLimit, Joints
 
 MOVING_THRESHOLD = 0.01
@@ -138,7 +138,7 @@ class SlaveDrive:
         for axis in range(AXIS_COUNT):
             limit = self._limits[axis]
             if abs(speed[axis]) > limit.speed * seconds * _TOLERANCE:
-                return SPEED_LIMIT + axis + 1
+                return RefusalCode.SPEED_LIMIT + axis + 1
             if abs(speed[axis] - self._speed[axis]) > limit.acceleration * seconds**2 * _TOLERANCE:
-                return ACCELERATION_LIMIT + axis + 1
+                return RefusalCode.ACCELERATION_LIMIT + axis + 1
         return 0

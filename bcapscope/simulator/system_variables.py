@@ -19,13 +19,7 @@ from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE
 from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT, SIMULATOR_VARIABLE
 from bcapscope.simulator.argument_values import boolean, bstr, i4, integer_of, number_of, r4
 from bcapscope.simulator.call_context import CallContext, CallHandler
-from bcapscope.simulator.call_outcome import (
-    BAD_INDEX,
-    NOT_WRITABLE,
-    OBJECT_NOT_FOUND,
-    HandlerOutcome,
-    RefusedError,
-)
+from bcapscope.simulator.call_outcome import HandlerOutcome, RefusalCode, RefusedError
 from bcapscope.simulator.machine import READY, RUNNING
 from bcapscope.simulator.object_table import ControllerObject
 from bcapscope.simulator.robot_commands import motor
@@ -46,7 +40,7 @@ def check_exists(owner: ObjectClass, name: str, generation: Generation) -> None:
     match = _NUMBERED.fullmatch(upper) if owner is ObjectClass.CONTROLLER else None
     is_known = match is not None or upper in _READERS.get(owner, ())
     if not is_known or not _exists_on(generation, match[1] if match else upper):
-        raise RefusedError(OBJECT_NOT_FOUND)
+        raise RefusedError(RefusalCode.OBJECT_NOT_FOUND)
 
 
 def _exists_on(generation: Generation, name: str) -> bool:
@@ -73,7 +67,7 @@ def write_variable(context: CallContext) -> HandlerOutcome:
     name = context.object.name.strip().upper()
     command = _WRITE_COMMANDS.get((_owner(context).kind, name))
     if command is None:
-        raise RefusedError(NOT_WRITABLE)
+        raise RefusedError(RefusalCode.NOT_WRITABLE)
     if context.machine.slave.mode is not None and name in _REFUSED_IN_SLAVE_MODE:
         context.machine.refuse(E_REFUSED_IN_SLAVE_MODE, context.now)
     return command(context)
@@ -99,7 +93,7 @@ def _numbered_variable(context: CallContext) -> tuple[str, int] | None:
         return match[1], int(match[2])
     stored = context.object.values.get("id", EMPTY)
     if stored.value is None:
-        raise RefusedError(BAD_INDEX)
+        raise RefusedError(RefusalCode.BAD_INDEX)
     return match[1], integer_of(stored)
 
 
@@ -145,7 +139,7 @@ def _put_speed(field: str) -> CallHandler:
     def run(context: CallContext) -> None:
         speed = float(number_of(context.parameter))
         if not 0 < speed <= 100:
-            raise RefusedError(NOT_WRITABLE)
+            raise RefusedError(RefusalCode.NOT_WRITABLE)
         setattr(context.machine.speeds, field, speed)
 
     return run

@@ -11,7 +11,7 @@ import struct
 
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.simulator import argument_values
-from bcapscope.simulator.call_outcome import BAD_INDEX, OUT_OF_MEMORY, OVERFLOW, TYPE_MISMATCH, RefusedError
+from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 
 VARIABLES_PER_LETTER = 100
 """Variables of each letter."""
@@ -115,39 +115,39 @@ class VariableMemory:
 
     def _check_bit_range(self, index: int, count: int) -> None:
         if not 0 <= index <= IO_BYTES * 8 - count:
-            raise RefusedError(BAD_INDEX)
+            raise RefusedError(RefusalCode.BAD_INDEX)
 
 
 def check_index(letter: str, index: int, is_write: bool = False) -> None:
     """Refuse the index of a variable that does not exist. Tool 0 and work 0 exist, but are read-only."""
     first, count = (int(is_write), MAX_FRAMES) if letter in FRAMES else (0, VARIABLES_PER_LETTER)
     if not first <= index < count:
-        raise RefusedError(BAD_INDEX)
+        raise RefusedError(RefusalCode.BAD_INDEX)
 
 
 def _check_text(value: Variant) -> None:
     if value.vt != VT.BSTR or not isinstance(value.value, str):
-        raise RefusedError(TYPE_MISMATCH)
+        raise RefusedError(RefusalCode.TYPE_MISMATCH)
     if len(value.value) > LONGEST_TEXT:
-        raise RefusedError(OUT_OF_MEMORY)
+        raise RefusedError(RefusalCode.OUT_OF_MEMORY)
 
 
 def _vector(value: Variant, letter: str) -> tuple[float, ...]:
     """Convert an array to the numbers of a vector. The seventh number of a frame (Fig) is dropped."""
     if not value.vt & ARRAY:
-        raise RefusedError(TYPE_MISMATCH)
+        raise RefusedError(RefusalCode.TYPE_MISMATCH)
     numbers, length = argument_values.numbers_of(value), _ROW_LENGTHS[letter]
     if not 0 < len(numbers) <= length + (letter in FRAMES):
-        raise RefusedError(TYPE_MISMATCH)
+        raise RefusedError(RefusalCode.TYPE_MISMATCH)
     return (*numbers, *(0.0,) * (length - len(numbers)))[:length]
 
 
 def _number(value: Variant, letter: str) -> float:
     if value.vt & ARRAY or isinstance(value.value, str):
-        raise RefusedError(TYPE_MISMATCH)
+        raise RefusedError(RefusalCode.TYPE_MISMATCH)
     number = argument_values.number_of(value)
     if letter == "I" and not -0x80000000 <= number <= 0x7FFFFFFF:
-        raise RefusedError(OVERFLOW)
+        raise RefusedError(RefusalCode.OVERFLOW)
     if letter == "F" and abs(number) > argument_values.LARGEST_FLOAT:
-        raise RefusedError(OVERFLOW)
+        raise RefusedError(RefusalCode.OVERFLOW)
     return number
