@@ -71,21 +71,15 @@ class LogFiles:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def _current(self, day: str) -> Path:
-        path = self.path
-        if path.parent != self._folder or not path.name.startswith(f"actions-{day}"):
-            self._folder.mkdir(parents=True, exist_ok=True)
-            numbers = map(_number_of, self._folder.glob(f"actions-{day}*"))
-            path = self._numbered_path(day, max(numbers, default=1))
-        try:
-            size = path.stat().st_size
-        except FileNotFoundError:
-            self._folder.mkdir(parents=True, exist_ok=True)  # deleted while bcapscope runs
-            self._delete_oldest()
-            return path
-        if size < self.max_file_size:
-            return path
-        self.path = self._numbered_path(day, _number_of(path) + 1)
-        return self._current(day)
+        self._folder.mkdir(parents=True, exist_ok=True)  # also if it was deleted while bcapscope runs
+        number = max(map(_number_of, self._folder.glob(f"actions-{day}*")), default=1)
+        path = self._numbered_path(day, number)
+        with suppress(FileNotFoundError):
+            if path.stat().st_size < self.max_file_size:
+                return path
+            path = self._numbered_path(day, number + 1)
+        self._delete_oldest()
+        return path
 
     def _numbered_path(self, day: str, number: int) -> Path:
         return self._folder / f"actions-{day}{f'.{number}' if number > 1 else ''}.jsonl"

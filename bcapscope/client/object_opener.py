@@ -128,10 +128,9 @@ class ObjectOpener:
         name = self._names.get(object_class)
         if name is None:
             raise ValueError(f"the {object_class} has no known name; pass its name, or open it first")
-        parent = ObjectClass.CONTROLLER
-        if object_class is ObjectClass.VARIABLE and find_variable(ObjectClass.CONTROLLER, name) is None:
-            others = (ObjectClass.ROBOT, ObjectClass.TASK)
-            parent = next((other for other in others if find_variable(other, name)), parent)
+        is_variable = object_class is ObjectClass.VARIABLE
+        owners = (ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK) if is_variable else ()
+        parent = next((owner for owner in owners if find_variable(owner, name)), ObjectClass.CONTROLLER)
         return handle_of(
             await self.session.invoke(f"{parent}_Get{object_class}", await self.handle_for(parent), name, "")
         )

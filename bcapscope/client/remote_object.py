@@ -10,7 +10,7 @@ from bcapscope.client.session import Session
 from bcapscope.errors import RemoteProtocolError
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.protocol.codec.variant import Value, Variant, vt_name
+from bcapscope.protocol.codec.variant import EMPTY, Value, Variant, vt_name
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.variant_values import date_of, plain_value
 
@@ -90,13 +90,11 @@ class RemoteObject:
         return expect_value(await self._invoke(verb, *values), str, "reply.a-string")
 
     async def _invoke_value(self, verb: str, *values: object) -> Value:
-        variant = first_variant(await self._invoke(verb, *values))
-        return None if variant is None else plain_value(variant)
+        return plain_value(first_variant(await self._invoke(verb, *values)) or EMPTY)
 
     async def _invoke_names(self, verb: str, option: str) -> tuple[str, ...]:
         reply = await self._invoke(verb, option)
-        variant = first_variant(reply)
-        names = None if variant is None else plain_value(variant)
+        names = plain_value(first_variant(reply) or EMPTY)
         if names is None:
             return ()
         if isinstance(names, tuple):

@@ -53,11 +53,6 @@ class RefusalCode:
     NOTHING_GRIPPED = 0x8350048F
 
 
-def error_level(code: int) -> int:
-    """Return the error level of a controller code, its second hex digit; 0 for other codes."""
-    return code >> 24 & 0xF if code >> 28 == 8 else 0
-
-
 # Every call creates an outcome. To create a struct takes 0.1 µs, and a frozen dataclass 0.9 µs. A named tuple
 # takes 0.4 µs, and can equal an object of another class.
 class CallResult(msgspec.Struct, frozen=True):
@@ -100,8 +95,3 @@ class RefusedError(BcapError):
         super().__init__(Message("simulator.refused", code=f"{hresult:08X}"))
         self.hresult = hresult
         self.reason = reason
-
-
-def succeed_at(time: int) -> RunningCall:
-    """Return a running call that succeeds at a given time in ns."""
-    return RunningCall(lambda now: DONE if now >= time else None, lambda now: time)

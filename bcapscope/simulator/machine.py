@@ -8,14 +8,13 @@ and all durations are assumptions. All times are in ns of the caller's clock.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, NoReturn
+from typing import NoReturn
 
 from bcapscope.protocol.slave_mode.modes import PERIOD_NS
 from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_FAIL, E_NOT_IN_SLAVE_MODE, describe_hresult
 from bcapscope.simulator.arm import MS, Arm, TimedMove
-from bcapscope.simulator.call_outcome import RefusalCode, RefusedError, error_level
+from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 from bcapscope.simulator.equipment import Equipment
 from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, Joints, axis_beyond_limit
 from bcapscope.simulator.object_table import ObjectTable
@@ -112,20 +111,17 @@ class Alarm:
         return describe_hresult(self.code).text
 
 
-class ControlLogRecord(NamedTuple):
-    """Time in ns since the controller's start, commanded joints, and joints of the encoders."""
-
-    time: int
-    commanded: Joints
-    actual: Joints
-
-
 class ControlLog:
-    """One record of the joints every 8 ms, oldest first. `due` is the time of the next record in ns."""
+    """One record of the joints every 8 ms, oldest first. `due` is the time of the next record in ns.
 
-    def __init__(self) -> None:
-        self.records: deque[ControlLogRecord] = deque(maxlen=MAX_RECORDS)
+    A record is the time in ns since the controller's start, the commanded joints, and those of the encoders.
+    """
+
+    def __init__(self, arm: Arm, started_at: int) -> None:
+        self.records: deque[tuple[int, Joints, Joints]] = deque(maxlen=MAX_RECORDS)
         self.due: int | None = None
+        self._arm = arm
+        self._started_at = started_at
 
     def start(self, now: int) -> None:
         self.due = now if self.due is None else self.due
@@ -133,7 +129,7 @@ class ControlLog:
     def stop(self) -> None:
         self.due = None
 
-    def advance(self, now: int, sample: Callable[[int], ControlLogRecord]) -> None:
+    def advance(self, now: int) -> None:
         """Store the records that are due; after a long pause, only as many records as the log holds."""
         due = self.due
         if due is None:
@@ -141,7 +137,7 @@ class ControlLog:
         if now - due > MAX_RECORDS * PERIOD_NS:
             due += (now - due) // PERIOD_NS * PERIOD_NS - MAX_RECORDS * PERIOD_NS
         while due <= now:
-            self.records.append(sample(due))
+            self.records.append((due - self._started_at, self._arm.commanded(due), self._arm.actual(due)))
             due += PERIOD_NS
         self.due = due
 
@@ -167,7 +163,7 @@ class Machine:
         self.slave = SlaveDrive(self.arm, self.initial_state.limits)
         self.active_alarms: deque[Alarm] = deque(maxlen=MAX_ACTIVE)
         self.alarm_log: deque[Alarm] = deque(maxlen=MAX_LOGGED)
-        self.log = ControlLog()
+        self.log = ControlLog(self.arm, now)
         self.memory = VariableMemory(profile.real)
         self.speeds = Speeds(external=self.initial_state.speed)
         self.mode = self.initial_state.mode
@@ -283,11 +279,8 @@ class Machine:
         self.stop(now, code, is_reported)
         if ROBSLAVE.casefold() in self.tasks:
             self.tasks[ROBSLAVE.casefold()] = READY
-        if (
-            error_level(code) >= 4
-            or code & ~0xF == RefusalCode.POSITION_LIMIT
-            or code == RefusalCode.EMERGENCY_STOP
-        ):
+        level = code >> 24 & 0xF if code >> 28 == 8 else 0
+        if level >= 4 or code & ~0xF == RefusalCode.POSITION_LIMIT or code == RefusalCode.EMERGENCY_STOP:
             self._lose_power()
 
     def refuse(self, code: int, now: int) -> NoReturn:
@@ -339,7 +332,7 @@ class Machine:
             if code is not None:
                 self.raise_error(code, slave.next_tick)
         if log.due is not None:
-            log.advance(now, self._sample_log)
+            log.advance(now)
         collision = self.equipment.hand.collides_at
         if collision is not None and collision <= now:
             self.equipment.hand.stop(collision, RefusalCode.HAND_DEVIATION)
@@ -360,6 +353,3 @@ class Machine:
     def _lose_power(self) -> None:
         self._motor_at = None
         self.equipment.lose_power()
-
-    def _sample_log(self, time: int) -> ControlLogRecord:
-        return ControlLogRecord(time - self.started_at, self.arm.commanded(time), self.arm.actual(time))

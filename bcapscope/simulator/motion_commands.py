@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 from functools import partial
-from typing import NamedTuple
 
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import E_INVALIDARG, E_ROBOTISBUSY
@@ -119,27 +118,20 @@ def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> 
     if now < machine.free_at:
         raise RefusedError(E_ROBOTISBUSY)
     machine.check_reach(target.joints)
-    manner = _parse_options(option, machine.memory.read)
-    speed = machine.speeds.effective_share(manner.speed)
+    speed, min_duration, is_next = _parse_options(option, machine.memory.read)
+    share = machine.speeds.effective_share(speed)
     motion = TimedMove(
-        machine.arm, target.joints, now, speed, passing=target.passing, min_duration=manner.time
+        machine.arm, target.joints, now, share, passing=target.passing, min_duration=min_duration
     )
     machine.current_move = motion
-    return None if manner.next else _running(context, motion)
+    return None if is_next else _running(context, motion)
 
 
-class _MotionOptions(NamedTuple):
-    """Options of a motion: the internal speed in percent (None if not given), the minimum duration in ns, and
-    whether the call returns before the motion ends.
-    """
-
-    speed: float | None
-    time: int
-    next: bool
-
-
-def _parse_options(option: str, read: ReadVariable) -> _MotionOptions:
+def _parse_options(option: str, read: ReadVariable) -> tuple[float | None, int, bool]:
     """Read an option such as `SPEED=50, TIME=2000, NEXT` or `S=F2`.
+
+    Return the internal speed in percent (None if not given), the minimum duration in ns, and whether the call
+    returns before the motion ends.
 
     The unit of TIME, ms, is assumed. The names of the options come from VE026A_JNI.java by Suzuki and from
     the samples. ACCEL and DECEL are checked but do not change the motion.
@@ -149,7 +141,7 @@ def _parse_options(option: str, read: ReadVariable) -> _MotionOptions:
     speed, time = given.get("SPEED", given.get("S")), given.pop("TIME", 0)
     if not 0 <= time <= LONGEST_TIME or not all(0 < share <= 100 for share in given.values()):
         raise RefusedError(E_INVALIDARG)
-    return _MotionOptions(speed, round(time * MS), "NEXT" in text.replace(",", " ").split())
+    return speed, round(time * MS), "NEXT" in text.replace(",", " ").split()
 
 
 def _option_number(text: str, read: ReadVariable) -> float:

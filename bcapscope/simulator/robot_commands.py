@@ -29,7 +29,7 @@ from bcapscope.simulator.argument_values import (
 )
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.call_context import CallContext, CallHandler, CommandTable, accept_without_effect
-from bcapscope.simulator.call_outcome import RefusalCode, RefusedError, RunningCall, succeed_at
+from bcapscope.simulator.call_outcome import DONE, RefusalCode, RefusedError, RunningCall
 from bcapscope.simulator.equipment_commands import EQUIPMENT_COMMANDS
 from bcapscope.simulator.kinematics import (
     FIG,
@@ -190,7 +190,9 @@ def motor(context: CallContext) -> RunningCall | None:
     items = context.items
     done = context.machine.switch_motor(items.integer(0) != 0, context.now)
     waits = items.integer(1, default=0) == 0
-    return succeed_at(done) if waits and done > context.now else None
+    if not waits or done <= context.now:
+        return None
+    return RunningCall(lambda now: DONE if now >= done else None, lambda now: done)
 
 
 def _ext_speed(context: CallContext) -> None:
@@ -243,12 +245,13 @@ def _log_record(context: CallContext) -> Variant:
     index, machine = integer_of(context.parameter), context.machine
     if not 0 <= index < len(machine.log.records):
         raise RefusedError(RefusalCode.BAD_INDEX)
-    record, values = machine.log.records[index], []
-    for commanded, actual in zip(record.commanded, record.actual, strict=True):
+    time, all_commanded, all_actual = machine.log.records[index]
+    values = []
+    for commanded, actual in zip(all_commanded, all_actual, strict=True):
         lag = commanded - actual
         values += [r8(commanded), r8(actual), r8(lag), r8(abs(lag) * 10)]
     program = i4(0), i4(0), bstr(""), i4(0)
-    return variant_array(*values, *program, i4(record.time // MS), i4(machine.tool), i4(machine.work))
+    return variant_array(*values, *program, i4(time // MS), i4(machine.tool), i4(machine.work))
 
 
 def _current_speed(name: str) -> CallHandler:

@@ -58,19 +58,16 @@ ReadyDescriptors: TypeAlias = tuple[list[int], list[int]]
 
 
 class TrafficTap(Protocol):
-    """Receives all traffic of the server. Addresses are host and port; times are in ns since 1970."""
+    """Receives all traffic of the server. Addresses are host and port; times are in ns since 1970.
 
-    def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Note a UDP datagram."""
+    `on_stream_end` means that one end of a TCP connection closed or reset the connection, and
+    `on_connection_end` that the connection ended in both directions.
+    """
 
-    def on_segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Record bytes that were sent over a TCP connection."""
-
-    def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
-        """Record that one end of a TCP connection closed or reset the connection."""
-
-    def on_connection_end(self, client: Address, server: Address) -> None:
-        """Record that a TCP connection has ended in both directions."""
+    def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None: ...
+    def on_segment(self, source: Address, target: Address, data: bytes, time: int) -> None: ...
+    def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None: ...
+    def on_connection_end(self, client: Address, server: Address) -> None: ...
 
 
 class ControllerModel(ClockedModel, Protocol):
