@@ -230,7 +230,8 @@ class ActionLog:
         if connection.client_port:
             place["client_port"] = connection.client_port
         program = {"program": self._program, "pid": os.getpid()}
-        line = _json({"time": _timestamp(time), **program, **place, **fields})
+        local_time = datetime.fromtimestamp(time / 1e9).astimezone().isoformat(timespec="microseconds")
+        line = _json({"time": local_time, **program, **place, **fields})
         written = threading.Event()
         with self._lock:
             if self._thread is None:
@@ -260,11 +261,6 @@ class ActionLog:
             else:
                 self._broken = self._stuck = False
             written.set()
-
-
-def _timestamp(time: int) -> str:
-    """Return local time with UTC offset."""
-    return datetime.fromtimestamp(time / 1e9).astimezone().isoformat(timespec="microseconds")
 
 
 def _json(fields: dict[str, object]) -> bytes:

@@ -265,28 +265,23 @@ def _force_parameters(context: CallContext) -> None:
         raise RefusedError(E_INVALIDARG)
 
 
-def _force_value(context: CallContext) -> Variant:
-    """Run ForceValue, which returns six zeros for any kind of data."""
-    context.items.integer(0)
-    return float_array(VT.R8, _SIX)
+def _checked(check: Callable[[CallContext], object], value: Variant | None = None) -> CallHandler:
+    """Make a command that only checks its parameter and returns `value`."""
+
+    def run(context: CallContext) -> Variant | None:
+        check(context)
+        return value
+
+    return run
 
 
-def _force_sensor(context: CallContext) -> None:
-    """Run ForceSensor. The parameter 0 resets the sensor; refuse other values."""
-    number_within(context.parameter, range(1), E_INVALIDARG)
-
-
-def _button_state(context: CallContext) -> Variant:
-    """Run GetMechaButtonState or ClearMechaButtonState; the buttons 0 to 2 are never pressed."""
+def _check_button(context: CallContext) -> None:
     number_within(context.parameter, _BUTTONS, RefusalCode.BAD_INDEX)
-    return i4(0)
 
 
-def _scene_info(context: CallContext) -> Variant:
-    """Run SceneInfo, which returns scene, sub-scene and an empty name."""
+def _check_scene(context: CallContext) -> None:
     if any([context.items.integer(index) for index in (0, 1)]):
         raise RefusedError(RefusalCode.BAD_INDEX)
-    return variant_array(i4(0), i4(0), bstr(""))
 
 
 def _switch_area(context: CallContext) -> None:
@@ -301,15 +296,6 @@ def _area(context: CallContext) -> int:
 
 def _line(context: CallContext) -> int:
     return number_within(context.parameter, range(MAX_LINES), RefusalCode.BAD_INDEX)
-
-
-def _of_line(value: Variant | None) -> CallHandler:
-
-    def run(context: CallContext) -> Variant | None:
-        _line(context)
-        return value
-
-    return run
 
 
 EQUIPMENT_COMMANDS: CommandTable = {
@@ -335,8 +321,9 @@ EQUIPMENT_COMMANDS: CommandTable = {
     "syncmoveend": partial(_close_bracket, name="move"),
     "forcectrl": _force_control,
     "forceparam": _force_parameters,
-    "forcevalue": _force_value,
-    "forcesensor": _force_sensor,
+    "forcevalue": _checked(lambda context: context.items.integer(0), float_array(VT.R8, _SIX)),
+    # The parameter 0 resets the sensor.
+    "forcesensor": _checked(lambda context: number_within(context.parameter, range(1), E_INVALIDARG)),
     # Mass, centre and inertia.
     "curforcesensorpayload": lambda context: variant_array(
         r8(0.0), float_array(VT.R8, _SIX[:3]), float_array(VT.R8, _SIX[:3])
@@ -347,11 +334,13 @@ EQUIPMENT_COMMANDS: CommandTable = {
     "robinfo": lambda context: bstr(
         context.machine.initial_state.type_name if integer_of(context.parameter) == 1 else ""
     ),
-    "getmechabuttonstate": _button_state,
-    "clearmechabuttonstate": _button_state,
+    # The buttons 0 to 2 are never pressed.
+    "getmechabuttonstate": _checked(_check_button, i4(0)),
+    "clearmechabuttonstate": _checked(_check_button, i4(0)),
     "curscene": lambda context: i4(0),
     "cursubscene": lambda context: i4(0),
-    "sceneinfo": _scene_info,
+    # Scene, sub-scene and an empty name.
+    "sceneinfo": _checked(_check_scene, variant_array(i4(0), i4(0), bstr(""))),
     "setareaenabled": _switch_area,
     "getareaenabled": lambda context: boolean(_area(context) in context.machine.equipment.areas),
 }
@@ -362,8 +351,8 @@ LINE_COMMANDS: CommandTable = {
     "open": lambda context: context.machine.equipment.lines.add(_line(context)),
     "close": lambda context: context.machine.equipment.lines.discard(_line(context)),
     "state": lambda context: i4(_LINE_IS_OPEN if _line(context) in context.machine.equipment.lines else 0),
-    "clear": _of_line(None),
-    "count": _of_line(i4(0)),
-    "input": _of_line(bstr("")),
+    "clear": _checked(_line),
+    "count": _checked(_line, i4(0)),
+    "input": _checked(_line, bstr("")),
 }
 """Handlers of the commands of the extension Comm, by command name in lower case."""

@@ -32,6 +32,7 @@ from bcapscope.simulator.argument_values import (
     i2,
     i4,
     integer_of,
+    number_within,
     variant_array,
 )
 from bcapscope.simulator.call_context import CallContext, CallHandler, CommandTable, accept_without_effect
@@ -101,10 +102,7 @@ def _system_state(context: CallContext) -> Variant:
 
 def _put_auto_mode(context: CallContext) -> None:
     """Run PutAutoMode of RC7. Its parameter is 1 for internal mode and 2 for external mode."""
-    mode = integer_of(context.parameter)
-    if mode not in (1, 2):
-        raise RefusedError(E_INVALIDARG)
-    context.machine.auto_mode = mode
+    context.machine.auto_mode = number_within(context.parameter, range(1, 3), E_INVALIDARG)
 
 
 CONTROLLER_COMMANDS: CommandTable = {
