@@ -98,15 +98,5 @@ def connect_controller(
             does not apply to slvMove, whose timeout is shorter.
         retries: Maximum number of retries over UDP for calls other than slvMove; 4 by default.
     """
-    return ControllerConnection(
-        ControllerTarget(
-            host,
-            port,
-            tcp=tcp,
-            provider=provider,
-            name=name,
-            service=option,
-            timeout=timeout,
-            retries=retries,
-        )
-    )
+    target = ControllerTarget(host, port, tcp, timeout, retries, service=option, name=name, provider=provider)
+    return ControllerConnection(target)

@@ -108,10 +108,10 @@ class ClientSession:
         if handler is None:
             raise RefusedError(E_NOTIMPL)
         machine = self.machine
-        if machine.slave.mode is not None and not is_allowed_in_slave_mode(
-            function_id, arguments, is_other=machine.owner != self.number
-        ):
-            machine.refuse(E_REFUSED_IN_SLAVE_MODE, now)
+        if machine.slave.mode is not None:
+            is_other = machine.owner != self.number
+            if not is_allowed_in_slave_mode(function_id, arguments, is_other):
+                machine.refuse(E_REFUSED_IN_SLAVE_MODE, now)
         own = Arguments(arguments[1:])
         return handler(CallContext(machine, self.number, self.objects, found, now, own))
 
@@ -164,9 +164,7 @@ def _provider_reason(provider: str, providers: tuple[str, ...]) -> str:
     return f"Controller_Connect is refused: {asked}. This profile simulates {' or '.join(providers)}"
 
 
-def is_allowed_in_slave_mode(
-    function_id: int, arguments: tuple[Variant, ...], is_other: bool = False
-) -> bool:
+def is_allowed_in_slave_mode(function_id: int, arguments: tuple[Variant, ...], is_other: bool) -> bool:
     """Return whether slave mode accepts a call; `is_other` means that another client has the arm.
 
     If no source mentions a call, slave mode accepts the call only if the call reads data. Slave mode accepts

@@ -213,14 +213,12 @@ HAND_COMMANDS: CommandTable = {
     "handcurpressure": lambda context: r8(context.machine.equipment.vacuum * _SUCTION),
     "handcurload": lambda context: r8(_SUCTION_LOAD if context.machine.equipment.vacuum else 0.0),
 }
-"""Handlers of the hand commands of Controller_Execute, by command name in lower case."""
 
 HAND_EXTENSION_COMMANDS: CommandTable = {
     "curpos": _width,
     "chuck": HAND_COMMANDS["handchuck"],
     "unchuck": HAND_COMMANDS["handunchuck"],
 }
-"""Handlers of the commands of the extension Hand0, by command name in lower case."""
 
 
 _FORCE_CONTROLS = range(1, 11)
@@ -344,7 +342,6 @@ EQUIPMENT_COMMANDS: CommandTable = {
     "setareaenabled": _switch_area,
     "getareaenabled": lambda context: boolean(_area(context) in context.machine.equipment.areas),
 }
-"""Handlers of the commands of Robot_Execute, by command name in lower case."""
 
 LINE_COMMANDS: CommandTable = {
     # Every line number exists, and no line has a device at its other end.
@@ -355,4 +352,3 @@ LINE_COMMANDS: CommandTable = {
     "count": _checked(_line, i4(0)),
     "input": _checked(_line, bstr("")),
 }
-"""Handlers of the commands of the extension Comm, by command name in lower case."""

@@ -124,12 +124,10 @@ CONTROLLER_COMMANDS: CommandTable = {
     "putautomode": _put_auto_mode,
     "getautomode": lambda context: i2(context.machine.auto_mode),
 }
-"""Handlers of the commands of Controller_Execute, by command name in lower case."""
 
 TASK_COMMANDS: CommandTable = {
     "getstatus": lambda context: i4(context.machine.tasks.get(context.object.name.casefold(), READY))
 }
-"""Handlers of the commands of Task_Execute, by command name in lower case."""
 
 
 MAX_FILES = 100

@@ -247,4 +247,3 @@ MOTION_COMMANDS: CommandTable = {
     "driveaex": partial(_drive_many, absolute=True),
     "motionskip": _motion_skip,
 }
-"""Handlers of the motion commands of Robot_Execute, by command name in lower case."""

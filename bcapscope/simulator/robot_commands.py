@@ -159,7 +159,6 @@ def _interpolate(one: PoseNumbers, other: PoseNumbers, share: float) -> PoseNumb
 
 
 PALLET_COMMANDS: CommandTable = {"calcpos": _pallet_position}
-"""Handlers of the commands of the extension Pallet, by command name in lower case."""
 
 
 _KEEP, _SQUARE = -1, -2
@@ -302,4 +301,3 @@ ROBOT_COMMANDS: CommandTable = {
     **dict.fromkeys(("manualresetpreparation", "motionpreparation"), accept_without_effect),
     "getmotionpreparationstate": lambda context: boolean(True),
 }
-"""Handlers of the commands of Robot_Execute, by command name in lower case."""

@@ -242,4 +242,3 @@ SLAVE_COMMANDS: CommandTable = {
     "slvsendformat": send_format,
     "slvrecvformat": receive_format,
 }
-"""Handlers of the slave-mode commands of Robot_Execute, by command name in lower case."""
