@@ -27,8 +27,6 @@ from bcapscope.protocol.retry.requester import (
     UnmatchedItem,
 )
 from bcapscope.proxy.policy import CloseAction, SendAction
-from bcapscope.simulator.machine import Alarm
-from bcapscope.simulator.slave_drive import SlaveModeFault
 from bcapscope.traffic.observation import Direction
 from tests.faults.traffic import talk
 
@@ -87,7 +85,6 @@ def test_the_unions_of_a_module_are_found() -> None:
         (ProseText("00"), EndOffset("00")),
         (SendMessage(talk().up, b""), CloseConnection(talk().up.conversation, CloseMode.RESET)),
         (SendAction(1, Direction.REQUEST, b""), CloseAction(1, False, Message("client.ended"))),
-        (Alarm(1, 2), SlaveModeFault(1, 2)),
     ],
 )
 def test_two_kinds_of_news_are_never_equal(one: object, other: object) -> None:

@@ -20,12 +20,11 @@ from bcapscope.messages import Message, MessageFormatter
 from bcapscope.render.columns import align_columns
 from bcapscope.render.escape import printable
 from bcapscope.simulator.behaviours import read_behaviours
-from bcapscope.simulator.controller_setup import ScenarioProfileError, played_scenario, start_simulator
+from bcapscope.simulator.controller_setup import ScenarioProfileError, played_scenario, start_controller
 from bcapscope.simulator.listening_sockets import SimulatorListenError
 from bcapscope.simulator.profile import DEFAULT_PROFILE, PROFILES, NoArgument
 from bcapscope.simulator.scenario import ClientProgram, Scenario, ServerDefect, load_scenario, read_scenario
 from bcapscope.simulator.scenario_files import bundled_scenarios
-from bcapscope.simulator.scenario_runner import ScenarioRunner
 from bcapscope.simulator.simulator import Simulator
 from bcapscope.simulator.simulator_server import SimulatorServer
 
@@ -149,10 +148,8 @@ def command(
     """
     played = _played_scenario(scenario, profile, defects, no_argument)
     serving = ServerRunner(quiet=quiet, record=record, words=words)
-    simulator, now = start_simulator(played, serving.log.on_call)
-    served: Simulator | ScenarioRunner = simulator
-    if scenario is not None:
-        served = ScenarioRunner(played, simulator, now, seed=seed, on_news=serving.log.add_note)
+    log = serving.log
+    simulator, served = start_controller(played, seed, on_call=log.on_call, on_news=log.add_note)
     exits = exit_on(SimulatorListenError, ExitCode.UNREADABLE)
     with exits, serving.listen(served, listen, port) as server:
         _print_introduction(simulator, server, scenario, words)

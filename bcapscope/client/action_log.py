@@ -71,29 +71,21 @@ class LogFiles:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def _current(self, day: str) -> Path:
-        path = self.path
-        if path.parent != self._folder or not path.name.startswith(f"actions-{day}"):
-            self._folder.mkdir(parents=True, exist_ok=True)
-            numbers = map(_number_of, self._folder.glob(f"actions-{day}*"))
-            path = self._numbered_path(day, max(numbers, default=1))
-        try:
-            size = path.stat().st_size
-        except FileNotFoundError:
-            self._folder.mkdir(parents=True, exist_ok=True)  # deleted while bcapscope runs
-            self._delete_oldest()
-            return path
-        if size < self.max_file_size:
-            return path
-        self.path = self._numbered_path(day, _number_of(path) + 1)
-        return self._current(day)
+        self._folder.mkdir(parents=True, exist_ok=True)  # also if it was deleted while bcapscope runs
+        number = max(map(_number_of, self._folder.glob(f"actions-{day}*")), default=1)
+        path = self._numbered_path(day, number)
+        with suppress(FileNotFoundError):
+            if path.stat().st_size < self.max_file_size:
+                return path
+            path = self._numbered_path(day, number + 1)
+        self._delete_oldest()
+        return path
 
     def _numbered_path(self, day: str, number: int) -> Path:
         return self._folder / f"actions-{day}{f'.{number}' if number > 1 else ''}.jsonl"
 
     def _delete_oldest(self) -> None:
-        """Delete the oldest files until a new file fits into the limit. If a file cannot be deleted, stop
-        without an error.
-        """
+        """Delete the oldest files until a new file fits into the limit, or a file cannot be deleted."""
         with suppress(OSError):
             found = [(path.stat(), path) for path in self._folder.glob("actions-*.jsonl")]
             left = sum(stat.st_size for stat, _ in found) + self.max_file_size
@@ -116,22 +108,16 @@ CLOSE_TIMEOUT = 2.0
 """Maximum time in s that `ActionLog.close` waits for unwritten lines."""
 
 MAX_WAITING = 4096
-"""Maximum number of lines that wait to be written. The same limit applies to requests that wait for a
-reply.
-"""
+"""Maximum number of lines that wait to be written, and of requests that wait for a reply."""
 
 _MAX_TEXT, _MAX_VALUES, _MAX_BYTES = 512, 128, 1024
 
 ErrorCallback: TypeAlias = Callable[[Path, OSError], None]
-"""Function that receives the path of a file that cannot be written, and the reason. Any thread may call the
-function.
-"""
+"""Receives the path of a file that cannot be written, and the reason. Any thread may call the function."""
 
 
 class LoggedConnection(NamedTuple):
-    """A connection to a controller over "udp" or "tcp". `client_port` is 0 if the port of the client is
-    unknown.
-    """
+    """A connection to a controller over "udp" or "tcp". `client_port` is 0 if it is unknown."""
 
     host: str
     port: int
@@ -140,15 +126,12 @@ class LoggedConnection(NamedTuple):
 
     @classmethod
     def of_target(cls, target: ControllerTarget) -> LoggedConnection:
-        """Describe the connection to a target. The host of the connection is the text that the user typed."""
+        """The host is the text that the user typed."""
         transport = Transport.TCP if target.tcp else Transport.UDP
         return cls(target.host, target.port, transport.value)
 
     @classmethod
     def of_conversation(cls, conversation: Conversation) -> LoggedConnection:
-        """Describe the connection of a conversation. The host of the connection is the address of the
-        controller.
-        """
         server = conversation.server
         return cls(server.host, server.port, conversation.transport.value, conversation.client.port)
 
@@ -247,7 +230,8 @@ class ActionLog:
         if connection.client_port:
             place["client_port"] = connection.client_port
         program = {"program": self._program, "pid": os.getpid()}
-        line = _json({"time": _timestamp(time), **program, **place, **fields})
+        local_time = datetime.fromtimestamp(time / 1e9).astimezone().isoformat(timespec="microseconds")
+        line = _json({"time": local_time, **program, **place, **fields})
         written = threading.Event()
         with self._lock:
             if self._thread is None:
@@ -279,11 +263,6 @@ class ActionLog:
             written.set()
 
 
-def _timestamp(time: int) -> str:
-    """Return a time in ns as ISO 8601 text: local time with UTC offset."""
-    return datetime.fromtimestamp(time / 1e9).astimezone().isoformat(timespec="microseconds")
-
-
 def _json(fields: dict[str, object]) -> bytes:
     """Return a line of JSON that contains only printable ASCII characters; all others are escaped."""
     text = json.dumps(fields, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
@@ -291,17 +270,13 @@ def _json(fields: dict[str, object]) -> bytes:
 
 
 def _hex(raw: bytes) -> dict[str, object]:
-    """Return the first bytes of a frame as hex. If the frame is too long to log completely, the result also
-    contains its size.
-    """
+    """Return the first bytes of a frame as hex and, if the frame is too long to log completely, its size."""
     shown: dict[str, object] = {"hex": raw[:_MAX_BYTES].hex()}
     return shown if len(raw) <= _MAX_BYTES else {**shown, "bytes": len(raw)}
 
 
 def _value_json(value: Value, left: list[int]) -> object:
-    """Convert a value to JSON types. `left[0]` is the number of values that may still be logged for the
-    call.
-    """
+    """Convert a value to JSON types. `left[0]` is the number of values that the line may still contain."""
     left[0] -= 1
     if isinstance(value, Variant):
         return {"type": vt_name(value.vt), "value": _value_json(value.value, left)}

@@ -26,14 +26,10 @@ from bcapscope.transport.loop_clock import LoopClock
 from bcapscope.transport.peer_link import Link
 
 Observer: TypeAlias = Callable[[Observation], None]
-"""Function that gets every frame when the frame is sent or received. The function must not raise
-exceptions.
-"""
+"""Gets every frame when it is sent or received. The function must not raise exceptions."""
 
 EventListener: TypeAlias = Callable[[RequesterEvent], None]
-"""Function that gets every event, including notices, late replies and stray replies. The function must not
-raise exceptions.
-"""
+"""Gets every event, including notices, late and stray replies. The function must not raise exceptions."""
 
 
 class Caller:
@@ -157,7 +153,6 @@ class Caller:
         self._after_input()
 
     def _after_input(self) -> None:
-        """Send the requester's frames, set the timer and report the events."""
         requester = self._requester
         for raw in requester.data_to_send():
             frame = Frame(raw, None, self._templates)

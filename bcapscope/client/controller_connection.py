@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import AsyncExitStack
+from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanager
 from types import TracebackType
 
 from bcapscope.client.blocking import Blocking
@@ -27,8 +28,7 @@ class ControllerConnection:
 
     def __init__(self, target: ControllerTarget) -> None:
         self.target = target
-        self._stack = AsyncExitStack()
-        self._wait: Blocking | None = None
+        self._opened = ExitStack()
 
     async def __aenter__(self) -> Controller:
         """Connect.
@@ -38,34 +38,34 @@ class ControllerConnection:
             ControllerError: The controller refused a call.
             OSError: The controller cannot be reached.
         """
-        async with AsyncExitStack() as opened:
-            service = Service(await opened.enter_async_context(open_target_session(self.target)))
-            await service.start(self.target.service)
-            controller = await service.connect(*self.target.connect)
-            self._stack = opened.pop_all()
-        return controller
+        self._connected: AbstractAsyncContextManager[Controller] = _connected(self.target)
+        return await self._connected.__aenter__()
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await self._stack.__aexit__(kind, error, trace)
+        await self._connected.__aexit__(kind, error, trace)
 
     def __enter__(self) -> tuple[Blocking, Controller]:
         """Connect as `async with` does. Do not use `with` in code that an event loop runs."""
-        wait = Blocking()
-        try:
+        with ExitStack() as opened:
+            wait = opened.enter_context(Blocking())
             controller = wait.enter(self)
-        except BaseException:
-            wait.__exit__(None, None, None)
-            raise
-        self._wait = wait
+            self._opened = opened.pop_all()
         return wait, controller
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._wait is not None:
-            self._wait.__exit__(kind, error, trace)
+        self._opened.__exit__(kind, error, trace)
+
+
+@asynccontextmanager
+async def _connected(target: ControllerTarget) -> AsyncIterator[Controller]:
+    async with open_target_session(target) as session:
+        service = Service(session)
+        await service.start(target.service)
+        yield await service.connect(*target.connect)
 
 
 def connect_controller(
@@ -98,15 +98,5 @@ def connect_controller(
             does not apply to slvMove, whose timeout is shorter.
         retries: Maximum number of retries over UDP for calls other than slvMove; 4 by default.
     """
-    return ControllerConnection(
-        ControllerTarget(
-            host,
-            port,
-            tcp=tcp,
-            provider=provider,
-            name=name,
-            service=option,
-            timeout=timeout,
-            retries=retries,
-        )
-    )
+    target = ControllerTarget(host, port, tcp, timeout, retries, service=option, name=name, provider=provider)
+    return ControllerConnection(target)

@@ -31,9 +31,7 @@ class ObjectHandle(NamedTuple):
 
 
 class HandleTable:
-    """Tracks which objects of one session are open, and whether the service is started. The table learns this
-    from successful calls.
-    """
+    """Learns from successful calls which objects are open, and whether the service is started."""
 
     def __init__(self) -> None:
         self.is_service_started = False

@@ -47,9 +47,7 @@ class ObjectOpener:
         target: ControllerTarget,
         names: Mapping[ObjectClass, str] = DEFAULT_OBJECT_NAMES,
     ) -> None:
-        """Create the opener without sending anything to `target`. `names` replaces names in
-        `DEFAULT_OBJECT_NAMES`.
-        """
+        """Send nothing to `target` yet. `names` replaces names in `DEFAULT_OBJECT_NAMES`."""
         self.session = session
         self._target = target
         self._names = {**DEFAULT_OBJECT_NAMES, **names}
@@ -79,9 +77,7 @@ class ObjectOpener:
             await self.session.invoke("Service_Start", self._target.service)
 
     async def connect_controller(self, providers: Sequence[str]) -> str:
-        """Connect with the first of `providers` that the controller knows; return the name of this
-        provider.
-        """
+        """Connect with the first of `providers` that the controller knows, and return this provider."""
         for provider in providers[:-1]:
             try:
                 await self._connect_with(provider)
@@ -94,27 +90,21 @@ class ObjectOpener:
         return providers[-1]
 
     async def open_child(self, parent: ObjectHandle, kind: ObjectClass, name: str) -> int:
-        """Return the handle of the object with this name. If the object is not open, open it with a function
-        of `parent`.
-        """
+        """Return the handle of the object with this name. If it is not open, open it through `parent`."""
         found = self.session.handles.find_named(kind, name, parent)
         if found is not None:
             return found.handle
         return handle_of(await self.session.invoke(f"{parent.kind}_Get{kind}", parent.handle, name, ""))
 
     async def read_variable(self, owner: ObjectClass, name: str) -> Variant:
-        """Read a variable of the latest open object of the class `owner`. The variable stays open for further
-        reads.
-        """
+        """Read a variable of the latest open object of the class `owner`. The variable stays open."""
         parent = self.session.handles.find(owner, await self.handle_for(owner))
         assert parent is not None  # `handle_for` has recorded the object in `handles`
         variable = await self.open_child(parent, ObjectClass.VARIABLE, name)
         return required_variant(await self.session.invoke("Variable_GetValue", variable), name)
 
     async def is_simulator(self) -> bool:
-        """Return whether the controller is bcapscope's simulator. Only the simulator has the variable that
-        this method reads.
-        """
+        """Return whether the controller is bcapscope's simulator: only the simulator has the variable."""
         value = await read_variable_once(await self.open_remote(Controller), SIMULATOR_VARIABLE)
         return value is not None and value.value == SIMULATOR_TEXT
 
@@ -138,10 +128,9 @@ class ObjectOpener:
         name = self._names.get(object_class)
         if name is None:
             raise ValueError(f"the {object_class} has no known name; pass its name, or open it first")
-        parent = ObjectClass.CONTROLLER
-        if object_class is ObjectClass.VARIABLE and find_variable(ObjectClass.CONTROLLER, name) is None:
-            others = (ObjectClass.ROBOT, ObjectClass.TASK)
-            parent = next((other for other in others if find_variable(other, name)), parent)
+        is_variable = object_class is ObjectClass.VARIABLE
+        owners = (ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK) if is_variable else ()
+        parent = next((owner for owner in owners if find_variable(owner, name)), ObjectClass.CONTROLLER)
         return handle_of(
             await self.session.invoke(f"{parent}_Get{object_class}", await self.handle_for(parent), name, "")
         )

@@ -1,6 +1,4 @@
-"""Base class of the controller's objects. Methods of the base class call a function of the object and convert
-the value in the reply.
-"""
+"""Base class of the controller's objects: calls a function, and converts the value in the reply."""
 
 from __future__ import annotations
 
@@ -12,7 +10,7 @@ from bcapscope.client.session import Session
 from bcapscope.errors import RemoteProtocolError
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.protocol.codec.variant import Value, Variant, vt_name
+from bcapscope.protocol.codec.variant import EMPTY, Value, Variant, vt_name
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.variant_values import date_of, plain_value
 
@@ -20,9 +18,7 @@ R = TypeVar("R")
 
 
 def handle_of(reply: Frame) -> int:
-    """Return the handle in the reply to a call that opens an object; raise RemoteProtocolError if the reply
-    has no handle.
-    """
+    """Return the handle in a reply; raise RemoteProtocolError if the reply has no handle."""
     return expect_value(reply, int, "reply.a-handle")
 
 
@@ -94,13 +90,11 @@ class RemoteObject:
         return expect_value(await self._invoke(verb, *values), str, "reply.a-string")
 
     async def _invoke_value(self, verb: str, *values: object) -> Value:
-        variant = first_variant(await self._invoke(verb, *values))
-        return None if variant is None else plain_value(variant)
+        return plain_value(first_variant(await self._invoke(verb, *values)) or EMPTY)
 
     async def _invoke_names(self, verb: str, option: str) -> tuple[str, ...]:
         reply = await self._invoke(verb, option)
-        variant = first_variant(reply)
-        names = None if variant is None else plain_value(variant)
+        names = plain_value(first_variant(reply) or EMPTY)
         if names is None:
             return ()
         if isinstance(names, tuple):

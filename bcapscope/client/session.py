@@ -153,17 +153,14 @@ class Session:
             for function_id, arguments in closing_calls(robots, (), objects, stops_service=stops):
                 await self._call_ignoring_refusal(function_id, arguments)
         except CallTimeout:
-            await self._stop_service_once()
+            if self.handles.is_service_started:
+                self.retry_policies = self.retry_policies._replace(others=_TRY_ONCE)
+                with suppress(CallTimeout, OSError):
+                    await self._call_ignoring_refusal(_SERVICE_STOP, ())
         except OSError:
             pass
         finally:
             self.caller.close()
-
-    async def _stop_service_once(self) -> None:
-        if self.handles.is_service_started:
-            self.retry_policies = self.retry_policies._replace(others=_TRY_ONCE)
-            with suppress(CallTimeout, OSError):
-                await self._call_ignoring_refusal(_SERVICE_STOP, ())
 
     async def _call_ignoring_refusal(self, function_id: int, arguments: Sequence[Variant]) -> None:
         try:
@@ -175,9 +172,7 @@ class Session:
             pass
 
     def retry_policy_for(self, function_id: int, arguments: Sequence[Variant]) -> RetryPolicy:
-        """Return the timeout and the number of retries of a call. On UDP, these values depend on the slave
-        mode.
-        """
+        """Return timeout and number of retries of a call. On UDP, they depend on the slave mode."""
         paces = self.retry_policies
         if not self.caller.link.datagrams:
             return RetryPolicy(paces.others.timeout * (paces.others.retries + 1), 0)
@@ -198,9 +193,7 @@ class Session:
         return needs_arming(function_id, arguments, "" if variable is None else variable.label)
 
     def record_call(self, function_id: int, arguments: Sequence[Variant], reply: Frame) -> None:
-        """Record what a successful call opened, released or changed. It is safe to record the same call
-        twice.
-        """
+        """Record what a successful call opened, released or changed. Recording a call twice is safe."""
         function = FUNCTIONS.get(function_id)
         if function is None:
             return

@@ -8,12 +8,12 @@ documents how tolerant a real controller is. The simulator accepts any numeric t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from contextlib import suppress
 
 from bcapscope.protocol.codec.variant import ARRAY, VT, Value, Variant
 from bcapscope.protocol.tables.hresult import E_INVALIDARG
-from bcapscope.simulator.call_outcome import TYPE_MISMATCH, RefusedError
+from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 
 LARGEST_FLOAT = 3.4028234663852886e38
 
@@ -56,7 +56,6 @@ def bstr_array(items: Iterable[str]) -> Variant:
 
 
 def clip_to_r4(number: float) -> float:
-    """Clip a finite number to the range of VT_R4."""
     if math.isfinite(number):
         return max(-LARGEST_FLOAT, min(LARGEST_FLOAT, float(number)))
     return float(number)
@@ -78,7 +77,7 @@ def number_of(variant: Variant) -> float | int:
             found = float(found)
     if isinstance(found, int | float) and math.isfinite(found):
         return found
-    raise RefusedError(TYPE_MISMATCH)
+    raise RefusedError(RefusalCode.TYPE_MISMATCH)
 
 
 def integer_of(variant: Variant) -> int:
@@ -103,15 +102,15 @@ def text_of(variant: Variant) -> str:
     raise RefusedError(E_INVALIDARG)
 
 
-def items_of(variant: Variant) -> tuple[Variant, ...]:
+def items_of(variant: Variant) -> Arguments:
     """Return the elements of an array; a scalar gives one element, and EMPTY gives none."""
     value = variant.value
     if value is None:
-        return ()
+        return Arguments()
     if not isinstance(value, tuple | bytes):
-        return (variant,)
+        return Arguments((variant,))
     base = variant.vt & ~ARRAY
-    return tuple(item if isinstance(item, Variant) else Variant(base, item) for item in value)
+    return Arguments(item if isinstance(item, Variant) else Variant(base, item) for item in value)
 
 
 def numbers_of(variant: Variant) -> tuple[float, ...]:
@@ -119,11 +118,36 @@ def numbers_of(variant: Variant) -> tuple[float, ...]:
     return tuple(float(number_of(item)) for item in items_of(variant))
 
 
-def argument_at(items: Sequence[Variant], index: int) -> Variant:
-    """Return the argument at an index; refuse the call if the argument is missing."""
-    if index >= len(items):
-        raise RefusedError(E_INVALIDARG)
-    return items[index]
+class Arguments(tuple[Variant, ...]):
+    """Arguments of a function, or the elements of a command's parameter.
+
+    The methods read the argument at an index. If the argument is missing and has no default, they refuse the
+    call.
+    """
+
+    __slots__ = ()
+
+    def at(self, index: int) -> Variant:
+        if index >= len(self):
+            raise RefusedError(E_INVALIDARG)
+        return self[index]
+
+    def number(self, index: int) -> float:
+        return float(number_of(self.at(index)))
+
+    def integer(self, index: int, default: int | None = None) -> int:
+        if default is not None and index >= len(self):
+            return default
+        return integer_of(self.at(index))
+
+    def integer_within(self, index: int, allowed: range, refusal: int) -> int:
+        """Read an integer. If it is not in `allowed`, refuse the call with the code `refusal`."""
+        return number_within(self.at(index), allowed, refusal)
+
+    def text(self, index: int, default: str | None = None) -> str:
+        if default is not None and index >= len(self):
+            return default
+        return text_of(self.at(index))
 
 
 def _plain(value: Value) -> Value:

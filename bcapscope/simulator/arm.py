@@ -26,7 +26,6 @@ PASS_SHARE = 0.7
 # highest speed and acceleration of a minimum-jerk curve that covers distance 1 in time 1
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.774
 
-
 _Step: TypeAlias = tuple[int, Joints]
 
 
@@ -39,7 +38,6 @@ class ArmMotion(NamedTuple):
     ends: int
 
     def at(self, time: int) -> Joints:
-        """Return the joints that the motion commands at `time`."""
         if time >= self.ends:
             return self.goal
         if time <= self.began:
@@ -50,8 +48,7 @@ class ArmMotion(NamedTuple):
 
 
 def motion_duration(start: Joints, goal: Joints, speed: float) -> int:
-    """Return the shortest time in ns within the limits of all axes. `speed` is a share of the speed
-    limits."""
+    """Return the shortest time in ns within all limits. `speed` is a share of the speed limits."""
     longest = 0.0
     for a, b, limit in zip(start, goal, AXIS_LIMITS, strict=False):
         way = abs(b - a)
@@ -84,11 +81,9 @@ class Arm:
         return (self._changed if self._steps else max(self._changed, self._motion.ends)) + ENCODER_LAG_NS
 
     def is_at_rest(self, now: int) -> bool:
-        """Return whether the commanded joints and the encoders stand still."""
         return now >= self.at_rest_from
 
     def commanded(self, now: int) -> Joints:
-        """Return the joints that are commanded at `now`."""
         if not self._steps:
             return self._motion.at(now)
         before = self._steps[0]
@@ -99,28 +94,24 @@ class Arm:
         return before[1]
 
     def actual(self, now: int) -> Joints:
-        """Return the joints that the encoders show at `now`."""
+        """Return the joints that the encoders show."""
         return self.commanded(now - ENCODER_LAG_NS)
 
-    def move(self, goal: Joints, now: int, speed: float, min_duration: int = 0) -> ArmMotion:
+    def move(self, goal: Joints, now: int, speed: float, min_duration: int) -> None:
         """Begin an ordinary motion at the commanded joints. The motion takes at least `min_duration` ns."""
         start = self.commanded(now)
         duration = max(min_duration, motion_duration(start, goal, speed))
         self._motion = ArmMotion(start, goal, now, now + duration)
         self._steps.clear()
-        return self._motion
 
     def halt(self, now: int) -> None:
-        """Stop at the commanded joints."""
         here = self.commanded(now)
         self._motion = ArmMotion(here, here, now, now)
         self._steps.clear()
         self._changed = now
 
     def add_set_point(self, joints: Joints, began: int, time: int) -> None:
-        """Stand still until `began`, then move in a straight line to `joints`. The motion ends at `time`.
-        Times are in ns.
-        """
+        """Stand still until `began`, then move in a straight line to `joints`, until `time`."""
         if not self._steps or joints != self._steps[-1][1]:
             self._changed = time
         if self._steps and self._steps[-1][0] < began:
@@ -177,9 +168,7 @@ class TimedMove:
         return self.done_at == NEVER
 
     def hold(self, now: int) -> None:
-        """Unless the motion has ended, stop the motion at the commanded joints, so that a client can resume
-        it.
-        """
+        """Stop the motion, unless it has ended, so that a client can resume it."""
         left = self._arm.ends - now
         if left > 0 and not self.is_held:
             self._arm.halt(now)
@@ -187,7 +176,6 @@ class TimedMove:
             self.done_at = NEVER
 
     def resume(self, now: int) -> None:
-        """Continue a held motion."""
         if self.is_held:
             self._start(now, self._remaining)
 
@@ -197,7 +185,8 @@ class TimedMove:
         self.done_at = now
 
     def _start(self, now: int, min_duration: int) -> None:
-        ends = self._arm.move(self._goal, now, self._speed, min_duration).ends
+        self._arm.move(self._goal, now, self._speed, min_duration)
+        ends = self._arm.ends
         if self._passing == END_OF_ENCODERS:
             ends += ENCODER_LAG_NS
         elif self._passing == PASSING:

@@ -11,23 +11,15 @@ class Certainty(StrEnum):
     """How certain it is that a real controller behaves like the simulator."""
 
     DOCUMENTED = "documented"
-    """The behaviour is written in a document or list of DENSO, or in a published description of DENSO's
-    commands.
-    """
+    """A document or list of DENSO, or a published description of DENSO's commands, says so."""
     OBSERVED = "observed"
-    """The behaviour is visible in DENSO's server, in DENSO's driver or in a published capture. Or users have
-    reported it.
-    """
+    """DENSO's server or driver, a published capture or a report of users shows the behaviour."""
     ASSUMED = "assumed"
-    """No source states the behaviour. The simulator has the likeliest behaviour, or the simplest behaviour
-    that works.
-    """
+    """No source states the behaviour. The simulator has the likeliest or the simplest that works."""
 
 
 class Behaviour(NamedTuple):
-    """A simulated behaviour: `text` says in one clause what the controller does, and `source` says how this
-    is known.
-    """
+    """A simulated behaviour: `text` is a clause about the controller, and `source` says how it is known."""
 
     name: str
     certainty: Certainty

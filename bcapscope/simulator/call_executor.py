@@ -73,7 +73,6 @@ class CallExecutor:
         self._is_timed_out = False
 
     def on_request(self, frame: Frame, now: int) -> list[bytes]:
-        """Handle a valid request, and return the frames to send."""
         self.last_heard = now
         decision = self._responder.receive_request(frame)
         if decision.kind is _NEW:
@@ -158,9 +157,7 @@ class CallExecutor:
         return raw
 
     def _reply_arguments(self, function_id: int, answer: CallResult) -> tuple[Variant, ...]:
-        """Return the arguments of a reply: the value if there is one. Otherwise, the profile decides between
-        EMPTY and no argument.
-        """
+        """Return the value if there is one; otherwise, the profile decides between EMPTY and no argument."""
         if function_id not in _FUNCTIONS_WITH_RESULT or answer.hresult == E_NOTIMPL:
             return ()
         if answer.value is not None:

@@ -2,9 +2,7 @@
 running call.
 
 Sources for the meanings of the codes: the public list of controller errors in
-nkawa/Denso_CobottaPro900_MQTT_Control; for the symbols of CAO: orin_bcap CSharp ORiNDefine.cs. If a code
-depends on the axis, the constant is the code for axis 0. To get the code of an axis, add the axis number (1
-to 8) to the constant.
+nkawa/Denso_CobottaPro900_MQTT_Control; for the symbols of CAO: orin_bcap CSharp ORiNDefine.cs.
 """
 
 from __future__ import annotations
@@ -20,40 +18,39 @@ from bcapscope.messages import Message
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import S_OK
 
-OBJECT_NOT_FOUND = 0x80000204
-NOT_WRITABLE = 0x8000020A
-INVALID_COMMAND = 0x80010005
-OUT_OF_MEMORY = 0x8007000E
-TYPE_MISMATCH = 0x80020005
-OVERFLOW = 0x8002000A
-BAD_INDEX = 0x8002000B
 
-MOTOR_IS_OFF = 0x81501003
-ERROR_IS_ACTIVE = 0x81501025
-NOT_AUTOMATIC = 0x81501017
-EMERGENCY_STOP = 0x8150101A
-NO_TOKEN = 0x83501028
+class RefusalCode:
+    """Result codes with which the controller refuses calls and stops motions.
 
-SPEED_LIMIT = 0x84204050
-ACCELERATION_LIMIT = 0x84204040
-POSITION_LIMIT = 0x83204230
-SOFTWARE_LIMIT = 0x83204070
+    If a code depends on the axis, the constant is the code for axis 0; add the axis number (1 to 8).
+    """
 
+    OBJECT_NOT_FOUND = 0x80000204
+    NOT_WRITABLE = 0x8000020A
+    INVALID_COMMAND = 0x80010005
+    OUT_OF_MEMORY = 0x8007000E
+    TYPE_MISMATCH = 0x80020005
+    OVERFLOW = 0x8002000A
+    BAD_INDEX = 0x8002000B
 
-HAND_IS_MOVING = 0x83500301
-HAND_SETTING = 0x83500314
-HAND_STOPPED = 0x835002FF
-HAND_DEVIATION = 0x8450031C
-GRIP_BEYOND_LIMIT = 0x83500362
-RELATIVE_GRIP_BEYOND_LIMIT = 0x83500363
-NOTHING_GRIPPED = 0x8350048F
-BRACKET_IS_OPEN = {"time": 0x83500189, "move": 0x83500190}
-BRACKET_IS_CLOSED = {"time": 0x83500191, "move": 0x83500192}
+    MOTOR_IS_OFF = 0x81501003
+    ERROR_IS_ACTIVE = 0x81501025
+    NOT_AUTOMATIC = 0x81501017
+    EMERGENCY_STOP = 0x8150101A
+    NO_TOKEN = 0x83501028
 
+    SPEED_LIMIT = 0x84204050
+    ACCELERATION_LIMIT = 0x84204040
+    POSITION_LIMIT = 0x83204230
+    SOFTWARE_LIMIT = 0x83204070
 
-def error_level(code: int) -> int:
-    """Return the error level of a controller code, its second hex digit; 0 for other codes."""
-    return code >> 24 & 0xF if code >> 28 == 8 else 0
+    HAND_IS_MOVING = 0x83500301
+    HAND_SETTING = 0x83500314
+    HAND_STOPPED = 0x835002FF
+    HAND_DEVIATION = 0x8450031C
+    GRIP_BEYOND_LIMIT = 0x83500362
+    RELATIVE_GRIP_BEYOND_LIMIT = 0x83500363
+    NOTHING_GRIPPED = 0x8350048F
 
 
 # Every call creates an outcome. To create a struct takes 0.1 µs, and a frozen dataclass 0.9 µs. A named tuple
@@ -98,8 +95,3 @@ class RefusedError(BcapError):
         super().__init__(Message("simulator.refused", code=f"{hresult:08X}"))
         self.hresult = hresult
         self.reason = reason
-
-
-def succeed_at(time: int) -> RunningCall:
-    """Return a running call that succeeds at a given time in ns."""
-    return RunningCall(lambda now: DONE if now >= time else None, lambda now: time)

@@ -22,7 +22,7 @@ from bcapscope.protocol.tables.hresult import (
     E_NOTIMPL,
     E_REFUSED_IN_SLAVE_MODE,
 )
-from bcapscope.simulator.argument_values import argument_at, i4, text_of
+from bcapscope.simulator.argument_values import Arguments, i4
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.call_context import CallContext
 from bcapscope.simulator.call_outcome import (
@@ -77,9 +77,7 @@ class ClientSession:
         self.objects = ObjectTable()
 
     def call(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> CallOutcome:
-        """Run a call and return its outcome. Invalid input also leads to an outcome, never to an
-        exception.
-        """
+        """Run a call and return its outcome. Invalid input also leads to an outcome, not to an exception."""
         self.machine.advance(now)
         try:
             outcome = self._call(function_id, arguments, now)
@@ -90,9 +88,7 @@ class ClientSession:
         return DONE if outcome is None else CallResult(value=outcome)
 
     def end(self) -> None:
-        """Release all objects and the arm of this client, as DENSO's C server does for a client that is
-        lost.
-        """
+        """Release all objects and the arm of this client, as DENSO's C server does for a lost client."""
         self.is_started = False
         self.wdt = None
         self.objects.clear()
@@ -104,20 +100,22 @@ class ClientSession:
     def _call(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> HandlerOutcome:
         method = FUNCTION_HANDLERS.get(function_id)
         if method is None or not self.is_started:
-            return self._call_without_object(function_id, arguments)
+            return self._call_without_object(function_id, Arguments(arguments))
         owner, handler = method
-        found = self.objects.find(owner, argument_at(arguments, 0))
+        if not arguments:
+            raise RefusedError(E_INVALIDARG)
+        found = self.objects.find(owner, arguments[0])
         if handler is None:
             raise RefusedError(E_NOTIMPL)
         machine = self.machine
-        if machine.slave.mode is not None and not is_allowed_in_slave_mode(
-            function_id, arguments, is_other=machine.owner != self.number
-        ):
-            machine.refuse(E_REFUSED_IN_SLAVE_MODE, now)
-        return handler(CallContext(machine, self.number, self.objects, found, now), arguments[1:])
+        if machine.slave.mode is not None:
+            is_other = machine.owner != self.number
+            if not is_allowed_in_slave_mode(function_id, arguments, is_other):
+                machine.refuse(E_REFUSED_IN_SLAVE_MODE, now)
+        own = Arguments(arguments[1:])
+        return handler(CallContext(machine, self.number, self.objects, found, now, own))
 
-    def _call_without_object(self, function_id: int, arguments: tuple[Variant, ...]) -> Variant | None:
-        """Run a function that needs no object, or refuse the call."""
+    def _call_without_object(self, function_id: int, arguments: Arguments) -> Variant | None:
         if function_id not in FUNCTIONS:
             raise RefusedError(E_INVALIDARG)
         if function_id == _START:
@@ -130,8 +128,8 @@ class ClientSession:
             self.end()
         return None
 
-    def _start(self, arguments: tuple[Variant, ...]) -> None:
-        options = parse_options(text_of(arguments[0]) if arguments else "")
+    def _start(self, arguments: Arguments) -> None:
+        options = parse_options(arguments.text(0, default=""))
         wdt = _milliseconds(options.get("wdt"))
         limit = _milliseconds(options.get("invoketimeout"))
         self.wdt = None if wdt is None else wdt * MS
@@ -139,14 +137,14 @@ class ClientSession:
         self.is_started = True
         self.machine.open_objects[self.number] = self.objects
 
-    def _connect(self, arguments: tuple[Variant, ...]) -> Variant:
+    def _connect(self, arguments: Arguments) -> Variant:
         """Open the controller. RC7 ignores all four arguments; other controllers require the name of their
         provider.
 
         While any client has a controller object open, the name of this object is in use. If a client crashes,
         its names stay in use until the controller removes the client.
         """
-        name, provider, _, option = (text_of(argument_at(arguments, index)) for index in range(4))
+        name, provider, _, option = (arguments.text(index) for index in range(4))
         providers = self.machine.profile.providers
         if providers and provider.strip().casefold() not in map(str.casefold, providers):
             raise RefusedError(E_INVALIDARG, _provider_reason(provider.strip(), providers))
@@ -166,9 +164,7 @@ def _provider_reason(provider: str, providers: tuple[str, ...]) -> str:
     return f"Controller_Connect is refused: {asked}. This profile simulates {' or '.join(providers)}"
 
 
-def is_allowed_in_slave_mode(
-    function_id: int, arguments: tuple[Variant, ...], is_other: bool = False
-) -> bool:
+def is_allowed_in_slave_mode(function_id: int, arguments: tuple[Variant, ...], is_other: bool) -> bool:
     """Return whether slave mode accepts a call; `is_other` means that another client has the arm.
 
     If no source mentions a call, slave mode accepts the call only if the call reads data. Slave mode accepts
@@ -200,9 +196,7 @@ _REFUSED_COMMANDS: Mapping[int, frozenset[str]] = {
 
 
 def parse_options(text: str) -> dict[str, str]:
-    """Parse options such as `,WDT=400,InvokeTimeout=180000`. Keys become lower case; parts without `=` are
-    ignored.
-    """
+    """Parse options such as `,WDT=400`. Keys become lower case; parts without `=` are ignored."""
     pairs = (part.partition("=") for part in text[:1024].split(","))
     return {key.strip().casefold(): value.strip() for key, equals, value in pairs if equals}
 

@@ -49,26 +49,21 @@ def played_scenario(
     )
 
 
-def ignore_call(peer: Peer, report: CallReport) -> None:
-    """Ignore an answered call. A simulator uses this function if nobody watches its calls."""
+def start_controller(
+    played: Scenario,
+    seed: int | None = None,
+    *,
+    on_call: Callable[[Peer, CallReport], None] = lambda peer, report: None,
+    on_news: Callable[[Message], None] = lambda news: None,
+) -> tuple[Simulator, Simulator | ScenarioRunner]:
+    """Start a simulator in the initial state of a scenario, on the monotonic clock.
 
-
-def start_simulator(
-    played: Scenario, on_call: Callable[[Peer, CallReport], None] = ignore_call
-) -> tuple[Simulator, int]:
-    """Return a simulator in the initial state of a scenario, and the simulator's start time in ns of the
-    monotonic clock.
+    Return the simulator and the model to serve. The model is a `ScenarioRunner` only if the scenario has
+    faults, events or variables.
     """
     now = time.monotonic_ns()
     start = played.initial_state(epoch=time.time_ns() - now)
-    return Simulator(played.controller_profile, start, now, on_call), now
-
-
-def start_controller(played: Scenario, seed: int | None = None) -> Simulator | ScenarioRunner:
-    """Return a controller that plays a scenario. Only a scenario with faults, events or variables needs a
-    `ScenarioRunner`.
-    """
-    simulator, now = start_simulator(played)
+    simulator = Simulator(played.controller_profile, start, now, on_call)
     if played.faults or played.in_slave_mode or played.variables:
-        return ScenarioRunner(played, simulator, now, seed=seed)
-    return simulator
+        return simulator, ScenarioRunner(played, simulator, now, seed=seed, on_news=on_news)
+    return simulator, simulator

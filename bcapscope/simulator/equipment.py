@@ -1,4 +1,4 @@
-"""The controller's equipment besides the arm: hands, coordinate frames, areas, serial and socket lines.
+"""The controller's equipment besides the arm: hands, areas, serial and socket lines.
 
 Times are in ns, widths in mm, and speeds in mm/s. Source of `COBOTTA_HAND`: DENSORobot/denso_cobotta_ros
 denso_cobotta_gripper/config/gripper_parallel.yaml (stroke, speed, acceleration, force). Source of
@@ -10,15 +10,9 @@ parameter, the second hand's speed in mm/s, and the start position with both han
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
-from bcapscope.simulator.call_outcome import HAND_STOPPED
-
-CoordinateFrame: TypeAlias = tuple[float, ...]
-"""Position and orientation of a coordinate frame: X, Y, Z [mm], Rx, Ry, Rz [deg]."""
-
-MAX_FRAMES = 64
-"""Number of tool frames, and number of work frames. Both kinds are counted from 0. The number is assumed."""
+from bcapscope.simulator.call_outcome import RefusalCode
 
 MAX_AREAS = 32
 MAX_LINES = 256
@@ -130,14 +124,12 @@ class Hand:
         return self._force > 0 and self._touches_object and not self.is_moving(now)
 
     def force(self, now: int) -> float:
-        """Return the force on the object in N; 0 if the hand does not grip."""
+        """Return the force on the object in N."""
         return self._force if self.is_gripping(now) else 0.0
 
     @property
     def collides_at(self) -> int | None:
-        """Time in ns at which the fingers hit the object in a motion that is not a grip; None if the fingers
-        do not hit the object.
-        """
+        """Time in ns at which the fingers hit the object in a motion that is not a grip, or None."""
         return self.ends if self._touches_object and not self._force else None
 
     def move(self, goal: float, speed: float, now: int, force: float = 0.0) -> int:
@@ -155,9 +147,7 @@ class Hand:
         return self.ends
 
     def stop(self, now: int, result: int) -> None:
-        """Stop the fingers; the call that waits for their motion returns `result`. A gripped object stays
-        gripped.
-        """
+        """Stop the fingers; the call that waits for them returns `result`. A gripped object stays gripped."""
         if self.is_moving(now) or self.collides_at is not None:
             self._final_width = self.width(now)
             self.ends = now
@@ -178,8 +168,6 @@ class Equipment:
         hand: COBOTTA's electric hand, which is also the extension `Hand0`.
         gripper: The 2FG hand.
         vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
-        tools: Definitions of tools by number; the definition of a missing tool is all zeros. `works` holds
-            the definitions of works.
         lines: Numbers of the open serial and socket lines.
         brackets: `time` after SyncTimeStart until SyncTimeEnd, and `move` after SyncMoveStart until
             SyncMoveEnd.
@@ -191,21 +179,17 @@ class Equipment:
         self.hand = Hand(COBOTTA_HAND, object_width)
         self.gripper = Hand(TWO_FINGER_HAND, object_width)
         self.vacuum = 0.0
-        self.tools: dict[int, CoordinateFrame] = {}
-        self.works: dict[int, CoordinateFrame] = {}
         self.areas: set[int] = set()
         self.lines: set[int] = set()
         self.brackets: set[str] = set()
         self.force_control: int | None = None
 
     def stop(self, now: int) -> None:
-        self.hand.stop(now, HAND_STOPPED)
-        self.gripper.stop(now, HAND_STOPPED)
+        self.hand.stop(now, RefusalCode.HAND_STOPPED)
+        self.gripper.stop(now, RefusalCode.HAND_STOPPED)
 
     def lose_power(self) -> None:
-        """Switch off force control and release the grip, because both need the motor's power (error
-        80500371).
-        """
+        """Switch off force control and release the grip: both need the motor's power (error 80500371)."""
         self.hand.lose_grip()
         self.vacuum = 0.0
         self.force_control = None

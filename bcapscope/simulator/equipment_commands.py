@@ -21,44 +21,33 @@ from functools import partial
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.hresult import E_INVALIDARG
 from bcapscope.simulator.argument_values import (
-    argument_at,
     boolean,
     bstr,
     float_array,
     i4,
     integer_of,
-    items_of,
-    number_of,
     number_within,
     numbers_of,
     r8,
     text_of,
     variant_array,
 )
-from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable, accept_without_effect
+from bcapscope.simulator.call_context import CallContext, CallHandler, CommandTable, accept_without_effect
 from bcapscope.simulator.call_outcome import (
-    BAD_INDEX,
-    BRACKET_IS_CLOSED,
-    BRACKET_IS_OPEN,
     DONE,
-    GRIP_BEYOND_LIMIT,
-    HAND_IS_MOVING,
-    HAND_SETTING,
-    HAND_STOPPED,
-    MOTOR_IS_OFF,
-    NOTHING_GRIPPED,
-    RELATIVE_GRIP_BEYOND_LIMIT,
     CallResult,
     HandlerOutcome,
+    RefusalCode,
     RefusedError,
     RunningCall,
 )
 from bcapscope.simulator.equipment import MAX_AREAS, MAX_LINES, Hand
 
+BRACKET_IS_OPEN = {"time": 0x83500189, "move": 0x83500190}
+BRACKET_IS_CLOSED = {"time": 0x83500191, "move": 0x83500192}
+
 _STORED_SPEED, _STORED_FORCE = 0.5, 10.0
-"""The controller's stored data for a grip: the share of the top speed, and COBOTTA's force in N. Both values
-are assumptions.
-"""
+"""Assumed data that the controller stores for a grip: share of the top speed, and COBOTTA's force in N."""
 
 _WEAKEST_SUCTION = 40.0
 """Percent: DENSORobot/denso_cobotta_ros denso_cobotta_gripper/config/gripper_vacuum.yaml."""
@@ -70,88 +59,78 @@ _SUCTION, _SUCTION_LOAD = -0.5, 50.0
 """Assumed data of the vacuum hand: pressure in kPa per percent of power, and load in percent."""
 
 
-def _move_to(
-    context: CallContext, parameter: Variant, relative: bool = False, grips: bool = False
-) -> HandlerOutcome:
-    """Run HandMoveA, HandMoveR, HandMoveAH or HandMoveRH. Parameters: width or distance [mm], speed [%] and,
-    for a grip, force [N].
-    """
-    items, hand = items_of(parameter), context.machine.equipment.hand
-    goal = float(number_of(argument_at(items, 0))) + (hand.width(context.now) if relative else 0.0)
-    speed = _speed(hand, argument_at(items, 1))
-    force = _force(hand, argument_at(items, 2)) if grips else 0.0
-    beyond = RELATIVE_GRIP_BEYOND_LIMIT if relative else GRIP_BEYOND_LIMIT
-    _check_width(hand, goal, beyond if grips else HAND_SETTING)
+def _move_to(context: CallContext, relative: bool = False, grips: bool = False) -> HandlerOutcome:
+    """Run HandMoveA, ...R, ...AH or ...RH: width or distance [mm], speed [%] and, for a grip, force [N]."""
+    items, hand = context.items, context.machine.equipment.hand
+    goal = items.number(0) + (hand.width(context.now) if relative else 0.0)
+    speed = _speed(hand, items.number(1))
+    force = _force(hand, items.number(2)) if grips else 0.0
+    beyond = RefusalCode.RELATIVE_GRIP_BEYOND_LIMIT if relative else RefusalCode.GRIP_BEYOND_LIMIT
+    _check_width(hand, goal, beyond if grips else RefusalCode.HAND_SETTING)
     return _start(context, hand, goal, speed, force, waits=not _has_next_option(items[3 if grips else 2 :]))
 
 
-def _grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
+def _grip(context: CallContext) -> HandlerOutcome:
     """Run HandMoveH. Parameters: force [N], and whether the hand closes."""
-    items, hand = items_of(parameter), context.machine.equipment.hand
-    force = _force(hand, argument_at(items, 0))
-    goal = hand.limits.narrowest if number_of(argument_at(items, 1)) else hand.limits.widest
+    items, hand = context.items, context.machine.equipment.hand
+    force = _force(hand, items.number(0))
+    goal = hand.limits.narrowest if items.number(1) else hand.limits.widest
     return _start(context, hand, goal, hand.limits.grip_speed, force, waits=not _has_next_option(items[2:]))
 
 
-def _chuck(context: CallContext, parameter: Variant, closes: bool) -> HandlerOutcome:
-    """Run HandChuck, HandUnChuck, or the commands Chuck and Unchuck of the extension Hand0. Use the stored
-    speed and force.
-    """
+def _chuck(context: CallContext, closes: bool) -> HandlerOutcome:
+    """Run HandChuck, HandUnChuck, or the commands Chuck and Unchuck of the extension Hand0."""
     hand = context.machine.equipment.hand
-    return _start(context, hand, *_stored_motion(hand, closes, _STORED_FORCE), waits=True)
+    return _start_with_stored_data(context, hand, closes, _STORED_FORCE, waits=True)
 
 
-def _suck(context: CallContext, parameter: Variant) -> None:
+def _suck(context: CallContext) -> None:
     """Run HandMoveVH. Parameters: power [%], and whether the hand sucks. HandStop switches the vacuum off."""
-    items = items_of(parameter)
-    power = float(number_of(argument_at(items, 0)))
-    draws = number_of(argument_at(items, 1)) != 0
-    _check_ready(context)
-    if not _WEAKEST_SUCTION <= power <= 100:
-        raise RefusedError(HAND_SETTING)
+    power, draws = context.items.number(0), context.items.number(1)
+    context.machine.check_motor(context.now)
+    _check_range(power, _WEAKEST_SUCTION, 100)
     context.machine.equipment.vacuum = power if draws else 0.0
 
 
-def _stop(context: CallContext, parameter: Variant) -> None:
+def _stop(context: CallContext) -> None:
     """Run HandStop: the call of a running motion returns 835002FF, and the vacuum switches off."""
     equipment = context.machine.equipment
-    equipment.hand.stop(context.now, HAND_STOPPED)
+    equipment.hand.stop(context.now, RefusalCode.HAND_STOPPED)
     equipment.vacuum = 0.0
 
 
-def _two_finger_grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
+def _two_finger_grip(context: CallContext) -> HandlerOutcome:
     """Run TwofgGrip. Parameters: width [mm], force [N], speed [%], and whether to wait. If the call waits and
     the hand grips nothing, the call fails.
     """
-    items, hand = items_of(parameter), context.machine.equipment.gripper
-    width = float(number_of(argument_at(items, 0)))
-    force, speed = _force(hand, argument_at(items, 1)), _speed(hand, argument_at(items, 2))
-    waits = len(items) < 4 or integer_of(items[3]) != 0
-    _check_width(hand, width, HAND_SETTING)
+    items, hand = context.items, context.machine.equipment.gripper
+    width, force, speed = items.number(0), _force(hand, items.number(1)), _speed(hand, items.number(2))
+    waits = items.integer(3, default=1) != 0
+    _check_width(hand, width)
     return _start(context, hand, width, speed, force, waits=waits)
 
 
-def _two_finger_release(context: CallContext, parameter: Variant) -> HandlerOutcome:
+def _two_finger_release(context: CallContext) -> HandlerOutcome:
     """Run TwofgRelease. Parameters: width [mm], and whether to wait for the end of the motion."""
-    items, hand = items_of(parameter), context.machine.equipment.gripper
-    width = float(number_of(argument_at(items, 0)))
-    _check_width(hand, width, HAND_SETTING)
-    waits = len(items) < 2 or integer_of(items[1]) != 0
-    return _start(context, hand, width, hand.limits.speed, 0.0, waits=waits)
+    items, hand = context.items, context.machine.equipment.gripper
+    width = items.number(0)
+    _check_width(hand, width)
+    return _start(context, hand, width, hand.limits.speed, 0.0, waits=items.integer(1, default=1) != 0)
 
 
-def _hand_grip(context: CallContext, parameter: Variant, closes: bool) -> HandlerOutcome:
-    """Run HandGrip or HandRelease. Move the 2FG hand with the speed and force that the controller stores."""
+def _hand_grip(context: CallContext, closes: bool) -> HandlerOutcome:
+    """Run HandGrip or HandRelease of the 2FG hand."""
     hand = context.machine.equipment.gripper
-    return _start(context, hand, *_stored_motion(hand, closes, hand.limits.weakest), waits=False)
+    return _start_with_stored_data(context, hand, closes, hand.limits.weakest, waits=False)
 
 
-def _stored_motion(hand: Hand, closes: bool, force: float) -> tuple[float, float, float]:
-    """Return goal [mm], speed [mm/s] and force [N] of a motion that closes or opens the hand. Only closing
-    uses `force`.
-    """
-    speed = hand.limits.speed * _STORED_SPEED
-    return (hand.limits.narrowest, speed, force) if closes else (hand.limits.widest, speed, 0.0)
+def _start_with_stored_data(
+    context: CallContext, hand: Hand, closes: bool, force: float, *, waits: bool
+) -> RunningCall | None:
+    """Close or open a hand with the speed that the controller stores. Only closing uses `force` [N]."""
+    limits = hand.limits
+    goal, force = (limits.narrowest, force) if closes else (limits.widest, 0.0)
+    return _start(context, hand, goal, limits.speed * _STORED_SPEED, force, waits=waits)
 
 
 def _start(
@@ -166,14 +145,14 @@ def _start(
     if is_gripper:
         context.machine.check_state()
     else:
-        _check_ready(context)
+        context.machine.check_motor(context.now)
     if hand.is_moving(context.now):
-        raise RefusedError(HAND_IS_MOVING)
+        raise RefusedError(RefusalCode.HAND_IS_MOVING)
     ends = hand.move(goal, speed, context.now, force)
     if not waits:
         return None
     missed = is_gripper and force > 0 and not hand.is_gripping(ends)
-    last, run = CallResult(NOTHING_GRIPPED) if missed else DONE, hand.motion_count
+    last, run = CallResult(RefusalCode.NOTHING_GRIPPED) if missed else DONE, hand.motion_count
 
     def poll(now: int) -> CallResult | None:
         if hand.motion_count != run:
@@ -183,46 +162,40 @@ def _start(
     return RunningCall(poll, lambda now: ends)
 
 
-def _check_ready(context: CallContext) -> None:
-    context.machine.check_state()
-    if not context.machine.motor_is_on(context.now):
-        raise RefusedError(MOTOR_IS_OFF)
+def _check_range(
+    value: float, lowest: float, highest: float, refusal: int = RefusalCode.HAND_SETTING
+) -> None:
+    if not lowest <= value <= highest:
+        raise RefusedError(refusal)
 
 
-def _check_width(hand: Hand, width: float, result: int) -> None:
-    if not hand.limits.narrowest <= width <= hand.limits.widest:
-        raise RefusedError(result)
+def _check_width(hand: Hand, width: float, refusal: int = RefusalCode.HAND_SETTING) -> None:
+    _check_range(width, hand.limits.narrowest, hand.limits.widest, refusal)
 
 
-def _speed(hand: Hand, part: Variant) -> float:
-    """Read a speed in percent, and return the speed in mm/s."""
-    percent = float(number_of(part))
-    if not hand.limits.slowest <= percent <= 100:
-        raise RefusedError(HAND_SETTING)
+def _speed(hand: Hand, percent: float) -> float:
+    """Convert percent to mm/s."""
+    _check_range(percent, hand.limits.slowest, 100)
     return hand.limits.speed * percent / 100
 
 
-def _force(hand: Hand, part: Variant) -> float:
-    force = float(number_of(part))
-    if not hand.limits.weakest <= force <= hand.limits.strongest:
-        raise RefusedError(HAND_SETTING)
+def _force(hand: Hand, force: float) -> float:
+    _check_range(force, hand.limits.weakest, hand.limits.strongest)
     return force
 
 
 def _has_next_option(rest: tuple[Variant, ...]) -> bool:
-    """Return whether the option NEXT is given. With NEXT, the call ends before the motion ends. The option
-    DetectOn has no effect.
-    """
+    """Return whether the option NEXT is given. The option DetectOn has no effect."""
     return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
 
 
-def _width(context: CallContext, parameter: Variant) -> Variant:
+def _width(context: CallContext) -> Variant:
     return r8(context.machine.equipment.hand.width(context.now))
 
 
-def _of_gripper(read: Callable[[Hand, int], Variant]) -> CommandHandler:
+def _of_gripper(read: Callable[[Hand, int], Variant]) -> CallHandler:
     """Return a handler that reads a value of the 2FG hand. `read` gets the hand and the time in ns."""
-    return lambda context, parameter: read(context.machine.equipment.gripper, context.now)
+    return lambda context: read(context.machine.equipment.gripper, context.now)
 
 
 HAND_COMMANDS: CommandTable = {
@@ -235,19 +208,17 @@ HAND_COMMANDS: CommandTable = {
     "handchuck": partial(_chuck, closes=True),
     "handunchuck": partial(_chuck, closes=False),
     "handstop": _stop,
-    "handholdstate": lambda context, _: boolean(context.machine.equipment.hand.is_gripping(context.now)),
+    "handholdstate": lambda context: boolean(context.machine.equipment.hand.is_gripping(context.now)),
     "handcurpos": _width,
-    "handcurpressure": lambda context, _: r8(context.machine.equipment.vacuum * _SUCTION),
-    "handcurload": lambda context, _: r8(_SUCTION_LOAD if context.machine.equipment.vacuum else 0.0),
+    "handcurpressure": lambda context: r8(context.machine.equipment.vacuum * _SUCTION),
+    "handcurload": lambda context: r8(_SUCTION_LOAD if context.machine.equipment.vacuum else 0.0),
 }
-"""Handlers of the hand commands of Controller_Execute, by command name in lower case."""
 
 HAND_EXTENSION_COMMANDS: CommandTable = {
     "curpos": _width,
     "chuck": HAND_COMMANDS["handchuck"],
     "unchuck": HAND_COMMANDS["handunchuck"],
 }
-"""Handlers of the commands of the extension Hand0, by command name in lower case."""
 
 
 _FORCE_CONTROLS = range(1, 11)
@@ -258,92 +229,71 @@ _LINE_IS_OPEN = 2
 _SIX = (0.0,) * 6
 
 
-def _open_bracket(context: CallContext, parameter: Variant, name: str) -> None:
+def _open_bracket(context: CallContext, name: str) -> None:
     brackets = context.machine.equipment.brackets
     if name in brackets:
         raise RefusedError(BRACKET_IS_OPEN[name])
     brackets.add(name)
 
 
-def _close_bracket(context: CallContext, parameter: Variant, name: str) -> None:
+def _close_bracket(context: CallContext, name: str) -> None:
     brackets = context.machine.equipment.brackets
     if name not in brackets:
         raise RefusedError(BRACKET_IS_CLOSED[name])
     brackets.remove(name)
 
 
-def _force_control(context: CallContext, parameter: Variant) -> None:
-    """Run ForceCtrl. Its parameters are on or off, a number 1..10 and a mode. Force control stays off while
-    the motor is off.
-    """
-    items, machine = items_of(parameter), context.machine
+def _force_control(context: CallContext) -> None:
+    """Run ForceCtrl: on or off, a number 1..10 and a mode. Without the motor, force control stays off."""
+    items, machine = context.items, context.machine
     machine.check_arm(context.client)
-    if integer_of(argument_at(items, 0)) == 0:
+    if items.integer(0) == 0:
         machine.equipment.force_control = None
         return
-    number = number_within(argument_at(items, 1), _FORCE_CONTROLS, E_INVALIDARG)
+    number = items.integer_within(1, _FORCE_CONTROLS, E_INVALIDARG)
     machine.equipment.force_control = number if machine.motor_is_on(context.now) else None
 
 
-def _force_parameters(context: CallContext, parameter: Variant) -> None:
+def _force_parameters(context: CallContext) -> None:
     """Run ForceParam with number 1..10, coordinates 0..2, six forces, and up to eleven more values."""
-    items = items_of(parameter)
-    number_within(argument_at(items, 0), _FORCE_CONTROLS, E_INVALIDARG)
-    number_within(argument_at(items, 1), _COORDINATES, E_INVALIDARG)
-    if len(items) > _MAX_FORCE_VALUES or len(numbers_of(argument_at(items, 2))) < len(_SIX):
+    items = context.items
+    items.integer_within(0, _FORCE_CONTROLS, E_INVALIDARG)
+    items.integer_within(1, _COORDINATES, E_INVALIDARG)
+    if len(items) > _MAX_FORCE_VALUES or len(numbers_of(items.at(2))) < len(_SIX):
         raise RefusedError(E_INVALIDARG)
 
 
-def _force_value(context: CallContext, parameter: Variant) -> Variant:
-    """Run ForceValue, which returns six zeros for any kind of data."""
-    integer_of(argument_at(items_of(parameter), 0))
-    return float_array(VT.R8, _SIX)
+def _checked(check: Callable[[CallContext], object], value: Variant | None = None) -> CallHandler:
+    """Make a command that only checks its parameter and returns `value`."""
 
-
-def _force_sensor(context: CallContext, parameter: Variant) -> None:
-    """Run ForceSensor. The parameter 0 resets the sensor; refuse other values."""
-    if integer_of(parameter) != 0:
-        raise RefusedError(E_INVALIDARG)
-
-
-def _button_state(context: CallContext, parameter: Variant) -> Variant:
-    """Run GetMechaButtonState or ClearMechaButtonState; the buttons 0 to 2 are never pressed."""
-    number_within(parameter, _BUTTONS, BAD_INDEX)
-    return i4(0)
-
-
-def _scene_info(context: CallContext, parameter: Variant) -> Variant:
-    """Run SceneInfo, which returns scene, sub-scene and an empty name."""
-    items = items_of(parameter)
-    if any([integer_of(argument_at(items, index)) for index in (0, 1)]):
-        raise RefusedError(BAD_INDEX)
-    return variant_array(i4(0), i4(0), bstr(""))
-
-
-def _switch_area(context: CallContext, parameter: Variant) -> None:
-    """Run SetAreaEnabled. Its first parameter is the area's number, and its second parameter says on or
-    off.
-    """
-    areas = context.machine.equipment.areas
-    (areas.add if number_of(argument_at(items_of(parameter), 1)) else areas.discard)(_area(parameter))
-
-
-def _area(parameter: Variant) -> int:
-    return number_within(argument_at(items_of(parameter), 0), range(MAX_AREAS), BAD_INDEX)
-
-
-def _line(parameter: Variant) -> int:
-    return number_within(parameter, range(MAX_LINES), BAD_INDEX)
-
-
-def _of_line(value: Variant | None) -> CommandHandler:
-    """Make a command that checks its line number and returns `value`."""
-
-    def run(context: CallContext, parameter: Variant) -> Variant | None:
-        _line(parameter)
+    def run(context: CallContext) -> Variant | None:
+        check(context)
         return value
 
     return run
+
+
+def _check_button(context: CallContext) -> None:
+    number_within(context.parameter, _BUTTONS, RefusalCode.BAD_INDEX)
+
+
+def _check_scene(context: CallContext) -> None:
+    if any([context.items.integer(index) for index in (0, 1)]):
+        raise RefusedError(RefusalCode.BAD_INDEX)
+
+
+def _switch_area(context: CallContext) -> None:
+    """Run SetAreaEnabled. Parameters: the area's number, and on or off."""
+    areas = context.machine.equipment.areas
+    (areas.add if context.items.number(1) else areas.discard)(_area(context))
+
+
+def _area(context: CallContext) -> int:
+    return context.items.integer_within(0, range(MAX_AREAS), RefusalCode.BAD_INDEX)
+
+
+def _line(context: CallContext) -> int:
+    return number_within(context.parameter, range(MAX_LINES), RefusalCode.BAD_INDEX)
 
 
 EQUIPMENT_COMMANDS: CommandTable = {
@@ -351,12 +301,14 @@ EQUIPMENT_COMMANDS: CommandTable = {
     "handrelease": partial(_hand_grip, closes=False),
     "twofggrip": _two_finger_grip,
     "twofgrelease": _two_finger_release,
-    "twofgstop": lambda context, _: context.machine.equipment.gripper.stop(context.now, HAND_STOPPED),
-    "twofgisconn": lambda context, _: i4(1),
+    "twofgstop": lambda context: context.machine.equipment.gripper.stop(
+        context.now, RefusalCode.HAND_STOPPED
+    ),
+    "twofgisconn": lambda context: i4(1),
     "twofgisbusy": _of_gripper(lambda hand, now: i4(int(hand.is_moving(now)))),
     "twofgisgrip": _of_gripper(lambda hand, now: i4(int(hand.is_gripping(now)))),
-    "twofggeterrorcode": lambda context, _: i4(0),
-    "twofggetmode": lambda context, _: i4(_EXTERNAL_GRIP),
+    "twofggeterrorcode": lambda context: i4(0),
+    "twofggetmode": lambda context: i4(_EXTERNAL_GRIP),
     "twofggetwidth": _of_gripper(lambda hand, now: r8(hand.width(now))),
     "twofggetminwidth": _of_gripper(lambda hand, now: r8(hand.limits.narrowest)),
     "twofggetmaxwidth": _of_gripper(lambda hand, now: r8(hand.limits.widest)),
@@ -367,35 +319,36 @@ EQUIPMENT_COMMANDS: CommandTable = {
     "syncmoveend": partial(_close_bracket, name="move"),
     "forcectrl": _force_control,
     "forceparam": _force_parameters,
-    "forcevalue": _force_value,
-    "forcesensor": _force_sensor,
+    "forcevalue": _checked(lambda context: context.items.integer(0), float_array(VT.R8, _SIX)),
+    # The parameter 0 resets the sensor.
+    "forcesensor": _checked(lambda context: number_within(context.parameter, range(1), E_INVALIDARG)),
     # Mass, centre and inertia.
-    "curforcesensorpayload": lambda context, _: variant_array(
+    "curforcesensorpayload": lambda context: variant_array(
         r8(0.0), float_array(VT.R8, _SIX[:3]), float_array(VT.R8, _SIX[:3])
     ),
     "forcewaitcondition": accept_without_effect,
     "autocal": accept_without_effect,
     # RobInfo returns the type name if the parameter is 1, and an empty text for any other parameter.
-    "robinfo": lambda context, kind: bstr(
-        context.machine.initial_state.type_name if integer_of(kind) == 1 else ""
+    "robinfo": lambda context: bstr(
+        context.machine.initial_state.type_name if integer_of(context.parameter) == 1 else ""
     ),
-    "getmechabuttonstate": _button_state,
-    "clearmechabuttonstate": _button_state,
-    "curscene": lambda context, _: i4(0),
-    "cursubscene": lambda context, _: i4(0),
-    "sceneinfo": _scene_info,
+    # The buttons 0 to 2 are never pressed.
+    "getmechabuttonstate": _checked(_check_button, i4(0)),
+    "clearmechabuttonstate": _checked(_check_button, i4(0)),
+    "curscene": lambda context: i4(0),
+    "cursubscene": lambda context: i4(0),
+    # Scene, sub-scene and an empty name.
+    "sceneinfo": _checked(_check_scene, variant_array(i4(0), i4(0), bstr(""))),
     "setareaenabled": _switch_area,
-    "getareaenabled": lambda context, area: boolean(_area(area) in context.machine.equipment.areas),
+    "getareaenabled": lambda context: boolean(_area(context) in context.machine.equipment.areas),
 }
-"""Handlers of the commands of Robot_Execute, by command name in lower case."""
 
 LINE_COMMANDS: CommandTable = {
     # Every line number exists, and no line has a device at its other end.
-    "open": lambda context, line: context.machine.equipment.lines.add(_line(line)),
-    "close": lambda context, line: context.machine.equipment.lines.discard(_line(line)),
-    "state": lambda context, line: i4(_LINE_IS_OPEN if _line(line) in context.machine.equipment.lines else 0),
-    "clear": _of_line(None),
-    "count": _of_line(i4(0)),
-    "input": _of_line(bstr("")),
+    "open": lambda context: context.machine.equipment.lines.add(_line(context)),
+    "close": lambda context: context.machine.equipment.lines.discard(_line(context)),
+    "state": lambda context: i4(_LINE_IS_OPEN if _line(context) in context.machine.equipment.lines else 0),
+    "clear": _checked(_line),
+    "count": _checked(_line, i4(0)),
+    "input": _checked(_line, bstr("")),
 }
-"""Handlers of the commands of the extension Comm, by command name in lower case."""

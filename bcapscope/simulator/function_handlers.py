@@ -19,34 +19,27 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Container, Mapping, Sequence
 from datetime import datetime, timedelta
-from typing import TypeAlias
+from functools import partial
 
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass
 from bcapscope.protocol.tables.hresult import E_INVALIDARG, describe_hresult
 from bcapscope.simulator import system_variables
 from bcapscope.simulator.argument_values import (
-    argument_at,
     boolean,
     bstr,
     bstr_array,
     i2,
     i4,
     integer_of,
-    number_of,
     number_within,
-    text_of,
     variant_array,
 )
-from bcapscope.simulator.call_context import CallContext, CommandTable, accept_without_effect
+from bcapscope.simulator.call_context import CallContext, CallHandler, CommandTable, accept_without_effect
 from bcapscope.simulator.call_outcome import (
-    BAD_INDEX,
-    EMERGENCY_STOP,
-    INVALID_COMMAND,
-    OBJECT_NOT_FOUND,
-    OUT_OF_MEMORY,
     CallResult,
     HandlerOutcome,
+    RefusalCode,
     RefusedError,
     RunningCall,
 )
@@ -59,19 +52,19 @@ from bcapscope.simulator.robot_commands import PALLET_COMMANDS, ROBOT_COMMANDS
 _DAY_0 = datetime(1899, 12, 30)
 
 
-def _clear_error(context: CallContext, parameter: Variant) -> None:
+def _clear_error(context: CallContext) -> None:
     if context.machine.emergency:
-        raise RefusedError(EMERGENCY_STOP)
+        raise RefusedError(RefusalCode.EMERGENCY_STOP)
     context.machine.clear_errors()
 
 
-def _current_error_info(context: CallContext, parameter: Variant) -> Variant:
-    alarm = _alarm_at(context.machine.active_alarms, integer_of(parameter))
+def _current_error_info(context: CallContext) -> Variant:
+    alarm = _alarm_at(context.machine.active_alarms, integer_of(context.parameter))
     return variant_array(i4(alarm.code), bstr(alarm.text), i4(0), i4(0), bstr(""), i4(0), i4(0))
 
 
-def _error_log(context: CallContext, parameter: Variant) -> Variant:
-    alarm = _alarm_at(context.machine.alarm_log, integer_of(parameter))
+def _error_log(context: CallContext) -> Variant:
+    alarm = _alarm_at(context.machine.alarm_log, integer_of(context.parameter))
     at = _DAY_0 + timedelta(days=context.machine.date(alarm.time))
     date = (at.year, at.month, at.isoweekday() % 7, at.day)
     clock = (at.hour, at.minute, at.second, at.microsecond // 1000)
@@ -82,11 +75,11 @@ def _error_log(context: CallContext, parameter: Variant) -> Variant:
 def _alarm_at(alarms: Sequence[Alarm], index: int) -> Alarm:
     """Return an error by its index; index 0 is the newest error."""
     if not 0 <= index < len(alarms):
-        raise RefusedError(BAD_INDEX)
+        raise RefusedError(RefusalCode.BAD_INDEX)
     return alarms[index]
 
 
-def _system_state(context: CallContext, parameter: Variant) -> Variant:
+def _system_state(context: CallContext) -> Variant:
     """Run SysState. `enumerations.SYS_STATE_BITS` explains the bits of the result."""
     machine, now = context.machine, context.now
     automatic = machine.mode == AUTOMATIC
@@ -107,45 +100,35 @@ def _system_state(context: CallContext, parameter: Variant) -> Variant:
     return i4(sum(1 << bit for bit, value in bits.items() if value))
 
 
-def _put_auto_mode(context: CallContext, parameter: Variant) -> None:
+def _put_auto_mode(context: CallContext) -> None:
     """Run PutAutoMode of RC7. Its parameter is 1 for internal mode and 2 for external mode."""
-    mode = integer_of(parameter)
-    if mode not in (1, 2):
-        raise RefusedError(E_INVALIDARG)
-    context.machine.auto_mode = mode
+    context.machine.auto_mode = number_within(context.parameter, range(1, 3), E_INVALIDARG)
 
 
 CONTROLLER_COMMANDS: CommandTable = {
     **HAND_COMMANDS,
     "clearerror": _clear_error,
     # The description of the error is bcapscope's own, not that of a real controller.
-    "geterrordescription": lambda context, code: bstr(describe_hresult(integer_of(code)).text),
-    "getcurerrorcount": lambda context, _: i4(len(context.machine.active_alarms)),
+    "geterrordescription": lambda context: bstr(describe_hresult(integer_of(context.parameter)).text),
+    "getcurerrorcount": lambda context: i4(len(context.machine.active_alarms)),
     "getcurerrorinfo": _current_error_info,
-    "geterrorlogcount": lambda context, _: i4(len(context.machine.alarm_log)),
+    "geterrorlogcount": lambda context: i4(len(context.machine.alarm_log)),
     "geterrorlog": _error_log,
     # SysInfo returns the serial number if the parameter is 0, and an empty text for any other parameter.
-    "sysinfo": lambda context, kind: bstr("" if integer_of(kind) else "SIMULATOR"),
+    "sysinfo": lambda context: bstr("" if integer_of(context.parameter) else "SIMULATOR"),
     "sysstate": _system_state,
-    "stostate": lambda context, _: boolean(context.machine.emergency),
+    "stostate": lambda context: boolean(context.machine.emergency),
     "manualreset": accept_without_effect,
     "manualresetpreparation": accept_without_effect,
     "resetstostate": accept_without_effect,
     "putautomode": _put_auto_mode,
-    "getautomode": lambda context, _: i2(context.machine.auto_mode),
+    "getautomode": lambda context: i2(context.machine.auto_mode),
 }
-"""Handlers of the commands of Controller_Execute, by command name in lower case."""
 
 TASK_COMMANDS: CommandTable = {
-    "getstatus": lambda context, _: i4(context.machine.tasks.get(context.object.name.casefold(), READY))
+    "getstatus": lambda context: i4(context.machine.tasks.get(context.object.name.casefold(), READY))
 }
-"""Handlers of the commands of Task_Execute, by command name in lower case."""
 
-
-Arguments: TypeAlias = "tuple[Variant, ...]"
-"""Arguments of a request, without its handle."""
-
-FunctionHandler: TypeAlias = Callable[[CallContext, Arguments], HandlerOutcome]
 
 MAX_FILES = 100
 _EXTENSIONS: Mapping[str, CommandTable] = {
@@ -164,9 +147,9 @@ _KNOWN_NAMES: Mapping[ObjectClass, Callable[[CallContext], Container[str]]] = {
 """Existing names, in lower case."""
 
 
-def open_object(context: CallContext, kind: ObjectClass, arguments: Arguments) -> Variant:
+def open_object(context: CallContext, kind: ObjectClass) -> Variant:
     """Open an object by name; with @IfNotMember, return the handle of an object that is already open."""
-    name, option = text_of(argument_at(arguments, 0)), _text_at(arguments, 1)
+    name, option = context.arguments.text(0), context.arguments.text(1, default="")
     _check_name(context, kind, name, option)
     if "@ifnotmember" in option.casefold():
         found = context.objects.find_by_name(kind, name, context.object)
@@ -175,37 +158,30 @@ def open_object(context: CallContext, kind: ObjectClass, arguments: Arguments) -
     return i4(context.objects.open(kind, name, context.object).handle)
 
 
-def _text_at(arguments: Arguments, index: int) -> str:
-    """Read an optional text argument; return "" if it is missing."""
-    return text_of(arguments[index]) if index < len(arguments) else ""
-
-
 def _check_name(context: CallContext, kind: ObjectClass, name: str, option: str) -> None:
     """Refuse the name of an object that the controller does not have. A robot may have any name."""
     machine, folded = context.machine, name.casefold()
     if kind is ObjectClass.VARIABLE:
         system_variables.check_exists(context.object.kind, name, machine.profile.generation)
     elif kind in _KNOWN_NAMES and folded not in _KNOWN_NAMES[kind](context):
-        raise RefusedError(OBJECT_NOT_FOUND)
+        raise RefusedError(RefusalCode.OBJECT_NOT_FOUND)
     elif kind is ObjectClass.FILE and folded not in machine.files:
         _create_file(context, name, option)
 
 
 def _create_file(context: CallContext, name: str, option: str) -> None:
     if not re.search(r"@create\s*=\s*1", option.casefold()) or not name:
-        raise RefusedError(OBJECT_NOT_FOUND)
+        raise RefusedError(RefusalCode.OBJECT_NOT_FOUND)
     if len(context.machine.files) >= MAX_FILES or len(name) > 255:
-        raise RefusedError(OUT_OF_MEMORY)
+        raise RefusedError(RefusalCode.OUT_OF_MEMORY)
     context.machine.files[name.casefold()] = name
 
 
-def _get_message(context: CallContext, arguments: Arguments) -> Variant:
-    """Run Controller_GetMessage, which returns the newest active error. Refuse the call if no error is
-    active.
-    """
+def _get_message(context: CallContext) -> Variant:
+    """Run Controller_GetMessage, which returns the newest active error, or refuses the call."""
     active = context.machine.active_alarms
     if not active:
-        raise RefusedError(OBJECT_NOT_FOUND)
+        raise RefusedError(RefusalCode.OBJECT_NOT_FOUND)
     made, alarm = context.objects.open(ObjectClass.MESSAGE, "", context.object), active[0]
     made.values = {
         "Message_GetNumber": i4(alarm.code),
@@ -219,16 +195,17 @@ def _get_message(context: CallContext, arguments: Arguments) -> Variant:
     return i4(made.handle)
 
 
-def command_runner(commands: CommandTable) -> FunctionHandler:
-    """Return a handler for an ..._Execute function. If the profile lacks a command, the handler refuses the
-    command.
-    """
+def command_runner(commands: CommandTable) -> CallHandler:
+    """Return a handler for an ..._Execute function. It refuses the commands that the profile lacks."""
 
-    def execute(context: CallContext, arguments: Arguments) -> HandlerOutcome:
-        name = text_of(argument_at(arguments, 0)).casefold()
+    def execute(context: CallContext) -> HandlerOutcome:
+        arguments = context.arguments
+        name = arguments.text(0).casefold()
         if name not in commands or name in context.machine.profile.lacks:
-            raise RefusedError(INVALID_COMMAND)
-        return commands[name](context, arguments[1] if len(arguments) > 1 else EMPTY)
+            raise RefusedError(RefusalCode.INVALID_COMMAND)
+        if len(arguments) > 1:
+            context.parameter = arguments[1]
+        return commands[name](context)
 
     return execute
 
@@ -236,38 +213,29 @@ def command_runner(commands: CommandTable) -> FunctionHandler:
 _EXTENSION_HANDLERS = {name.casefold(): command_runner(commands) for name, commands in _EXTENSIONS.items()}
 
 
-def _command_execute(context: CallContext, arguments: Arguments) -> None:
+def _command_execute(context: CallContext) -> None:
     """Run the command that a Command object holds; a command that takes time stores no result."""
     values = context.object.values
-    outcome = CONTROLLER_COMMANDS[context.object.name.casefold()](context, values.get("parameters", EMPTY))
+    context.parameter = values.get("parameters", EMPTY)
+    outcome = CONTROLLER_COMMANDS[context.object.name.casefold()](context)
     if not isinstance(outcome, RunningCall):
         values["result"] = (outcome.value if isinstance(outcome, CallResult) else outcome) or EMPTY
 
 
-def _stored_value(key: str, default: Variant = EMPTY) -> FunctionHandler:
-    return lambda context, arguments: context.object.values.get(key, default)
+def _stored_value(key: str, default: Variant = EMPTY) -> CallHandler:
+    return lambda context: context.object.values.get(key, default)
 
 
-def _robot_move(context: CallContext, arguments: Arguments) -> HandlerOutcome:
-    option = arguments[2] if len(arguments) > 2 else bstr("")
-    return move(context, argument_at(arguments, 0), argument_at(arguments, 1), option)
-
-
-def _robot_drive(context: CallContext, arguments: Arguments) -> HandlerOutcome:
-    way = integer_of(argument_at(arguments, 0)), float(number_of(argument_at(arguments, 1)))
-    return drive(context, [way], False, _text_at(arguments, 2))
-
-
-def _robot_speed(context: CallContext, arguments: Arguments) -> None:
-    speed = float(number_of(argument_at(arguments, 1)))
+def _robot_speed(context: CallContext) -> None:
+    speed = context.arguments.number(1)
     if not 0 < speed <= 100:
         raise RefusedError(E_INVALIDARG)
     context.machine.speeds.internal = speed
 
 
-def _robot_accelerate(context: CallContext, arguments: Arguments) -> None:
+def _robot_accelerate(context: CallContext) -> None:
     """Run Robot_Accelerate: parameters two and three are in percent, and -1 keeps the current value."""
-    pair = float(number_of(argument_at(arguments, 1))), float(number_of(argument_at(arguments, 2)))
+    pair = context.arguments.number(1), context.arguments.number(2)
     if not all(value == -1 or 0 < value <= 100 for value in pair):
         raise RefusedError(E_INVALIDARG)
     speeds = context.machine.speeds
@@ -275,119 +243,109 @@ def _robot_accelerate(context: CallContext, arguments: Arguments) -> None:
     speeds.deceleration = speeds.deceleration if pair[1] == -1 else pair[1]
 
 
-def _robot_change(context: CallContext, arguments: Arguments) -> None:
-    match = re.fullmatch(r"(tool|work)([0-9]{1,2})", text_of(argument_at(arguments, 0)).strip().casefold())
+def _robot_change(context: CallContext) -> None:
+    match = re.fullmatch(r"(tool|work)([0-9]{1,2})", context.arguments.text(0).strip().casefold())
     if match is None:
         raise RefusedError(E_INVALIDARG)
     setattr(context.machine, match[1], int(match[2]))
 
 
-def _task_start(context: CallContext, arguments: Arguments) -> None:
-    number_within(argument_at(arguments, 0), range(1, 4), E_INVALIDARG)
+def _task_start(context: CallContext) -> None:
+    context.arguments.integer_within(0, range(1, 4), E_INVALIDARG)
     context.machine.start_task(context.object.name)
 
 
-def _task_stop(context: CallContext, arguments: Arguments) -> None:
-    number_within(argument_at(arguments, 0), range(5), E_INVALIDARG)
+def _task_stop(context: CallContext) -> None:
+    context.arguments.integer_within(0, range(5), E_INVALIDARG)
     context.machine.stop_task(context.object.name, context.now)
 
 
-def _date(context: CallContext, arguments: Arguments) -> Variant:
+def _date(context: CallContext) -> Variant:
     return Variant(VT.DATE, context.machine.date(context.now))
 
 
-def _put(field: str) -> FunctionHandler:
-    return lambda context, arguments: setattr(
-        context.object, field, check_storable(argument_at(arguments, 0))
-    )
+def _put_value(key: str) -> CallHandler:
+    return lambda context: context.object.values.update({key: check_storable(context.arguments.at(0))})
 
 
-def _variable_names(context: CallContext, arguments: Arguments) -> Variant:
+def _variable_names(context: CallContext) -> Variant:
     generation = context.machine.profile.generation
     return bstr_array(system_variables.variable_names(context.object.kind, generation))
 
 
-_SHARED_HANDLERS: Mapping[str, FunctionHandler] = {
-    "GetAttribute": lambda context, _: i4(0),
-    "GetHelp": lambda context, _: bstr(""),
-    "GetName": lambda context, _: bstr(context.object.name),
-    "GetTag": lambda context, _: context.object.tag,
-    "PutTag": _put("tag"),
-    "GetID": lambda context, _: context.object.id,
-    "PutID": _put("id"),
-    "Release": lambda context, _: context.objects.release(context.object),
-    "Disconnect": lambda context, _: context.objects.release(context.object),
+_SHARED_HANDLERS: Mapping[str, CallHandler] = {
+    "GetAttribute": lambda context: i4(0),
+    "GetHelp": lambda context: bstr(""),
+    "GetName": lambda context: bstr(context.object.name),
+    "GetTag": _stored_value("tag"),
+    "PutTag": _put_value("tag"),
+    "GetID": _stored_value("id"),
+    "PutID": _put_value("id"),
+    "Release": lambda context: context.objects.release(context.object),
+    "Disconnect": lambda context: context.objects.release(context.object),
     "GetVariableNames": _variable_names,
 }
 """Handlers of the functions that several classes of objects have. The key is the function's name without the
 class, such as `GetTag`.
 """
 
-_OWN_HANDLERS: Mapping[str, FunctionHandler] = {
+_OWN_HANDLERS: Mapping[str, CallHandler] = {
     "Controller_GetMessage": _get_message,
     "Controller_Execute": command_runner(CONTROLLER_COMMANDS),
-    "Controller_GetExtensionNames": lambda context, _: bstr_array(_EXTENSIONS),
-    "Controller_GetFileNames": lambda context, _: bstr_array(context.machine.files.values()),
-    "Controller_GetRobotNames": lambda context, _: bstr_array(("Arm0",)),
-    "Controller_GetTaskNames": lambda context, _: bstr_array(context.machine.initial_state.tasks),
-    "Controller_GetCommandNames": lambda context, _: bstr_array(CONTROLLER_COMMANDS),
+    "Controller_GetExtensionNames": lambda context: bstr_array(_EXTENSIONS),
+    "Controller_GetFileNames": lambda context: bstr_array(context.machine.files.values()),
+    "Controller_GetRobotNames": lambda context: bstr_array(("Arm0",)),
+    "Controller_GetTaskNames": lambda context: bstr_array(context.machine.initial_state.tasks),
+    "Controller_GetCommandNames": lambda context: bstr_array(CONTROLLER_COMMANDS),
     "File_GetDateCreated": _date,
     "File_GetDateLastAccessed": _date,
     "File_GetDateLastModified": _date,
-    "File_GetPath": lambda context, _: bstr(context.object.name),
-    "File_GetSize": lambda context, _: i4(0),
-    "File_GetType": lambda context, _: bstr(context.object.name.rpartition(".")[2]),
-    "File_GetValue": lambda context, _: bstr(""),
-    "Extension_Execute": lambda context, arguments: _EXTENSION_HANDLERS[context.object.name.casefold()](
-        context, arguments
-    ),
+    "File_GetPath": lambda context: bstr(context.object.name),
+    "File_GetSize": lambda context: i4(0),
+    "File_GetType": lambda context: bstr(context.object.name.rpartition(".")[2]),
+    "File_GetValue": lambda context: bstr(""),
+    "Extension_Execute": lambda context: _EXTENSION_HANDLERS[context.object.name.casefold()](context),
     "Robot_Execute": command_runner(ROBOT_COMMANDS),
     "Robot_Accelerate": _robot_accelerate,
     "Robot_Change": _robot_change,
-    "Robot_Drive": _robot_drive,
-    "Robot_Halt": lambda context, _: halt(context),
-    "Robot_Hold": lambda context, _: hold(context),
-    "Robot_Move": _robot_move,
+    "Robot_Drive": drive,
+    "Robot_Halt": halt,
+    "Robot_Hold": hold,
+    "Robot_Move": move,
     "Robot_Speed": _robot_speed,
-    "Robot_Unhold": lambda context, _: unhold(context),
+    "Robot_Unhold": unhold,
     "Task_Execute": command_runner(TASK_COMMANDS),
     "Task_Start": _task_start,
     "Task_Stop": _task_stop,
-    "Task_GetFileName": lambda context, _: bstr(f"{context.object.name}.pac"),
+    "Task_GetFileName": lambda context: bstr(f"{context.object.name}.pac"),
     "Variable_GetDateTime": _date,
-    "Variable_GetValue": lambda context, _: system_variables.read_variable(context),
-    "Variable_PutValue": lambda context, arguments: system_variables.write_variable(
-        context, argument_at(arguments, 0)
-    ),
-    "Variable_GetMicrosecond": lambda context, _: i4(context.now // 1000 % 1_000_000),
+    "Variable_GetValue": system_variables.read_variable,
+    "Variable_PutValue": system_variables.write_variable,
+    "Variable_GetMicrosecond": lambda context: i4(context.now // 1000 % 1_000_000),
     "Command_Execute": _command_execute,
     "Command_GetTimeout": _stored_value("timeout", i4(0)),
-    "Command_PutTimeout": lambda context, arguments: context.object.values.update(
-        timeout=i4(integer_of(argument_at(arguments, 0)))
+    "Command_PutTimeout": lambda context: context.object.values.update(
+        timeout=i4(context.arguments.integer(0))
     ),
-    "Command_GetState": lambda context, _: i4(_STATE_DONE),
+    "Command_GetState": lambda context: i4(_STATE_DONE),
     "Command_GetParameters": _stored_value("parameters"),
-    "Command_PutParameters": lambda context, arguments: context.object.values.update(
-        parameters=check_storable(argument_at(arguments, 0))
-    ),
+    "Command_PutParameters": _put_value("parameters"),
     "Command_GetResult": _stored_value("result"),
-    "Message_Clear": lambda context, _: None,
+    "Message_Clear": lambda context: None,
 }
 
 
-def _handler(function: Function) -> FunctionHandler | None:
+def _handler(function: Function) -> CallHandler | None:
     verb = function.name.partition("_")[2]
     kind = function.creates
     if function.name.startswith("Message_Get"):
         return _stored_value(function.name)
     if kind is not None and function.name not in _OWN_HANDLERS:
-        return lambda context, arguments: open_object(context, kind, arguments)
+        return partial(open_object, kind=kind)
     return _OWN_HANDLERS.get(function.name) or _SHARED_HANDLERS.get(verb)
 
 
-FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, FunctionHandler | None]] = {
+FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, CallHandler | None]] = {
     function.id: (function.owner, _handler(function)) for function in FUNCTIONS.values() if function.id > 3
 }
-"""Object class and handler of each function, by function id. The simulator refuses functions without a
-handler.
-"""
+"""Object class and handler by function id. The simulator refuses functions without a handler."""

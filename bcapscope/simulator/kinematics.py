@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeAlias
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.protocol.tables.hresult import E_INVALIDARG
-from bcapscope.simulator.call_outcome import POSITION_LIMIT, RefusedError
+from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 
 Joints: TypeAlias = tuple[float, ...]
 """Eight joints in degrees. The arm lacks the last two joints, so these two stay 0."""
@@ -53,13 +53,12 @@ AXIS_LIMITS: tuple[AxisLimit, ...] = (
 
 
 _P, _J, _T = PoseType.P, PoseType.J, PoseType.T
-_ZEROS = (0.0,) * 8
-_NOT_THERE = _ZEROS[AXIS_COUNT:]
+_NOT_THERE = (0.0, 0.0)
 
 
 def pad_joints(values: tuple[float, ...]) -> Joints:
-    """Keep the six joints that the arm has, and append zeros up to eight joints."""
-    return (values[:AXIS_COUNT] + _ZEROS)[:8]
+    """Keep the first six joints, and append zeros for the two joints that the arm lacks."""
+    return values[:AXIS_COUNT] + _NOT_THERE
 
 
 def axis_beyond_limit(joints: Joints, limits: tuple[AxisLimit, ...] = AXIS_LIMITS) -> int | None:
@@ -94,7 +93,7 @@ def joints_of_position(values: tuple[float, ...]) -> Joints:
     radius, height = hypot(x, y), z - SHOULDER_HEIGHT
     reach = hypot(radius, height) / (2 * LINK_LENGTH)
     if reach > 1:
-        raise RefusedError(POSITION_LIMIT + 2)
+        raise RefusedError(RefusalCode.POSITION_LIMIT + 2)
     elbow = 2 * acos(reach)
     second = atan2(radius, height) - elbow / 2
     return pad_joints((degrees(atan2(y, x)), degrees(second), degrees(elbow), *wrist))
@@ -135,9 +134,7 @@ FEWEST_NUMBERS: Mapping[PoseType, int] = {_P: 6, _J: 6, _T: 9}
 POSE_LENGTHS: Mapping[PoseType, range] = {
     pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()
 }
-"""Allowed numbers of values in a set point, by pose type. The value of Fig may be missing, and one more value
-may follow.
-"""
+"""Allowed numbers of values in a set point. Fig may be missing, and one more value may follow."""
 
 
 Vector: TypeAlias = tuple[float, float, float]

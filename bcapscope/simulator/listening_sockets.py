@@ -63,14 +63,10 @@ def _bind(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
 
 
 MAX_PER_SENDER = 32
-"""Maximum number of waiting datagrams of one sender: enough for the attempts of one call and for some further
-calls.
-"""
+"""Maximum number of waiting datagrams of one sender: enough for a call's attempts and a few more calls."""
 
 MAX_BYTES = 2 << 20
-"""Maximum number of waiting bytes of all senders together. For each datagram, the queue counts its size plus
-`_COST`.
-"""
+"""Maximum number of waiting bytes of all senders together; each datagram counts its size plus `_COST`."""
 
 _COST = 512
 

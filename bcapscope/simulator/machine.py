@@ -8,25 +8,13 @@ and all durations are assumptions. All times are in ns of the caller's clock.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, NoReturn
+from typing import NoReturn
 
 from bcapscope.protocol.slave_mode.modes import PERIOD_NS
 from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_FAIL, E_NOT_IN_SLAVE_MODE, describe_hresult
 from bcapscope.simulator.arm import MS, Arm, TimedMove
-from bcapscope.simulator.call_outcome import (
-    EMERGENCY_STOP,
-    ERROR_IS_ACTIVE,
-    HAND_DEVIATION,
-    MOTOR_IS_OFF,
-    NO_TOKEN,
-    NOT_AUTOMATIC,
-    POSITION_LIMIT,
-    SOFTWARE_LIMIT,
-    RefusedError,
-    error_level,
-)
+from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 from bcapscope.simulator.equipment import Equipment
 from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, Joints, axis_beyond_limit
 from bcapscope.simulator.object_table import ObjectTable
@@ -47,9 +35,7 @@ MAX_ACTIVE = 32
 MAX_LOGGED = 128
 
 OTHER_CLIENT = 0
-"""Number of the arm's owner while the pendant, or a client on another network, has the arm. Numbers of
-clients start at 1.
-"""
+"""Number of the arm's owner while the pendant or another network has it. Numbers of clients start at 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,24 +111,17 @@ class Alarm:
         return describe_hresult(self.code).text
 
 
-class ControlLogRecord(NamedTuple):
-    """One record of the control log: time in ns since the controller's start, commanded joints, and joints of
-    the encoders.
-    """
-
-    time: int
-    commanded: Joints
-    actual: Joints
-
-
 class ControlLog:
-    """The control log, with one record of the joints every 8 ms, oldest first. `due` is the time of the next
-    record in ns.
+    """One record of the joints every 8 ms, oldest first. `due` is the time of the next record in ns.
+
+    A record is the time in ns since the controller's start, the commanded joints, and those of the encoders.
     """
 
-    def __init__(self) -> None:
-        self.records: deque[ControlLogRecord] = deque(maxlen=MAX_RECORDS)
+    def __init__(self, arm: Arm, started_at: int) -> None:
+        self.records: deque[tuple[int, Joints, Joints]] = deque(maxlen=MAX_RECORDS)
         self.due: int | None = None
+        self._arm = arm
+        self._started_at = started_at
 
     def start(self, now: int) -> None:
         self.due = now if self.due is None else self.due
@@ -150,7 +129,7 @@ class ControlLog:
     def stop(self) -> None:
         self.due = None
 
-    def advance(self, now: int, sample: Callable[[int], ControlLogRecord]) -> None:
+    def advance(self, now: int) -> None:
         """Store the records that are due; after a long pause, only as many records as the log holds."""
         due = self.due
         if due is None:
@@ -158,7 +137,7 @@ class ControlLog:
         if now - due > MAX_RECORDS * PERIOD_NS:
             due += (now - due) // PERIOD_NS * PERIOD_NS - MAX_RECORDS * PERIOD_NS
         while due <= now:
-            self.records.append(sample(due))
+            self.records.append((due - self._started_at, self._arm.commanded(due), self._arm.actual(due)))
             due += PERIOD_NS
         self.due = due
 
@@ -184,7 +163,7 @@ class Machine:
         self.slave = SlaveDrive(self.arm, self.initial_state.limits)
         self.active_alarms: deque[Alarm] = deque(maxlen=MAX_ACTIVE)
         self.alarm_log: deque[Alarm] = deque(maxlen=MAX_LOGGED)
-        self.log = ControlLog()
+        self.log = ControlLog(self.arm, now)
         self.memory = VariableMemory(profile.real)
         self.speeds = Speeds(external=self.initial_state.speed)
         self.mode = self.initial_state.mode
@@ -202,7 +181,7 @@ class Machine:
         self.current_move: TimedMove | None = None
         self.equipment = Equipment(self.initial_state.object_width)
         self._motor_at: int | None = now if self.initial_state.motor else None
-        for code in (*self.initial_state.errors, *((EMERGENCY_STOP,) if self.emergency else ())):
+        for code in (*self.initial_state.errors, *((RefusalCode.EMERGENCY_STOP,) if self.emergency else ())):
             self._add_alarm(code, now)
 
     def date(self, now: int) -> float:
@@ -227,7 +206,7 @@ class Machine:
         """
         if not on:
             self._lose_power()
-            self.stop(now, MOTOR_IS_OFF, is_reported=False)
+            self.stop(now, RefusalCode.MOTOR_IS_OFF, is_reported=False)
             return now
         self.check_state()
         if self._motor_at is None:
@@ -235,23 +214,25 @@ class Machine:
         return self._motor_at
 
     def check_state(self) -> None:
-        """Refuse a call during an emergency stop or error, outside automatic mode, or without the executable
-        token.
-        """
+        """Refuse a call in an emergency stop, error or manual mode, or without the executable token."""
         if self.emergency:
-            raise RefusedError(EMERGENCY_STOP)
+            raise RefusedError(RefusalCode.EMERGENCY_STOP)
         if self.active_alarms:
-            raise RefusedError(ERROR_IS_ACTIVE)
+            raise RefusedError(RefusalCode.ERROR_IS_ACTIVE)
         if self.mode != AUTOMATIC:
-            raise RefusedError(NOT_AUTOMATIC)
+            raise RefusedError(RefusalCode.NOT_AUTOMATIC)
         if not self.initial_state.token:
-            raise RefusedError(NO_TOKEN)
+            raise RefusedError(RefusalCode.NO_TOKEN)
 
-    def check_motion(self, client: int, now: int) -> None:
-        """Refuse a motion unless `check_state` passes, the motor is on and the client has the arm."""
+    def check_motor(self, now: int) -> None:
+        """Refuse a call unless `check_state` passes and the motor is on."""
         self.check_state()
         if not self.motor_is_on(now):
-            raise RefusedError(MOTOR_IS_OFF)
+            raise RefusedError(RefusalCode.MOTOR_IS_OFF)
+
+    def check_motion(self, client: int, now: int) -> None:
+        """Refuse a motion unless `check_motor` passes and the client has the arm."""
+        self.check_motor(now)
         self.check_arm(client)
 
     def check_arm(self, client: int) -> None:
@@ -266,12 +247,10 @@ class Machine:
             raise RefusedError(E_FAIL)
 
     def check_reach(self, joints: Joints) -> None:
-        """Refuse joints beyond their limits, with the software-limit error of the first axis that is beyond
-        its limit.
-        """
+        """Refuse joints beyond their limits, with the software-limit error of the first such axis."""
         axis = axis_beyond_limit(joints, self.initial_state.limits)
         if axis:
-            raise RefusedError(SOFTWARE_LIMIT + axis)
+            raise RefusedError(RefusalCode.SOFTWARE_LIMIT + axis)
 
     def stop(self, now: int, code: int, is_reported: bool = True) -> None:
         """End motions and slave mode now; the calls that wait for a motion or for slave mode return
@@ -300,7 +279,8 @@ class Machine:
         self.stop(now, code, is_reported)
         if ROBSLAVE.casefold() in self.tasks:
             self.tasks[ROBSLAVE.casefold()] = READY
-        if error_level(code) >= 4 or code & ~0xF == POSITION_LIMIT or code == EMERGENCY_STOP:
+        level = code >> 24 & 0xF if code >> 28 == 8 else 0
+        if level >= 4 or code & ~0xF == RefusalCode.POSITION_LIMIT or code == RefusalCode.EMERGENCY_STOP:
             self._lose_power()
 
     def refuse(self, code: int, now: int) -> NoReturn:
@@ -323,13 +303,11 @@ class Machine:
         self.slave.unreported_result = 0
 
     def switch_mode(self, mode: int, now: int) -> None:
-        """Turn the mode switch. Unless the new mode is automatic, stop all motion and switch the motor
-        off.
-        """
+        """Turn the mode switch. Unless the mode is automatic, stop all motion and switch the motor off."""
         self.mode = mode
         if mode != AUTOMATIC:
             self._lose_power()
-            self.stop(now, NOT_AUTOMATIC, is_reported=False)
+            self.stop(now, RefusalCode.NOT_AUTOMATIC, is_reported=False)
 
     def start_task(self, name: str) -> None:
         """Start a program, unless `check_state` refuses."""
@@ -345,20 +323,20 @@ class Machine:
     def press_emergency_stop(self, now: int) -> None:
         """Press the emergency stop: the motor goes off, and nothing moves until the stop is released."""
         self.emergency = True
-        self.raise_error(EMERGENCY_STOP, now)
+        self.raise_error(RefusalCode.EMERGENCY_STOP, now)
 
     def advance(self, now: int) -> None:
         slave, log = self.slave, self.log
         if slave.mode is not None and slave.next_tick <= now:
-            fault = slave.advance(now)
-            if fault:
-                self.raise_error(fault.code, fault.time)
+            code = slave.advance(now)
+            if code is not None:
+                self.raise_error(code, slave.next_tick)
         if log.due is not None:
-            log.advance(now, self._sample_log)
+            log.advance(now)
         collision = self.equipment.hand.collides_at
         if collision is not None and collision <= now:
-            self.equipment.hand.stop(collision, HAND_DEVIATION)
-            self.raise_error(HAND_DEVIATION, collision)
+            self.equipment.hand.stop(collision, RefusalCode.HAND_DEVIATION)
+            self.raise_error(RefusalCode.HAND_DEVIATION, collision)
 
     def due(self) -> int | None:
         """Return the time in ns of the next change that happens without a call; None if none is due."""
@@ -375,6 +353,3 @@ class Machine:
     def _lose_power(self) -> None:
         self._motor_at = None
         self.equipment.lose_power()
-
-    def _sample_log(self, time: int) -> ControlLogRecord:
-        return ControlLogRecord(time - self.started_at, self.arm.commanded(time), self.arm.actual(time))

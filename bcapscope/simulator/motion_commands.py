@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import re
 from functools import partial
-from typing import NamedTuple
 
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import E_INVALIDARG, E_ROBOTISBUSY
-from bcapscope.simulator.argument_values import argument_at, bstr, integer_of, items_of, number_of, text_of
+from bcapscope.simulator.argument_values import bstr, integer_of, items_of, number_of
 from bcapscope.simulator.arm import MS, TimedMove
 from bcapscope.simulator.call_context import CallContext, CommandTable
 from bcapscope.simulator.call_outcome import DONE, CallResult, HandlerOutcome, RefusedError, RunningCall
@@ -44,24 +43,26 @@ _AXES = re.compile(
 _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
-def move(context: CallContext, interpolation: Variant, pose: Variant, option: Variant) -> HandlerOutcome:
-    """Run Robot_Move. For a line or a circle, the simulated arm moves to the end as in PTP. For a free curve,
-    the arm does not move.
-    """
-    kind, read = integer_of(interpolation), context.machine.memory.read
-    if kind == _CIRCLE:
+def move(context: CallContext) -> HandlerOutcome:
+    """Run Robot_Move. The arm moves along lines and circles as in PTP, and not at all in a free curve."""
+    arguments = context.arguments
+    target = _move_target(context, arguments.at(1), arguments.integer(0))
+    return run_motion(context, target, arguments.text(2, default=""))
+
+
+def _move_target(context: CallContext, pose: Variant, interpolation: int) -> MotionTarget:
+    read = context.machine.memory.read
+    if interpolation in (_PTP, _LINE):
+        return parse_target(pose, read)
+    if interpolation == _CIRCLE:
         targets = [parse_target(each, read) for each in _poses(pose)]
         if len(targets) != 2:
             raise RefusedError(E_INVALIDARG)
         context.machine.check_reach(targets[0].joints)
-        return run_motion(context, targets[1], text_of(option))
-    if kind == _FREE_CURVE:
-        if integer_of(pose) < 1:
-            raise RefusedError(E_INVALIDARG)
-        return run_motion(context, MotionTarget(context.machine.arm.goal, 0), text_of(option))
-    if kind not in (_PTP, _LINE):
+        return targets[1]
+    if interpolation != _FREE_CURVE or integer_of(pose) < 1:
         raise RefusedError(E_INVALIDARG)
-    return run_motion(context, parse_target(pose, read), text_of(option))
+    return MotionTarget(context.machine.arm.goal, 0)
 
 
 def _poses(pose: Variant) -> tuple[Variant, ...]:
@@ -71,22 +72,23 @@ def _poses(pose: Variant) -> tuple[Variant, ...]:
     return tuple(map(bstr, _BETWEEN_POSES.split(pose.value[:LONGEST_POSE_TEXT])))
 
 
-def drive(
-    context: CallContext,
-    axis_moves: list[tuple[int, float]],
-    absolute: bool,
-    option: str,
-    passing: int | None = None,
+def drive(context: CallContext) -> HandlerOutcome:
+    """Run Robot_Drive. Its option contains the pass, such as @P or @E."""
+    arguments = context.arguments
+    axis_move = arguments.integer(0), arguments.number(1)
+    option = arguments.text(2, default="")
+    return _drive_axes(context, [axis_move], False, option, _parse_passing(option))
+
+
+def _drive_axes(
+    context: CallContext, axis_moves: list[tuple[int, float]], absolute: bool, option: str, passing: int
 ) -> HandlerOutcome:
-    """Move single axes (1..6) by angles in degrees, or to angles if `absolute`. If `passing` is None,
-    `option` contains the pass, such as @P or @E.
-    """
+    """Move single axes (1..6) by angles in degrees, or to angles if `absolute`."""
     joints = list(context.machine.arm.goal)
     for axis, way in axis_moves:
         if not 1 <= axis <= AXIS_COUNT:
             raise RefusedError(E_INVALIDARG)
         joints[axis - 1] = way if absolute else joints[axis - 1] + way
-    passing = _parse_passing(option) if passing is None else passing
     return run_motion(context, MotionTarget(tuple(joints), passing), option)
 
 
@@ -116,27 +118,20 @@ def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> 
     if now < machine.free_at:
         raise RefusedError(E_ROBOTISBUSY)
     machine.check_reach(target.joints)
-    manner = _parse_options(option, machine.memory.read)
-    speed = machine.speeds.effective_share(manner.speed)
+    speed, min_duration, is_next = _parse_options(option, machine.memory.read)
+    share = machine.speeds.effective_share(speed)
     motion = TimedMove(
-        machine.arm, target.joints, now, speed, passing=target.passing, min_duration=manner.time
+        machine.arm, target.joints, now, share, passing=target.passing, min_duration=min_duration
     )
     machine.current_move = motion
-    return None if manner.next else _running(context, motion)
+    return None if is_next else _running(context, motion)
 
 
-class _MotionOptions(NamedTuple):
-    """Options of a motion: the internal speed in percent (None if not given), the minimum duration in ns, and
-    whether the call returns before the motion ends.
-    """
-
-    speed: float | None
-    time: int
-    next: bool
-
-
-def _parse_options(option: str, read: ReadVariable) -> _MotionOptions:
+def _parse_options(option: str, read: ReadVariable) -> tuple[float | None, int, bool]:
     """Read an option such as `SPEED=50, TIME=2000, NEXT` or `S=F2`.
+
+    Return the internal speed in percent (None if not given), the minimum duration in ns, and whether the call
+    returns before the motion ends.
 
     The unit of TIME, ms, is assumed. The names of the options come from VE026A_JNI.java by Suzuki and from
     the samples. ACCEL and DECEL are checked but do not change the motion.
@@ -146,7 +141,7 @@ def _parse_options(option: str, read: ReadVariable) -> _MotionOptions:
     speed, time = given.get("SPEED", given.get("S")), given.pop("TIME", 0)
     if not 0 <= time <= LONGEST_TIME or not all(0 < share <= 100 for share in given.values()):
         raise RefusedError(E_INVALIDARG)
-    return _MotionOptions(speed, round(time * MS), "NEXT" in text.replace(",", " ").split())
+    return speed, round(time * MS), "NEXT" in text.replace(",", " ").split()
 
 
 def _option_number(text: str, read: ReadVariable) -> float:
@@ -171,18 +166,14 @@ def _parse_passing(option: str) -> int:
 
 
 def _before_position(joints: Joints, distance: float) -> Joints:
-    """Return the joints for the point that lies `distance` mm before a position, along the position's
-    approach vector.
-    """
+    """Return the joints for the point `distance` mm before a position, along its approach vector."""
     here = position(joints)
     vector = trans(joints)[6:9]
     return joints_of_position((*(a - distance * b for a, b in zip(here, vector, strict=False)), *here[3:]))
 
 
 def _distance(part: Variant) -> tuple[float, int]:
-    """Return the distance in mm and the pass (such as @P), from text such as `@P 10`, from a number, or from
-    `[10, "", "@P"]`.
-    """
+    """Return distance in mm and pass, from text such as `@P 10`, a number, or `[10, "", "@P"]`."""
     if isinstance(part.value, str):
         last = part.value.split()[-1:] or ["0"]
         return float(number_of(bstr(last[0]))), _parse_passing(part.value)
@@ -191,36 +182,33 @@ def _distance(part: Variant) -> tuple[float, int]:
     return float(number_of(part)), passing
 
 
-def _approach(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run Approach. Its parameters are interpolation, pose and distance."""
-    items = items_of(parameter)
-    target = parse_target(argument_at(items, 1), context.machine.memory.read)
-    distance, passing = _distance(argument_at(items, 2))
-    return run_motion(
-        context, MotionTarget(_before_position(target.joints, distance), passing), _option(items, 3)
-    )
+def _approach(context: CallContext) -> HandlerOutcome:
+    """Run Approach. Its parameters are interpolation, pose, distance and option."""
+    items = context.items
+    target = parse_target(items.at(1), context.machine.memory.read)
+    distance, passing = _distance(items.at(2))
+    goal = _before_position(target.joints, distance)
+    return run_motion(context, MotionTarget(goal, passing), items.text(3, default=""))
 
 
-def _depart(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run Depart. Its parameters are interpolation and distance."""
-    items = items_of(parameter)
-    distance, passing = _distance(argument_at(items, 1))
+def _depart(context: CallContext) -> HandlerOutcome:
+    """Run Depart. Its parameters are interpolation, distance and option."""
+    items = context.items
+    distance, passing = _distance(items.at(1))
     goal = _before_position(context.machine.arm.goal, distance)
-    return run_motion(context, MotionTarget(goal, passing), _option(items, 2))
+    return run_motion(context, MotionTarget(goal, passing), items.text(2, default=""))
 
 
-def _option(items: tuple[Variant, ...], index: int) -> str:
-    return text_of(items[index]) if index < len(items) else ""
-
-
-def _drive_many(context: CallContext, parameter: Variant, absolute: bool) -> HandlerOutcome:
+def _drive_many(context: CallContext, absolute: bool) -> HandlerOutcome:
     """Run DriveEx or DriveAEx. Parameters: axes with their angles, as text or as pairs, then an option."""
-    items = items_of(parameter)
-    axes = argument_at(items, 0)
+    items = context.items
+    axes = items.at(0)
     ways, passing = (
         _axis_moves_of_text(axes.value) if isinstance(axes.value, str) else _axis_moves_of_pairs(axes)
     )
-    return drive(context, ways, absolute, _option(items, 1), passing)
+    option = items.text(1, default="")
+    passing = _parse_passing(option) if passing is None else passing
+    return _drive_axes(context, ways, absolute, option, passing)
 
 
 def _axis_moves_of_text(text: str) -> tuple[list[tuple[int, float]], int | None]:
@@ -237,15 +225,15 @@ def _axis_moves_of_pairs(axes: Variant) -> tuple[list[tuple[int, float]], int | 
     """Read pairs of axis and angle; DENSO's ROS driver sends each pair as `[pair, type, pass]`."""
     ways, passing = [], None
     for parts in map(items_of, items_of(axes)):
-        wrapped = isinstance(argument_at(parts, 0).value, tuple)
+        wrapped = isinstance(parts.at(0).value, tuple)
         pair = items_of(parts[0]) if wrapped else parts
         if wrapped and passing is None and len(parts) > 2:
             passing = parse_pass(parts[2])
-        ways.append((integer_of(argument_at(pair, 0)), float(number_of(argument_at(pair, 1)))))
+        ways.append((pair.integer(0), pair.number(1)))
     return ways, passing
 
 
-def _motion_skip(context: CallContext, parameter: Variant) -> None:
+def _motion_skip(context: CallContext) -> None:
     """Run MotionSkip, which ends the running motion where the arm is; the call of that motion succeeds."""
     machine, now = context.machine, context.now
     if machine.current_move and now < machine.free_at:
@@ -259,4 +247,3 @@ MOTION_COMMANDS: CommandTable = {
     "driveaex": partial(_drive_many, absolute=True),
     "motionskip": _motion_skip,
 }
-"""Handlers of the motion commands of Robot_Execute, by command name in lower case."""

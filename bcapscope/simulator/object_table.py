@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from bcapscope.errors import LocalProtocolError
-from bcapscope.protocol.codec.variant import EMPTY, VT, Variant, encode_variant
+from bcapscope.protocol.codec.variant import VT, Variant, encode_variant
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import E_HANDLE, E_MAX_OBJECT
-from bcapscope.simulator.call_outcome import OUT_OF_MEMORY, TYPE_MISMATCH, RefusedError
+from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 
 MAX_OBJECTS = 1000
 LONGEST_NAME = 255
@@ -28,47 +28,38 @@ class ControllerObject:
     """One object of a client, opened from its `parent`; a controller has no parent.
 
     Attributes:
-        tag: Value that the client stored with PutTag.
-        id: Value that the client stored with PutID, such as the number of a variable whose name ends in `*`.
-        values: Other values that objects of this class hold, such as a command's parameters.
+        values: Values that the object holds, such as a command's parameters. "tag" and "id" are the values
+            that the client stored with PutTag and PutID. The id may be the number of a variable whose name
+            ends in `*`.
     """
 
     handle: int
     kind: ObjectClass
     name: str
     parent: ControllerObject | None
-    tag: Variant = EMPTY
-    id: Variant = EMPTY
     values: dict[str, Variant] = field(default_factory=dict)
 
 
-class ObjectTable:
-    """The handles of one client."""
+class ObjectTable(dict[int, ControllerObject]):
+    """The open objects of one client, by handle."""
 
-    def __init__(self) -> None:
-        self._by_handle: dict[int, ControllerObject] = {}
-        self._next = 1
-
-    def __len__(self) -> int:
-        return len(self._by_handle)
+    _next = 1
 
     def open(self, kind: ObjectClass, name: str, parent: ControllerObject | None) -> ControllerObject:
-        """Open an object and return it. Refuse the call if the client already has 1000 objects or the name is
-        too long.
-        """
-        if len(self._by_handle) >= MAX_OBJECTS:
+        """Open an object. Refuse the call if the client already has 1000 objects or the name is too long."""
+        if len(self) >= MAX_OBJECTS:
             raise RefusedError(E_MAX_OBJECT)
         if len(name) > LONGEST_NAME:
-            raise RefusedError(OUT_OF_MEMORY)
+            raise RefusedError(RefusalCode.OUT_OF_MEMORY)
         made = ControllerObject(self._next, kind, name, parent)
         self._next = self._next % 0x7FFFFFFF + 1
-        self._by_handle[made.handle] = made
+        self[made.handle] = made
         return made
 
     def find(self, kind: ObjectClass, handle: Variant) -> ControllerObject:
         """Return the object of a handle; refuse a handle that is unknown or belongs to another class."""
         value = handle.value
-        found = self._by_handle.get(value) if handle.vt in _HANDLE_TYPES and isinstance(value, int) else None
+        found = self.get(value) if handle.vt in _HANDLE_TYPES and isinstance(value, int) else None
         if found is None or found.kind is not kind:
             raise RefusedError(E_HANDLE)
         return found
@@ -78,19 +69,16 @@ class ObjectTable:
     ) -> ControllerObject | None:
         """Return the open object with this name, ignoring case; None if there is none."""
         folded = name.casefold()
-        for each in self._by_handle.values():
+        for each in self.values():
             if each.kind is kind and each.parent is parent and each.name.casefold() == folded:
                 return each
         return None
 
     def release(self, target: ControllerObject) -> None:
         """Release an object and the objects opened from it."""
-        handles = [handle for handle, each in self._by_handle.items() if _belongs_to(each, target)]
+        handles = [handle for handle, each in self.items() if _belongs_to(each, target)]
         for handle in handles:
-            del self._by_handle[handle]
-
-    def clear(self) -> None:
-        self._by_handle.clear()
+            del self[handle]
 
 
 def _belongs_to(each: ControllerObject | None, owner: ControllerObject) -> bool:
@@ -104,7 +92,7 @@ def check_storable(value: Variant) -> Variant:
     try:
         size = len(encode_variant(value))
     except LocalProtocolError:
-        raise RefusedError(TYPE_MISMATCH) from None
+        raise RefusedError(RefusalCode.TYPE_MISMATCH) from None
     if size > LARGEST_VALUE:
-        raise RefusedError(OUT_OF_MEMORY)
+        raise RefusedError(RefusalCode.OUT_OF_MEMORY)
     return value

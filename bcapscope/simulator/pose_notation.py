@@ -38,9 +38,7 @@ ReadVariable = Callable[[str, int], Variant]
 
 
 class MotionTarget(NamedTuple):
-    """Target of a motion: eight joints in degrees, and the pass. `passing` is -1 for @P, -2 for @E, and the
-    distance n for @n.
-    """
+    """Target of a motion: eight joints in degrees, and the pass: -1 for @P, -2 for @E, n for @n."""
 
     joints: Joints
     passing: int

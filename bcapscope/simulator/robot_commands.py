@@ -8,33 +8,28 @@ definitions of tools and works. These definitions do not change the position tha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from functools import partial
 from itertools import permutations
-from typing import TypeAlias
 
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_INVALIDARG
 from bcapscope.simulator.argument_values import (
-    argument_at,
     boolean,
     bstr,
     float_array,
     i4,
     integer_of,
-    items_of,
-    number_of,
     number_within,
     numbers_of,
     r8,
     variant_array,
 )
 from bcapscope.simulator.arm import MS
-from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable, accept_without_effect
-from bcapscope.simulator.call_outcome import BAD_INDEX, RefusedError, RunningCall, succeed_at
-from bcapscope.simulator.equipment import MAX_FRAMES, CoordinateFrame
+from bcapscope.simulator.call_context import CallContext, CallHandler, CommandTable, accept_without_effect
+from bcapscope.simulator.call_outcome import DONE, RefusalCode, RefusedError, RunningCall
 from bcapscope.simulator.equipment_commands import EQUIPMENT_COMMANDS
 from bcapscope.simulator.kinematics import (
     FIG,
@@ -50,41 +45,32 @@ from bcapscope.simulator.kinematics import (
 from bcapscope.simulator.motion_commands import MOTION_COMMANDS
 from bcapscope.simulator.pose_notation import parse_pose, parse_target
 from bcapscope.simulator.slave_commands import SLAVE_COMMANDS, currents
+from bcapscope.simulator.variable_memory import check_index
 
 _P, _J, _T = PoseType.P, PoseType.J, PoseType.T
-ZERO_FRAME: CoordinateFrame = (0.0,) * 6
-"""Definition of a tool or work that no client has defined."""
-
-FrameTable: TypeAlias = Callable[[CallContext], dict[int, CoordinateFrame]]
-"""Function that returns the definitions of tools, or of works."""
-
 _UNREACHABLE = -1
 _MAX_PLACES = 32767
 """Maximum number of rows, columns and layers of a pallet; the limit is assumed."""
 
 
-def _convert(context: CallContext, parameter: Variant, source: PoseType, target: PoseType) -> Variant:
-    return _real_array(context, pose_of(target, _joints(context, source, parameter)))
+def _convert(context: CallContext, source: PoseType, target: PoseType) -> Variant:
+    return context.real_array(pose_of(target, _joints(context, source)))
 
 
-def _real_array(context: CallContext, numbers: Iterable[float]) -> Variant:
-    return float_array(context.machine.profile.real, numbers)
-
-
-def _joints(context: CallContext, pose_type: PoseType, parameter: Variant) -> Joints:
+def _joints(context: CallContext, pose_type: PoseType) -> Joints:
     """Read a pose. If the notation gives no pose type, the pose has the type `pose_type` of the command."""
-    items = items_of(parameter)
+    items = context.items
     if len(items) >= len(AXES[_P]) - 1 and all(isinstance(item.value, int | float) for item in items):
-        return joints_of(pose_type, numbers_of(parameter)[: len(AXES[pose_type])])
-    return parse_target(parameter, context.machine.memory.read).joints
+        return joints_of(pose_type, numbers_of(context.parameter)[: len(AXES[pose_type])])
+    return parse_target(context.parameter, context.machine.memory.read).joints
 
 
-def _out_range(context: CallContext, parameter: Variant) -> Variant:
+def _out_range(context: CallContext) -> Variant:
     """Run OutRange. It returns 0 if all axes are inside their limits, and -1 if the position is out of reach.
     Otherwise the result has one bit for each axis beyond its limit.
     """
-    items = items_of(parameter)
-    pose = items[0] if items and not isinstance(items[0].value, int | float) else parameter
+    items = context.items
+    pose = items[0] if items and not isinstance(items[0].value, int | float) else context.parameter
     try:
         joints = parse_target(pose, context.machine.memory.read).joints
     except RefusedError as refusal:
@@ -95,47 +81,35 @@ def _out_range(context: CallContext, parameter: Variant) -> Variant:
     return i4(1 << axis - 1 if axis else 0)
 
 
-def _check_virtual_fence(context: CallContext, parameter: Variant) -> Variant:
+def _check_virtual_fence(context: CallContext) -> Variant:
     """Run CheckVirtualFence, which returns 0, because the simulated robot has no fences."""
-    parse_pose(parameter, context.machine.memory.read)
+    parse_pose(context.parameter, context.machine.memory.read)
     return i4(0)
 
 
-def _move(
-    context: CallContext, parameter: Variant, move: Callable[[PoseNumbers, PoseNumbers], PoseNumbers]
-) -> Variant:
-    items = items_of(parameter)
+def _move(context: CallContext, move: Callable[[PoseNumbers, PoseNumbers], PoseNumbers]) -> Variant:
+    items = context.items
     if len(items) != 2:
         raise RefusedError(E_INVALIDARG)
     base, deviation = (_parse_position(context, item) for item in items)
-    return _real_array(context, (*move(base, deviation), _fig(base)))
+    return context.real_array((*move(base, deviation), _fig(base)))
 
 
-def _convert_work(context: CallContext, parameter: Variant) -> Variant:
-    """Run ConvertPosWork. It converts a pose from the coordinates of one work to the coordinates of another
-    work.
-    """
-    items = items_of(parameter)
-    pose = _parse_position(context, argument_at(items, 0))
-    works = context.machine.equipment.works
-    source, target = (
-        works.get(frame_number(integer_of(argument_at(items, index))), ZERO_FRAME) for index in (1, 2)
-    )
-    return _real_array(context, (*relative_to(target, moved_in_tool(source, pose)), _fig(pose)))
+def _convert_work(context: CallContext) -> Variant:
+    """Run ConvertPosWork, which converts a pose from one work to another work."""
+    items, read = context.items, context.machine.memory.read
+    pose = _parse_position(context, items.at(0))
+    source, target = (numbers_of(read("WORK", items.integer(index))) for index in (1, 2))
+    return context.real_array((*relative_to(target, moved_in_tool(source, pose)), _fig(pose)))
 
 
-def _define(context: CallContext, parameter: Variant, frames: FrameTable) -> None:
-    items = items_of(parameter)
+def _define(context: CallContext, kind: str) -> None:
+    items = context.items
     context.machine.check_arm(context.client)
-    number = frame_number(integer_of(argument_at(items, 0)), first=1)
-    frames(context)[number] = _parse_position(context, argument_at(items, 1))[:6]
-
-
-def frame_number(number: int, first: int = 0) -> int:
-    """Return the number of a tool or work; refuse a number that is below `first` or too large."""
-    if not first <= number < MAX_FRAMES:
-        raise RefusedError(BAD_INDEX)
-    return number
+    number = items.integer(0)
+    check_index(kind, number, is_write=True)
+    frame = _parse_position(context, items.at(1))[:6]
+    context.machine.memory.write(kind, number, float_array(VT.R8, frame))
 
 
 def _parse_position(context: CallContext, pose: Variant) -> PoseNumbers:
@@ -148,7 +122,7 @@ def _fig(pose: PoseNumbers) -> float:
     return pose[6] if len(pose) > 6 else FIG
 
 
-def _pallet_position(context: CallContext, parameter: Variant) -> Variant:
+def _pallet_position(context: CallContext) -> Variant:
     """Run CalcPos of the extension Pallet.
 
     The parameter holds rows, columns, layer height in mm, the four corners, the number of the pallet position
@@ -156,20 +130,20 @@ def _pallet_position(context: CallContext, parameter: Variant) -> Variant:
     corner to the second, then row by row towards the third. This order is assumed, because the samples do not
     show it.
     """
-    items = items_of(parameter)
-    rows, columns = (_count(argument_at(items, index)) for index in (0, 1))
-    height = float(number_of(argument_at(items, 2)))
-    corners = [_parse_position(context, argument_at(items, index)) for index in (3, 4, 5, 6)]
-    place = _count(argument_at(items, 7)) - 1
+    items = context.items
+    rows, columns = (_count(items.at(index)) for index in (0, 1))
+    height = items.number(2)
+    corners = [_parse_position(context, items.at(index)) for index in (3, 4, 5, 6)]
+    place = _count(items.at(7)) - 1
     layer = _count(items[8]) - 1 if len(items) > 8 else 0
     if place >= rows * columns:
-        raise RefusedError(BAD_INDEX)
+        raise RefusedError(RefusalCode.BAD_INDEX)
     down, across = _fraction(place // columns, rows), _fraction(place % columns, columns)
     near = _interpolate(corners[0], corners[1], across)
     far = _interpolate(corners[2], corners[3], across)
     x, y, z = _interpolate(near, far, down)
     first = corners[0]
-    return _real_array(context, (x, y, z + height * layer, *first[3:6], _fig(first)))
+    return context.real_array((x, y, z + height * layer, *first[3:6], _fig(first)))
 
 
 def _count(part: Variant) -> int:
@@ -184,24 +158,18 @@ def _interpolate(one: PoseNumbers, other: PoseNumbers, share: float) -> PoseNumb
     return tuple(a + (b - a) * share for a, b in zip(one[:3], other[:3], strict=True))
 
 
-FRAMES: Mapping[str, FrameTable] = {
-    "TOOL": lambda context: context.machine.equipment.tools,
-    "WORK": lambda context: context.machine.equipment.works,
-}
-
 PALLET_COMMANDS: CommandTable = {"calcpos": _pallet_position}
-"""Handlers of the commands of the extension Pallet, by command name in lower case."""
 
 
 _KEEP, _SQUARE = -1, -2
 
 
-def _take_arm(context: CallContext, parameter: Variant) -> None:
+def _take_arm(context: CallContext) -> None:
     """Run TakeArm, unless another client has the arm. If the second number in the parameter is 1, speed, tool
     and work keep their values.
     """
-    machine, items = context.machine, items_of(parameter)
-    keeps = len(items) > 1 and integer_of(items[1]) == 1
+    machine = context.machine
+    keeps = context.items.integer(1, default=0) == 1
     if machine.owner not in (None, context.client):
         raise RefusedError(E_ARM_NOT_TAKEN)
     machine.owner = context.client
@@ -210,26 +178,27 @@ def _take_arm(context: CallContext, parameter: Variant) -> None:
         machine.tool = machine.work = 0
 
 
-def _give_arm(context: CallContext, parameter: Variant) -> None:
+def _give_arm(context: CallContext) -> None:
     """Run GiveArm, which has no effect if another client has the arm."""
     if context.machine.owner == context.client:
         context.machine.owner = None
 
 
-def motor(context: CallContext, parameter: Variant) -> RunningCall | None:
+def motor(context: CallContext) -> RunningCall | None:
     """Run Motor. The call lasts until the motor is on, unless the second number says not to wait."""
-    items = items_of(parameter)
-    on = integer_of(argument_at(items, 0)) != 0
-    done = context.machine.switch_motor(on, context.now)
-    waits = len(items) < 2 or integer_of(items[1]) == 0
-    return succeed_at(done) if waits and done > context.now else None
+    items = context.items
+    done = context.machine.switch_motor(items.integer(0) != 0, context.now)
+    waits = items.integer(1, default=0) == 0
+    if not waits or done <= context.now:
+        return None
+    return RunningCall(lambda now: DONE if now >= done else None, lambda now: done)
 
 
-def _ext_speed(context: CallContext, parameter: Variant) -> None:
+def _ext_speed(context: CallContext) -> None:
     """Run ExtSpeed. Parameters: speed, acceleration and deceleration in percent. -1 keeps the current value,
     and -2 means speed² / 100.
     """
-    numbers = numbers_of(parameter)
+    numbers = numbers_of(context.parameter)
     if not numbers:
         raise RefusedError(E_INVALIDARG)
     speeds = context.machine.speeds
@@ -244,51 +213,48 @@ def _ext_speed(context: CallContext, parameter: Variant) -> None:
     speeds.external, speeds.external_acceleration, speeds.external_deceleration = speed, *rest
 
 
-def _current_pose(pose_type: PoseType, timed: bool = False) -> CommandHandler:
-    def run(context: CallContext, parameter: Variant) -> Variant:
-        values = pose_of(pose_type, context.machine.arm.actual(context.now))
-        time = ((context.now - context.machine.started_at) / MS,) if timed else ()
-        return float_array(context.machine.profile.real, (*time, *values))
-
-    return run
+def _timed_pose(context: CallContext, pose_type: PoseType) -> Variant:
+    """Run CurPosEx or HighCurJntEx, which return the controller's time in ms before the pose."""
+    time = (context.now - context.machine.started_at) / MS
+    return context.real_array((time, *pose_of(pose_type, context.joints)))
 
 
-def _motion_complete(context: CallContext, parameter: Variant) -> Variant:
+def _motion_complete(context: CallContext) -> Variant:
     """Run MotionComplete, which returns whether the motion command has ended. If the second number in the
     parameter is 1, return whether the encoders are at rest.
     """
-    items = items_of(parameter)
-    if len(items) > 1 and integer_of(items[1]) == 1:
+    if context.items.integer(1, default=0) == 1:
         return boolean(context.machine.arm.is_at_rest(context.now))
     return boolean(context.now >= context.machine.free_at)
 
 
-def _servo_data(context: CallContext, parameter: Variant) -> Variant:
+def _servo_data(context: CallContext) -> Variant:
     """Run GetSrvData, which returns the lag of the encoders in degrees, whatever number the client sends."""
-    integer_of(parameter)
+    integer_of(context.parameter)
     return float_array(VT.R8, currents(context))
 
 
-def _log_record(context: CallContext, parameter: Variant) -> Variant:
+def _log_record(context: CallContext) -> Variant:
     """Run GetLogRecord. The parameter 0 selects the oldest record.
 
     Source for the 39 values of a record in the controller's log: ShoheiKobata/orin_bcap_python_samples
     others/Get_Syslog.py. Two assumptions are bcapscope's own: the record's counter is in ms, and the values
     for current and load come from the encoders' lag.
     """
-    index, machine = integer_of(parameter), context.machine
+    index, machine = integer_of(context.parameter), context.machine
     if not 0 <= index < len(machine.log.records):
-        raise RefusedError(BAD_INDEX)
-    record, values = machine.log.records[index], []
-    for commanded, actual in zip(record.commanded, record.actual, strict=True):
+        raise RefusedError(RefusalCode.BAD_INDEX)
+    time, all_commanded, all_actual = machine.log.records[index]
+    values = []
+    for commanded, actual in zip(all_commanded, all_actual, strict=True):
         lag = commanded - actual
         values += [r8(commanded), r8(actual), r8(lag), r8(abs(lag) * 10)]
     program = i4(0), i4(0), bstr(""), i4(0)
-    return variant_array(*values, *program, i4(record.time // MS), i4(machine.tool), i4(machine.work))
+    return variant_array(*values, *program, i4(time // MS), i4(machine.tool), i4(machine.work))
 
 
-def _current_speed(name: str) -> CommandHandler:
-    return lambda context, _: r8(getattr(context.machine.speeds, name))
+def _current_speed(name: str) -> CallHandler:
+    return lambda context: r8(getattr(context.machine.speeds, name))
 
 
 ROBOT_COMMANDS: CommandTable = {
@@ -304,39 +270,34 @@ ROBOT_COMMANDS: CommandTable = {
     "dev": partial(_move, move=moved_in_base),
     "devh": partial(_move, move=moved_in_tool),
     "convertposwork": _convert_work,
-    "gettooldef": lambda context, number: _real_array(
-        context, context.machine.equipment.tools.get(frame_number(integer_of(number)), ZERO_FRAME)
-    ),
-    "settooldef": partial(_define, frames=FRAMES["TOOL"]),
-    "setworkdef": partial(_define, frames=FRAMES["WORK"]),
+    "gettooldef": lambda context: context.machine.memory.read("TOOL", integer_of(context.parameter)),
+    "settooldef": partial(_define, kind="TOOL"),
+    "setworkdef": partial(_define, kind="WORK"),
     "takearm": _take_arm,
     "givearm": _give_arm,
-    "takearmstate": lambda context, _: i4(int(context.machine.owner == context.client)),
+    "takearmstate": lambda context: i4(int(context.machine.owner == context.client)),
     "motor": motor,
     "extspeed": _ext_speed,
-    "curpos": _current_pose(_P),
-    "curposex": _current_pose(_P, timed=True),
-    "curjnt": _current_pose(_J),
-    "curtrn": _current_pose(_T),
-    "highcurjntex": _current_pose(_J, timed=True),
-    "destpos": lambda context, _: float_array(
-        context.machine.profile.real, pose_of(_P, context.machine.arm.goal)
-    ),
+    "curpos": lambda context: context.current_pose(_P),
+    "curposex": partial(_timed_pose, pose_type=_P),
+    "curjnt": lambda context: context.current_pose(_J),
+    "curtrn": lambda context: context.current_pose(_T),
+    "highcurjntex": partial(_timed_pose, pose_type=_J),
+    "destpos": lambda context: context.real_array(pose_of(_P, context.machine.arm.goal)),
     "curspd": _current_speed("internal"),
     "curacc": _current_speed("acceleration"),
     "curextspd": _current_speed("external"),
     "curextacc": _current_speed("external_acceleration"),
-    "curtool": lambda context, _: i4(context.machine.tool),
+    "curtool": lambda context: i4(context.machine.tool),
     "motioncomplete": _motion_complete,
     "getsrvdata": _servo_data,
-    "getrobottypename": lambda context, _: bstr(context.machine.initial_state.type_name),
-    "clearlog": lambda context, _: context.machine.log.records.clear(),
-    "startlog": lambda context, _: context.machine.log.start(context.now),
-    "stoplog": lambda context, _: context.machine.log.stop(),
-    "getlogcount": lambda context, _: i4(len(context.machine.log.records)),
+    "getrobottypename": lambda context: bstr(context.machine.initial_state.type_name),
+    "clearlog": lambda context: context.machine.log.records.clear(),
+    "startlog": lambda context: context.machine.log.start(context.now),
+    "stoplog": lambda context: context.machine.log.stop(),
+    "getlogcount": lambda context: i4(len(context.machine.log.records)),
     "getlogrecord": _log_record,
     **dict.fromkeys(("payload", "speedmode", "highpathaccuracy", "grvoffset"), accept_without_effect),
     **dict.fromkeys(("manualresetpreparation", "motionpreparation"), accept_without_effect),
-    "getmotionpreparationstate": lambda context, _: boolean(True),
+    "getmotionpreparationstate": lambda context: boolean(True),
 }
-"""Handlers of the commands of Robot_Execute, by command name in lower case."""

@@ -23,13 +23,13 @@ from bcapscope.faults.document import LONGEST_DOCUMENT, DocumentError, FieldErro
 from bcapscope.faults.fault_kinds import AnyFault
 from bcapscope.faults.quantities import DurationQuantity, HresultQuantity
 from bcapscope.messages import Message
-from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.codec.variant import VT
 from bcapscope.protocol.retry.responder import Defect
 from bcapscope.protocol.slave_mode.modes import Generation
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import is_failure
-from bcapscope.simulator.argument_values import boolean, bstr, float_array, r8
-from bcapscope.simulator.call_outcome import BAD_INDEX, RefusedError
+from bcapscope.protocol.variant_values import variant_of
+from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, axis_beyond_limit, pad_joints
 from bcapscope.simulator.machine import MOTOR_ON_TIME, ROBOT_TYPE, ROBSLAVE, InitialState
 from bcapscope.simulator.profile import DEFAULT_PROFILE, PROFILES, NoArgument, Profile
@@ -89,9 +89,7 @@ class ClientProgram(StrEnum):
 
 
 class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The client that a scenario is made for: its program, its slave mode, and its options of
-    Service_Start.
-    """
+    """The client that a scenario is made for; `options` are those of Service_Start."""
 
     session: ClientProgram = ClientProgram.SLAVE
     over: ScenarioTransport = ScenarioTransport.UDP
@@ -249,18 +247,11 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             if match is None:
                 raise FieldError(("variables", name), Message("scenario.unknown-variable"))
             try:
-                memory.write(match[1], int(match[2]), _variant(value))
+                memory.write(match[1], int(match[2]), variant_of(value))
             except RefusedError as refusal:
-                case = "scenario.bad-index" if refusal.hresult == BAD_INDEX else "scenario.unfit-value"
+                is_bad_index = refusal.hresult == RefusalCode.BAD_INDEX
+                case = "scenario.bad-index" if is_bad_index else "scenario.unfit-value"
                 raise FieldError(("variables", name), Message(case)) from refusal
-
-
-def _variant(value: VariableSetting) -> Variant:
-    if isinstance(value, bool):
-        return boolean(value)
-    if isinstance(value, str):
-        return bstr(value)
-    return float_array(VT.R8, value) if isinstance(value, tuple) else r8(value)
 
 
 def load_scenario(name_or_path: str) -> Scenario:

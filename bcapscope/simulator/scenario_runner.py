@@ -36,9 +36,7 @@ from bcapscope.traffic.observation import (
 )
 
 MAX_LINES = 1024
-"""Maximum number of clients; if more clients connect, the runner forgets the UDP client that has been silent
-longest.
-"""
+"""Maximum number of clients. Beyond it, the runner forgets the UDP client that was silent longest."""
 
 _HERE = Endpoint("simulator", 0)
 
@@ -109,9 +107,7 @@ class ScenarioRunner:
         return outputs
 
     def on_disconnect(self, peer: Peer, now: int) -> None:
-        """Remove a client that has disconnected, unless a fault hides the disconnection from the
-        controller.
-        """
+        """Remove a client, unless a fault hides the disconnection from the controller."""
         line = self._lines.get(peer)
         if line is None or self.shaper.passes_close(line.up.conversation):
             self.simulator.on_disconnect(peer, now)
@@ -174,7 +170,6 @@ class ScenarioRunner:
         return outputs + self._shape(line.up, data, now)
 
     def _shape(self, flow: Flow, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Pass one message through the faults; return the frames to send."""
         taken = self.shaper.process_message(flow, data, now)
         for note in taken.fault_notes:
             self._on_news(note)
@@ -194,7 +189,6 @@ class ScenarioRunner:
         return outputs
 
     def _carry_out(self, verdicts: Iterable[Verdict], now: int) -> list[SimulatorOutput]:
-        """Deliver the messages that pass the faults, to the controller or to the client."""
         outputs: list[SimulatorOutput] = []
         for verdict in verdicts:
             if isinstance(verdict, CloseConnection):
@@ -217,7 +211,6 @@ class ScenarioRunner:
         return outputs
 
     def _send_to_clients(self, outputs: Iterable[SimulatorOutput], now: int) -> list[SimulatorOutput]:
-        """Pass the controller's replies through the faults."""
         passed: list[SimulatorOutput] = []
         for output in outputs:
             line = self._lines.get(output.peer)

@@ -65,9 +65,7 @@ class HostedClient(Protocol):
 
 
 ClientFactory: TypeAlias = Callable[[int, bool, Callable[[CallReport], None]], HostedClient]
-"""Creates a client. Arguments: the client's number, whether the client uses UDP, and a function that gets
-each answered call.
-"""
+"""Creates a client from its number, whether it uses UDP, and a function that gets each answered call."""
 
 
 class _Link(NamedTuple):
@@ -76,9 +74,7 @@ class _Link(NamedTuple):
 
 
 def _sound_frame(data: bytes, templates: FrameTemplates) -> Frame | None:
-    """Return the frame if a datagram is exactly one valid frame, else None. The check is fast enough for a
-    flood of datagrams.
-    """
+    """Return the frame if a datagram is exactly one valid frame, else None. A flood needs a fast check."""
     size = len(data)
     if not SMALLEST_FRAME <= size <= LARGEST_UDP_FRAME or data[0] != SOH or data[-1] != EOT:
         return None
@@ -103,9 +99,7 @@ class ClientHost:
     closes_on_bad_frame = True
 
     def __init__(self, new_client: ClientFactory, report: Callable[[Peer, CallReport], None]) -> None:
-        """Start without clients. After each answered call, `report` is called with the client and the
-        call.
-        """
+        """Start without clients. `report` is called with the client and the call after each answered call."""
         self.dropped = 0
         self.refused = 0
         self._new_client = new_client
@@ -141,9 +135,7 @@ class ClientHost:
         return True
 
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process bytes that a TCP connection received, and return the data to send. Bytes outside any frame
-        are skipped.
-        """
+        """Process bytes of a TCP connection. Bytes outside any frame are skipped."""
         link = self._links.get(peer)
         if link is None or link.splitter is None:
             return []
@@ -162,7 +154,6 @@ class ClientHost:
         return outputs
 
     def on_disconnect(self, peer: Peer, now: int) -> None:
-        """Remove a client that has disconnected."""
         link = self._links.pop(peer, None)
         self._running.pop(peer, None)
         self._stops.pop(peer, None)
@@ -180,13 +171,10 @@ class ClientHost:
         return self._poll(now) if self._running else []
 
     def due(self, now: int) -> int | None:
-        """Return the latest time in ns for the next `advance`; None if no call and no motion is in
-        progress.
-        """
+        """Return the latest time in ns for the next `advance`; None if nothing is in progress."""
         return self._earliest_due(None, now)
 
     def _earliest_due(self, due: int | None, now: int) -> int | None:
-        """Return the earliest of `due` and the due times of the running calls."""
         for client in self._running.values():
             time = client.due(now)
             if time is not None and (due is None or time < due):
@@ -195,11 +183,10 @@ class ClientHost:
 
     @property
     def client_count(self) -> int:
-        """Number of clients that the controller remembers."""
         return len(self._links)
 
     def _on_request(self, peer: Peer, client: HostedClient, frame: Frame, now: int) -> list[SimulatorOutput]:
-        """Process a request, then poll the running calls, because the request may have completed them."""
+        """Process a request, then poll the running calls: the request may have completed them."""
         outputs = []
         for each in client.on_request(frame, now):
             # a comprehension costs a function call, so a loop is faster
@@ -279,13 +266,10 @@ class Simulator(ClientHost):
 
     @property
     def runs_in_real_time(self) -> bool:
-        """True if a client sets the pace. Then the model's time continues even while this process gets no
-        processor.
-        """
+        """True if a client sets the pace. Then the model's time continues while this process is suspended."""
         mode = self.machine.slave.mode
         return mode is not None and mode.overwrites_waiting
 
     @property
     def has_running_calls(self) -> bool:
-        """Whether any call has been received but not answered yet."""
         return bool(self._running)

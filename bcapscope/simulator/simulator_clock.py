@@ -57,9 +57,7 @@ class SimulatorClock:
         return self._monotonic() - self.paused_ns
 
     def update(self) -> int:
-        """Return the model's time. If an event is long overdue, set the model's time back to the time when
-        the event was due.
-        """
+        """Return the model's time. If an event is long overdue, first set the time back to the due time."""
         ours = self._monotonic()
         now = ours - self.paused_ns
         if now - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
@@ -102,9 +100,7 @@ class SimulatorClock:
         return self.latest_time
 
     def on_replies_sent(self) -> None:
-        """Record that all replies are sent. If sending took too long, set the model's time back to the last
-        update.
-        """
+        """If sending replies took too long, set the model's time back to the last update."""
         ours = self._monotonic()
         if ours - self.paused_ns - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
             self._pause(self._updated_at + self.paused_ns, ours, self._updated_at)

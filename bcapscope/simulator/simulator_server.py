@@ -34,8 +34,7 @@ LARGEST_BACKLOG = 1 << 20
 """Maximum number of bytes that a client may leave unread before the server closes its connection."""
 
 LONGEST_WAIT = 0.5
-"""Longest wait in seconds. On every system, the server notices an interrupt after this time at the latest.
-"""
+"""Longest wait in seconds, after which the server notices an interrupt on every system."""
 
 # Time in ns for which the server polls its sockets instead of sleeping. On a virtual machine, waking an idle
 # processor takes longer than answering a call. If the server yielded the processor instead, another program
@@ -59,19 +58,16 @@ ReadyDescriptors: TypeAlias = tuple[list[int], list[int]]
 
 
 class TrafficTap(Protocol):
-    """Receives all traffic of the server. Addresses are host and port; times are in ns since 1970."""
+    """Receives all traffic of the server. Addresses are host and port; times are in ns since 1970.
 
-    def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Note a UDP datagram."""
+    `on_stream_end` means that one end of a TCP connection closed or reset the connection, and
+    `on_connection_end` that the connection ended in both directions.
+    """
 
-    def on_segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Record bytes that were sent over a TCP connection."""
-
-    def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
-        """Record that one end of a TCP connection closed or reset the connection."""
-
-    def on_connection_end(self, client: Address, server: Address) -> None:
-        """Record that a TCP connection has ended in both directions."""
+    def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None: ...
+    def on_segment(self, source: Address, target: Address, data: bytes, time: int) -> None: ...
+    def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None: ...
+    def on_connection_end(self, client: Address, server: Address) -> None: ...
 
 
 class ControllerModel(ClockedModel, Protocol):
@@ -146,9 +142,7 @@ class SimulatorServer:
         self._spares.close()
 
     def step(self, until: float = LONGEST_WAIT, extra: Sequence[int] = ()) -> list[int]:
-        """Serve sockets and due events for at most `until` seconds. Return the readable descriptors in
-        `extra`.
-        """
+        """Serve for at most `until` seconds. Return the readable descriptors in `extra`."""
         now = self._clock.now()
         self._tidy()
         due = self._model.due(now)
@@ -177,7 +171,6 @@ class SimulatorServer:
         return [source for source in readable if source in extra] if extra else []
 
     def reset(self) -> None:
-        """Press the pendant's Reset button."""
         self._send(self._model.reset(self._monotonic_now()))
 
     def _monotonic_now(self) -> int:
@@ -213,9 +206,7 @@ class SimulatorServer:
         return readable, writable
 
     def _read_socket(self, source: int, is_crowded: bool) -> None:
-        """Read a socket. If `is_crowded` says that many connections are readable, also read the waiting
-        datagrams.
-        """
+        """Read a socket. If many connections are readable (`is_crowded`), also read the waiting datagrams."""
         if source == self._udp_descriptor:
             self._read_datagrams()
         elif source == self._tcp_descriptor:
@@ -323,9 +314,7 @@ class SimulatorServer:
         return has_room
 
     def _choose_sockets(self) -> None:
-        """Choose the sockets to wait for. While a client does not read its replies, the server reads nothing
-        from this client.
-        """
+        """Choose the sockets to wait for. The server does not read from a client that reads no replies."""
         connections = self._connections.items()
         self._writers = [number for number, each in connections if each.is_blocked]
         listeners = () if self._is_paused else (self._tcp_descriptor,)
@@ -413,7 +402,6 @@ class SimulatorServer:
             self._choose_sockets()
 
     def _drop_broken(self, connection: _Connection, error: OSError) -> None:
-        """Drop a client that reset its connection or became unreachable."""
         if self.tap and isinstance(error, ConnectionError):
             self.tap.on_stream_end(connection.client, self.address, time.time_ns(), reset=True)
         self._drop(connection, is_broken=True)

@@ -25,10 +25,10 @@ from bcapscope.simulator.arm import MS
 from bcapscope.simulator.call_context import CallContext, CommandTable
 from bcapscope.simulator.call_outcome import (
     DONE,
-    POSITION_LIMIT,
     CallOutcome,
     CallResult,
     HandlerOutcome,
+    RefusalCode,
     RefusedError,
     RunningCall,
 )
@@ -49,8 +49,8 @@ HAND_IO, MINI_IO = 48, 0
 HAND_MASK, MINI_MASK = 0x00FF0000, 0xFF000000
 
 
-def change_mode(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    value = integer_value(parameter)
+def change_mode(context: CallContext) -> HandlerOutcome:
+    value = integer_value(context.parameter)
     mode = None if value is None else slave_mode_by_number(value, context.machine.profile.generation)
     if mode is None:
         raise RefusedError(E_INVALIDARG)
@@ -105,29 +105,29 @@ def _leave(context: CallContext) -> RunningCall | None:
     )
 
 
-def get_mode(context: CallContext, parameter: Variant) -> Variant:
+def get_mode(context: CallContext) -> Variant:
     mode = context.machine.slave.mode
     value = mode.value if mode else 0
     return i2(value) if context.machine.profile.mode_type == VT.I2 else i4(value)
 
 
-def send_format(context: CallContext, parameter: Variant) -> None:
-    found = parse_format_parameter(parameter)
+def send_format(context: CallContext) -> None:
+    found = parse_format_parameter(context.parameter)
     form = SendFormat.parse(found.value) if found else None
     if form is None or not form.is_known:
         raise RefusedError(E_INVALIDARG)
     context.machine.slave.send_format = form
 
 
-def receive_format(context: CallContext, parameter: Variant) -> None:
-    found = parse_format_parameter(parameter)
+def receive_format(context: CallContext) -> None:
+    found = parse_format_parameter(context.parameter)
     form = ReceiveFormat.parse(found.value, found.microseconds) if found else None
     if form is None or not form.is_known:
         raise RefusedError(E_INVALIDARG)
     context.machine.slave.receive_format = form
 
 
-def slave_move(context: CallContext, parameter: Variant) -> CallOutcome:
+def slave_move(context: CallContext) -> CallOutcome:
     machine, slave = context.machine, context.machine.slave
     mode = slave.mode
     if mode is None or mode.pose_type is None:
@@ -136,7 +136,7 @@ def slave_move(context: CallContext, parameter: Variant) -> CallOutcome:
             raise RefusedError(owed)
         machine.refuse(E_NOT_IN_SLAVE_MODE, context.now)
     machine.check_arm(context.client)
-    point = parse_set_point(parameter, mode.pose_type, slave.send_format, slave.receive_format)
+    point = parse_set_point(context.parameter, mode.pose_type, slave.send_format, slave.receive_format)
     joints = _joints(context, mode.pose_type, point)
     needed = slave.push(joints)
     _write_io(context, point)
@@ -174,7 +174,7 @@ def _joints(context: CallContext, pose_type: PoseType, point: SetPoint) -> Joint
         joints = joints_of(pose_type, values)
         axis = axis_beyond_limit(joints, context.machine.initial_state.limits)
         if axis:
-            raise RefusedError(POSITION_LIMIT + axis)
+            raise RefusedError(RefusalCode.POSITION_LIMIT + axis)
     except RefusedError as refusal:
         context.machine.raise_error(refusal.hresult, context.now, is_reported=True)
         raise
@@ -200,7 +200,6 @@ def _run(run: UserIO) -> tuple[int, int]:
 
 
 def _feedback(context: CallContext, pose_type: PoseType, point: SetPoint) -> Variant:
-    """Return the value that slvMove returns in the current receive format."""
     machine = context.machine
     actual = machine.arm.actual(context.now)
     form = machine.slave.receive_format
@@ -243,4 +242,3 @@ SLAVE_COMMANDS: CommandTable = {
     "slvsendformat": send_format,
     "slvrecvformat": receive_format,
 }
-"""Handlers of the slave-mode commands of Robot_Execute, by command name in lower case."""

@@ -8,27 +8,18 @@ modes in ShoheiKobata/orin_bcap_python_samples and issues of DENSORobot/denso_ro
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
 from bcapscope.protocol.slave_mode.formats import POSE_ONLY_FORMAT, ReceiveFormat
 from bcapscope.protocol.slave_mode.modes import PERIOD_NS, ModeKind, SlaveMode
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW
 from bcapscope.simulator.arm import Arm
-from bcapscope.simulator.call_outcome import ACCELERATION_LIMIT, SPEED_LIMIT, RefusedError
+from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 from bcapscope.simulator.kinematics import AXIS_COUNT, AXIS_LIMITS, AxisLimit, Joints
 
 MOVING_THRESHOLD = 0.01
 """An axis counts as moving if it moves by more than this number of degrees in 8 ms."""
 
 _TOLERANCE = 1.000001  # tolerance for set points that were rounded to single precision
-
-
-@dataclass(frozen=True, slots=True)
-class SlaveModeFault:
-    """The HRESULT of the error that ended slave mode, and the error's time in ns."""
-
-    code: int
-    time: int
 
 
 class SlaveDrive:
@@ -109,19 +100,19 @@ class SlaveDrive:
             return 0
         return place if mode.kind is ModeKind.SYNC else place - mode.buffer_slots
 
-    def advance(self, now: int) -> SlaveModeFault | None:
-        """Consume the set points due by `now`; return the first error, or None."""
+    def advance(self, now: int) -> int | None:
+        """Consume the set points due by `now`; return the first error, of the time `next_tick`, or None."""
         while self.mode is not None and self.next_tick <= now:
             if self.is_empty:
                 self.next_tick += ((now - self.next_tick) // PERIOD_NS + 1) * PERIOD_NS
                 break
-            code = self._tick(self.mode, self.next_tick)
+            code = self._tick(self.mode)
             if code:
-                return SlaveModeFault(code, self.next_tick)
+                return code
             self.next_tick += PERIOD_NS
         return None
 
-    def _tick(self, mode: SlaveMode, time: int) -> int:
+    def _tick(self, mode: SlaveMode) -> int:
         here = self._arm.goal
         if not self._queue:
             self._clear_speed()
@@ -134,7 +125,7 @@ class SlaveDrive:
         self._speed = speed
         self._moving = any(abs(each) > MOVING_THRESHOLD for each in speed)
         if not code:
-            self._arm.add_set_point(goal, time - PERIOD_NS, time)
+            self._arm.add_set_point(goal, self.next_tick - PERIOD_NS, self.next_tick)
         return code
 
     def _clear_speed(self) -> None:
@@ -142,14 +133,12 @@ class SlaveDrive:
         self._moving = False
 
     def _limit_violation(self, speed: Joints) -> int:
-        """Return the result code for the first axis that would be too fast or accelerate too much; 0 if there
-        is no such axis.
-        """
+        """Return the result code for the first axis that is too fast or accelerates too much; 0 if none."""
         seconds = PERIOD_NS / 1e9
         for axis in range(AXIS_COUNT):
             limit = self._limits[axis]
             if abs(speed[axis]) > limit.speed * seconds * _TOLERANCE:
-                return SPEED_LIMIT + axis + 1
+                return RefusalCode.SPEED_LIMIT + axis + 1
             if abs(speed[axis] - self._speed[axis]) > limit.acceleration * seconds**2 * _TOLERANCE:
-                return ACCELERATION_LIMIT + axis + 1
+                return RefusalCode.ACCELERATION_LIMIT + axis + 1
         return 0

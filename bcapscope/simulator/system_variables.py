@@ -17,20 +17,13 @@ from bcapscope.protocol.slave_mode.modes import Generation, PoseType
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE
 from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT, SIMULATOR_VARIABLE
-from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, integer_of, number_of, r4
-from bcapscope.simulator.call_context import CallContext, CommandHandler
-from bcapscope.simulator.call_outcome import (
-    BAD_INDEX,
-    NOT_WRITABLE,
-    OBJECT_NOT_FOUND,
-    HandlerOutcome,
-    RefusedError,
-)
-from bcapscope.simulator.kinematics import pose_of
+from bcapscope.simulator.argument_values import boolean, bstr, i4, integer_of, number_of, r4
+from bcapscope.simulator.call_context import CallContext, CallHandler
+from bcapscope.simulator.call_outcome import HandlerOutcome, RefusalCode, RefusedError
 from bcapscope.simulator.machine import READY, RUNNING
 from bcapscope.simulator.object_table import ControllerObject
-from bcapscope.simulator.robot_commands import FRAMES, ZERO_FRAME, frame_number, motor
-from bcapscope.simulator.variable_memory import LETTERS, VARIABLES_PER_LETTER, vector_of
+from bcapscope.simulator.robot_commands import motor
+from bcapscope.simulator.variable_memory import FRAMES, LETTERS, VARIABLES_PER_LETTER
 
 _NUMBERED = re.compile(r"(IO[BWDF]?|[IFDVPJTS]|TOOL|WORK)([0-9]{1,9}|\*)")
 _ONLY_ON_RC7 = frozenset(("TOOL", "WORK", "_ITP"))
@@ -47,7 +40,7 @@ def check_exists(owner: ObjectClass, name: str, generation: Generation) -> None:
     match = _NUMBERED.fullmatch(upper) if owner is ObjectClass.CONTROLLER else None
     is_known = match is not None or upper in _READERS.get(owner, ())
     if not is_known or not _exists_on(generation, match[1] if match else upper):
-        raise RefusedError(OBJECT_NOT_FOUND)
+        raise RefusedError(RefusalCode.OBJECT_NOT_FOUND)
 
 
 def _exists_on(generation: Generation, name: str) -> bool:
@@ -55,35 +48,29 @@ def _exists_on(generation: Generation, name: str) -> bool:
 
 
 def read_variable(context: CallContext) -> Variant:
-    place = _numbered_variable(context.object)
-    if place and place[0] in FRAMES:
-        return _read_frame(context, *place)
+    place = _numbered_variable(context)
     if place:
         return context.machine.memory.read(*place)
-    owner, name = _owner_kind(context.object), context.object.name.strip().upper()
+    owner, name = _owner(context).kind, context.object.name.strip().upper()
     if owner is ObjectClass.ROBOT and name in context.machine.initial_state.empty:
         return EMPTY
     return _READERS[owner][name](context)
 
 
-def write_variable(context: CallContext, value: Variant) -> HandlerOutcome:
-    """Write the variable of `context.object`; if the write runs a command, the call lasts as long as the
-    command.
-    """
-    place = _numbered_variable(context.object)
+def write_variable(context: CallContext) -> HandlerOutcome:
+    """Write a variable; if the write runs a command, the call lasts as long as the command."""
+    context.parameter = context.arguments.at(0)
+    place = _numbered_variable(context)
     if place:
-        if place[0] in FRAMES:
-            _write_frame(context, *place, value)
-        else:
-            context.machine.memory.write(*place, value)
+        context.machine.memory.write(*place, context.parameter)
         return None
     name = context.object.name.strip().upper()
-    command = _WRITE_COMMANDS.get((_owner_kind(context.object), name))
+    command = _WRITE_COMMANDS.get((_owner(context).kind, name))
     if command is None:
-        raise RefusedError(NOT_WRITABLE)
+        raise RefusedError(RefusalCode.NOT_WRITABLE)
     if context.machine.slave.mode is not None and name in _REFUSED_IN_SLAVE_MODE:
         context.machine.refuse(E_REFUSED_IN_SLAVE_MODE, context.now)
-    return command(context, value)
+    return command(context)
 
 
 def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...]:
@@ -95,39 +82,30 @@ def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...
     )
 
 
-def _read_frame(context: CallContext, kind: str, number: int) -> Variant:
-    frame = FRAMES[kind](context).get(frame_number(number), ZERO_FRAME)
-    return float_array(context.machine.profile.real, frame)
-
-
-def _write_frame(context: CallContext, kind: str, number: int, value: Variant) -> None:
-    """Define a tool or work; a seventh number, the Fig of a position, is dropped."""
-    frame = vector_of(value, 7, context.machine.profile.real)[:6]
-    FRAMES[kind](context)[frame_number(number, first=1)] = frame
-
-
-def _numbered_variable(variable: ControllerObject) -> tuple[str, int] | None:
+def _numbered_variable(context: CallContext) -> tuple[str, int] | None:
     """Return the letter and the number of a numbered variable. If the name of the variable ends in `*`, the
     number is the ID that the client stored.
     """
-    match = _NUMBERED.fullmatch(variable.name.strip().upper())
-    if match is None or _owner_kind(variable) is not ObjectClass.CONTROLLER:
+    match = _NUMBERED.fullmatch(context.object.name.strip().upper())
+    if match is None or _owner(context).kind is not ObjectClass.CONTROLLER:
         return None
     if match[2] != "*":
         return match[1], int(match[2])
-    if variable.id.value is None:
-        raise RefusedError(BAD_INDEX)
-    return match[1], integer_of(variable.id)
+    stored = context.object.values.get("id", EMPTY)
+    if stored.value is None:
+        raise RefusedError(RefusalCode.BAD_INDEX)
+    return match[1], integer_of(stored)
 
 
-def _owner_kind(variable: ControllerObject) -> ObjectClass:
-    return variable.parent.kind if variable.parent else ObjectClass.CONTROLLER
+def _owner(context: CallContext) -> ControllerObject:
+    """Return the object that has the variable."""
+    owner = context.object.parent
+    assert owner is not None
+    return owner
 
 
 def _pose(pose_type: PoseType) -> VariableReader:
-    return lambda context: float_array(
-        context.machine.profile.real, pose_of(pose_type, context.machine.arm.actual(context.now))
-    )
+    return lambda context: context.current_pose(pose_type)
 
 
 def _error_code(context: CallContext) -> Variant:
@@ -141,8 +119,7 @@ def _error_text(context: CallContext) -> Variant:
 
 
 def _task_state(context: CallContext) -> Variant:
-    task = context.object.parent
-    return i4(context.machine.tasks.get(task.name.casefold(), READY) if task else 0)
+    return i4(context.machine.tasks.get(_owner(context).name.casefold(), READY))
 
 
 _SPEEDS: Mapping[str, str] = {
@@ -158,35 +135,26 @@ _SPEEDS: Mapping[str, str] = {
 }
 
 
-def _put_speed(field: str) -> CommandHandler:
-    def run(context: CallContext, value: Variant) -> None:
-        speed = float(number_of(value))
+def _put_speed(field: str) -> CallHandler:
+    def run(context: CallContext) -> None:
+        speed = float(number_of(context.parameter))
         if not 0 < speed <= 100:
-            raise RefusedError(NOT_WRITABLE)
+            raise RefusedError(RefusalCode.NOT_WRITABLE)
         setattr(context.machine.speeds, field, speed)
 
     return run
 
 
-def _task_name(context: CallContext) -> str:
-    task = context.object.parent
-    return task.name if task else ""
-
-
-_WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CommandHandler] = {
+_WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CallHandler] = {
     (ObjectClass.ROBOT, "@SERVO_ON"): motor,
-    (ObjectClass.TASK, "@START"): lambda context, _: context.machine.start_task(_task_name(context)),
-    (ObjectClass.TASK, "@STOP"): lambda context, _: context.machine.stop_task(
-        _task_name(context), context.now
-    ),
+    (ObjectClass.TASK, "@START"): lambda context: context.machine.start_task(_owner(context).name),
+    (ObjectClass.TASK, "@STOP"): lambda context: context.machine.stop_task(_owner(context).name, context.now),
     **{(ObjectClass.ROBOT, name): _put_speed(field) for name, field in _SPEEDS.items()},
 }
 """Handlers of the variables that run a command or function when a client writes them, such as Motor."""
 
 _REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
-"""Variables that clients cannot write in slave mode, because slave mode refuses the equivalent command or
-function.
-"""
+"""Variables that slave mode refuses to write, because it refuses the equivalent command or function."""
 
 
 def _speed(field: str) -> VariableReader:

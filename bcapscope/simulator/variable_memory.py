@@ -11,20 +11,25 @@ import struct
 
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.simulator import argument_values
-from bcapscope.simulator.call_outcome import BAD_INDEX, OUT_OF_MEMORY, OVERFLOW, TYPE_MISMATCH, RefusedError
+from bcapscope.simulator.call_outcome import RefusalCode, RefusedError
 
 VARIABLES_PER_LETTER = 100
 """Variables of each letter."""
+
+MAX_FRAMES = 64
+"""Number of tools, and number of works. Both kinds are counted from 0. The number is assumed."""
 
 IO_BYTES = 64
 """512 bits, IO0 to IO511."""
 
 LONGEST_TEXT = 247
-"""Maximum length of an S variable on RC8, according to the manual's table of string variables. The limit is
-not verified.
-"""
+"""Maximum length of an S variable, as in the RC8 manual's table of string variables; not verified."""
 
-_ROW_LENGTHS = {"V": 3, "P": 7, "J": 8, "T": 10}
+LETTERS = ("I", "F", "D", "V", "P", "J", "T", "S")
+FRAMES = ("TOOL", "WORK")
+"""Definitions of tools and works: X, Y, Z [mm], Rx, Ry, Rz [deg]; undefined frames are all zeros."""
+
+_ROW_LENGTHS = {"V": 3, "P": 7, "J": 8, "T": 10, **dict.fromkeys(FRAMES, 6)}
 _SCALARS = {"I": VT.I4, "F": VT.R4, "D": VT.R8}
 _IO_WORDS = {
     "IOB": ("<h", 1, VT.I2),
@@ -32,7 +37,6 @@ _IO_WORDS = {
     "IOD": ("<i", 4, VT.I4),
     "IOF": ("<f", 4, VT.R4),
 }
-LETTERS = ("I", "F", "D", "V", "P", "J", "T", "S")
 
 
 class VariableMemory:
@@ -41,41 +45,41 @@ class VariableMemory:
     def __init__(self, real: VT) -> None:
         """Set all variables and I/O to zero; `real` is the VARIANT type of the numbers in vectors."""
         self._real = real
-        self._numbers: dict[tuple[str, int], float] = {}
-        self._rows: dict[tuple[str, int], tuple[float, ...]] = {}
-        self._texts: dict[int, str] = {}
+        self._values: dict[tuple[str, int], Variant] = {}
         self.io = bytearray(IO_BYTES)
 
     def read(self, letter: str, index: int) -> Variant:
         """Read a variable, or refuse an unknown one; an I/O variable has the index of its first bit."""
         if letter.startswith("IO"):
             return self._read_io(letter, index)
-        _check(index)
-        if letter == "S":
-            return argument_values.bstr(self._texts.get(index, ""))
-        if letter in _ROW_LENGTHS:
-            zeros = (0.0,) * _ROW_LENGTHS[letter]
-            return argument_values.float_array(self._real, self._rows.get((letter, index), zeros))
-        number = self._numbers.get((letter, index), 0)
-        return Variant(_SCALARS[letter], int(number) if letter == "I" else float(number))
+        check_index(letter, index)
+        value = self._values.get((letter, index))
+        return self._zero(letter) if value is None else value
 
     def write(self, letter: str, index: int, value: Variant) -> None:
         """Write a variable. Refuse a value that does not fit the variable; append zeros to a short vector."""
         if letter.startswith("IO"):
             self._write_io(letter, index, value)
             return
-        _check(index)
+        check_index(letter, index, is_write=True)
         if letter == "S":
-            self._texts[index] = _checked_text(value)
+            _check_text(value)
         elif letter in _ROW_LENGTHS:
-            self._rows[letter, index] = vector_of(value, _ROW_LENGTHS[letter], self._real)
+            value = argument_values.float_array(self._real, _vector(value, letter))
         else:
-            self._numbers[letter, index] = _number(value, letter)
+            number = _number(value, letter)
+            value = Variant(_SCALARS[letter], int(number) if letter == "I" else float(number))
+        self._values[letter, index] = value
+
+    def _zero(self, letter: str) -> Variant:
+        if letter == "S":
+            return argument_values.bstr("")
+        if letter in _ROW_LENGTHS:
+            return argument_values.float_array(self._real, (0.0,) * _ROW_LENGTHS[letter])
+        return Variant(_SCALARS[letter], 0 if letter == "I" else 0.0)
 
     def word(self, first: int) -> int:
-        """Return 32 bits of I/O as a signed little-endian number. `first` is the first of these bits, a
-        multiple of 8.
-        """
+        """Return 32 bits of I/O from bit `first`, a multiple of 8, as a signed little-endian number."""
         return int.from_bytes(self.io[first // 8 : first // 8 + 4], "little", signed=True)
 
     def write_word(self, first: int, word: int, mask: int) -> None:
@@ -111,42 +115,39 @@ class VariableMemory:
 
     def _check_bit_range(self, index: int, count: int) -> None:
         if not 0 <= index <= IO_BYTES * 8 - count:
-            raise RefusedError(BAD_INDEX)
+            raise RefusedError(RefusalCode.BAD_INDEX)
 
 
-def _check(index: int) -> None:
-    if not 0 <= index < VARIABLES_PER_LETTER:
-        raise RefusedError(BAD_INDEX)
+def check_index(letter: str, index: int, is_write: bool = False) -> None:
+    """Refuse the index of a variable that does not exist. Tool 0 and work 0 exist, but are read-only."""
+    first, count = (int(is_write), MAX_FRAMES) if letter in FRAMES else (0, VARIABLES_PER_LETTER)
+    if not first <= index < count:
+        raise RefusedError(RefusalCode.BAD_INDEX)
 
 
-def _checked_text(value: Variant) -> str:
+def _check_text(value: Variant) -> None:
     if value.vt != VT.BSTR or not isinstance(value.value, str):
-        raise RefusedError(TYPE_MISMATCH)
+        raise RefusedError(RefusalCode.TYPE_MISMATCH)
     if len(value.value) > LONGEST_TEXT:
-        raise RefusedError(OUT_OF_MEMORY)
-    return value.value
+        raise RefusedError(RefusalCode.OUT_OF_MEMORY)
 
 
-def vector_of(value: Variant, length: int, real: VT) -> tuple[float, ...]:
-    """Convert an array to `length` numbers; missing numbers become 0. Refuse a value that cannot be
-    converted.
-    """
+def _vector(value: Variant, letter: str) -> tuple[float, ...]:
+    """Convert an array to the numbers of a vector. The seventh number of a frame (Fig) is dropped."""
     if not value.vt & ARRAY:
-        raise RefusedError(TYPE_MISMATCH)
-    numbers = argument_values.numbers_of(value)
-    if not 0 < len(numbers) <= length:
-        raise RefusedError(TYPE_MISMATCH)
-    if real == VT.R4:
-        numbers = tuple(map(argument_values.clip_to_r4, numbers))
-    return (*numbers, *(0.0,) * (length - len(numbers)))
+        raise RefusedError(RefusalCode.TYPE_MISMATCH)
+    numbers, length = argument_values.numbers_of(value), _ROW_LENGTHS[letter]
+    if not 0 < len(numbers) <= length + (letter in FRAMES):
+        raise RefusedError(RefusalCode.TYPE_MISMATCH)
+    return (*numbers, *(0.0,) * (length - len(numbers)))[:length]
 
 
 def _number(value: Variant, letter: str) -> float:
     if value.vt & ARRAY or isinstance(value.value, str):
-        raise RefusedError(TYPE_MISMATCH)
+        raise RefusedError(RefusalCode.TYPE_MISMATCH)
     number = argument_values.number_of(value)
     if letter == "I" and not -0x80000000 <= number <= 0x7FFFFFFF:
-        raise RefusedError(OVERFLOW)
+        raise RefusedError(RefusalCode.OVERFLOW)
     if letter == "F" and abs(number) > argument_values.LARGEST_FLOAT:
-        raise RefusedError(OVERFLOW)
+        raise RefusedError(RefusalCode.OVERFLOW)
     return number

@@ -80,7 +80,7 @@ class EmbeddedSimulator(RecordingContext):
         """
         from bcapscope.simulator.simulator_server import SimulatorServer  # imports asyncio
 
-        controller = start_controller(self._scenario, self._seed)
+        _, controller = start_controller(self._scenario, self._seed)
         server = opened.enter_context(closing(SimulatorServer(controller, LOOPBACK, 0)))
         recorder = BackgroundRecorder(Recorder(self.recording, lambda warning: None))
         opened.callback(recorder.close)

@@ -25,9 +25,9 @@ from bcapscope.protocol.retry.requester import (
     RetryPolicy,
 )
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
-from bcapscope.simulator.call_context import CallContext
+from bcapscope.simulator.call_context import CallContext, CallHandler
 from bcapscope.simulator.call_outcome import HandlerOutcome
-from bcapscope.simulator.function_handlers import FUNCTION_HANDLERS, Arguments, FunctionHandler
+from bcapscope.simulator.function_handlers import FUNCTION_HANDLERS
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Simulator, SimulatorOutput
 
@@ -98,12 +98,12 @@ class BadNetwork(RuleBasedStateMachine):
         self.counted = patch("bcapscope.simulator.client_session.FUNCTION_HANDLERS", counting)
         self.counted.start()
 
-    def counting(self, run: FunctionHandler) -> FunctionHandler:
+    def counting(self, run: CallHandler) -> CallHandler:
         """Return the same function, which counts how often it runs for each number."""
 
-        def counted(context: CallContext, arguments: Arguments) -> HandlerOutcome:
-            self.ran[_number(arguments)] += 1
-            return run(context, arguments)
+        def counted(context: CallContext) -> HandlerOutcome:
+            self.ran[_number(context.arguments)] += 1
+            return run(context)
 
         return counted
 
@@ -263,7 +263,7 @@ class BadNetwork(RuleBasedStateMachine):
         self.counted.stop()
 
 
-def _number(arguments: Arguments) -> int:
+def _number(arguments: tuple[Variant, ...]) -> int:
     """Return the number that a counted function was called with; its handle is not among `arguments`."""
     if len(arguments) == 1:
         return int(str(arguments[0].value))

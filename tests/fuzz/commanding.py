@@ -14,7 +14,7 @@ from bcapscope.protocol.tables.function_table import ObjectClass, function_by_na
 from bcapscope.protocol.tables.hresult import E_NOTIMPL, S_EXECUTING
 from bcapscope.protocol.tables.variables import VARIABLES, VariableKind
 from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, r8, variant_array
-from bcapscope.simulator.call_outcome import INVALID_COMMAND
+from bcapscope.simulator.call_outcome import RefusalCode
 from bcapscope.simulator.profile import PROFILES
 
 PATIENCE = 0.3
@@ -125,7 +125,7 @@ class Commander:
         else:
             owner, command = chance.choice(VOCABULARY)
             reply = session.execute(owner, command, parameter(chance))
-            assert reply.code not in (INVALID_COMMAND, E_NOTIMPL), (owner, command)
+            assert reply.code not in (RefusalCode.INVALID_COMMAND, E_NOTIMPL), (owner, command)
 
     def _use_variable(self, session: _Session, kind: VariableKind) -> None:
         owner = {ObjectClass.ROBOT: "robot", ObjectClass.TASK: "task"}.get(kind.owner, "controller")

@@ -10,7 +10,7 @@ from bcapscope import simulator
 from bcapscope.simulator.behaviours import Certainty, read_behaviours
 from bcapscope.simulator.profile import Profile
 
-_ENDS = ("RefusedError", "CallResult", "SlaveModeFault", "raise_error", "refuse", "reply", "stop")
+_ENDS = ("RefusedError", "CallResult", "raise_error", "refuse", "reply", "stop", "_check_width")
 """What is called with a result."""
 
 BEHAVIOURS = read_behaviours()
@@ -24,8 +24,15 @@ def _results() -> set[str]:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] in _ENDS:
                 names = (each for argument in node.args for each in ast.walk(argument))
-                found |= {each.id for each in names if isinstance(each, ast.Name) and each.id.isupper()}
+                found |= {name for each in names if (name := _name(each)).isupper()}
     return found - {"S_OK", "DONE"}
+
+
+def _name(node: ast.AST) -> str:
+    """Return the last part of a name such as `RefusalCode.BAD_INDEX`; "" for other nodes."""
+    if isinstance(node, ast.Attribute):
+        return node.attr
+    return node.id if isinstance(node, ast.Name) else ""
 
 
 def test_each_field_of_a_profile_has_its_source() -> None:

@@ -15,7 +15,7 @@ from bcapscope.protocol.tables.hresult import E_NOTIMPL, S_EXECUTING
 from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, r8, variant_array
 from bcapscope.simulator.behaviours import Certainty, read_behaviours
 from bcapscope.simulator.call_context import accept_without_effect
-from bcapscope.simulator.call_outcome import INVALID_COMMAND
+from bcapscope.simulator.call_outcome import RefusalCode
 from bcapscope.simulator.function_handlers import CONTROLLER_COMMANDS, TASK_COMMANDS
 from bcapscope.simulator.machine import InitialState
 from bcapscope.simulator.robot_commands import ROBOT_COMMANDS
@@ -183,7 +183,7 @@ def test_a_documented_command_is_answered(profile: str, known: CommandSpec) -> N
     if known.name in FIRST:
         assert operator.call(function, target, bstr(FIRST[known.name]), EMPTY).hresult == 0
     reply = operator.call(function, target, bstr(known.name), _parameter(operator, known))
-    assert reply.hresult not in (E_NOTIMPL, INVALID_COMMAND)
+    assert reply.hresult not in (E_NOTIMPL, RefusalCode.INVALID_COMMAND)
     assert reply.hresult == 0, hex(reply.hresult)
     promised = set(known.result_types) - {"VT_EMPTY", "none"}
     if promised:
@@ -217,7 +217,7 @@ def test_any_parameter_is_answered_or_refused(known: CommandSpec, parameter: Var
     raw = operator.send(function, target, bstr(known.name), parameter) + operator.simulation.wait(3_700_000)
     replies = [Frame(output.data) for output in raw if Frame(output.data).code != S_EXECUTING]
     assert len(replies) == 1
-    assert replies[0].code not in (E_NOTIMPL, INVALID_COMMAND)
+    assert replies[0].code not in (E_NOTIMPL, RefusalCode.INVALID_COMMAND)
 
 
 def test_each_generation_is_walked() -> None:
@@ -230,14 +230,14 @@ def test_each_generation_is_walked() -> None:
 @pytest.mark.parametrize(("profile", "name"), [("rc7", "HandMoveA"), ("rc9", "HandStop"), ("rc8", "MoveA")])
 def test_a_command_of_another_controller_is_unknown(profile: str, name: str) -> None:
     operator = Operator(Simulation(profile))
-    assert operator.command(name, ints(5, 100)).hresult == INVALID_COMMAND
+    assert operator.command(name, ints(5, 100)).hresult == RefusalCode.INVALID_COMMAND
 
 
 @pytest.mark.parametrize("profile", ["rc7", "rc8", "cserver"])
 @pytest.mark.parametrize("name", ["TwofgGrip", "twofgstop", "HandGrip"])
 def test_the_hand_of_cobotta_pro_is_unknown_to_others(profile: str, name: str) -> None:
     operator = Operator(Simulation(profile))
-    assert operator.robot(name, PARAMETERS.get(name, EMPTY)).hresult == INVALID_COMMAND
+    assert operator.robot(name, PARAMETERS.get(name, EMPTY)).hresult == RefusalCode.INVALID_COMMAND
 
 
 def test_what_has_no_effect_is_listed_as_assumed() -> None:

@@ -9,7 +9,7 @@ from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE
 from bcapscope.protocol.tables.variables import VARIABLES, VariableKind
 from bcapscope.simulator.argument_values import bstr, float_array, i4, r4, variant_array
-from bcapscope.simulator.call_outcome import BAD_INDEX, NOT_WRITABLE, OBJECT_NOT_FOUND, TYPE_MISMATCH
+from bcapscope.simulator.call_outcome import RefusalCode
 from bcapscope.simulator.profile import PROFILES
 from tests.simulator.simulation import Operator, Simulation
 
@@ -61,7 +61,7 @@ def test_a_documented_variable_is_read_and_written(profile: str, kind: VariableK
         assert read.vt == ARRAY | PROFILES[profile].real
     count = len(read.value) if isinstance(read.value, tuple) else 1
     written = operator.call("Variable_PutValue", variable, Variant(read.vt, read.value, count))
-    assert written.hresult == (NOT_WRITABLE if kind.name in READ_ONLY else 0)
+    assert written.hresult == (RefusalCode.NOT_WRITABLE if kind.name in READ_ONLY else 0)
 
 
 @pytest.mark.parametrize("profile", sorted(PROFILES))
@@ -71,12 +71,12 @@ def test_the_number_of_a_variable_may_follow_as_its_id(profile: str) -> None:
         if not kind.is_numbered or (kind.name in ONLY_ON_RC7 and profile != "rc7"):
             continue
         variable = operator.get("Controller_GetVariable", operator.controller, f"{kind.name}*")
-        assert operator.call("Variable_GetValue", variable).hresult == BAD_INDEX
+        assert operator.call("Variable_GetValue", variable).hresult == RefusalCode.BAD_INDEX
         assert operator.call("Variable_PutID", variable, i4(8)).hresult == 0
         named = opened(operator, kind)
         assert operator.call("Variable_GetValue", variable) == operator.call("Variable_GetValue", named)
         assert operator.call("Variable_PutID", variable, i4(1000)).hresult == 0
-        assert operator.call("Variable_GetValue", variable).hresult == BAD_INDEX
+        assert operator.call("Variable_GetValue", variable).hresult == RefusalCode.BAD_INDEX
 
 
 @pytest.mark.parametrize("profile", ["rc8", "rc9", "cserver"])
@@ -84,7 +84,7 @@ def test_the_number_of_a_variable_may_follow_as_its_id(profile: str) -> None:
 def test_variables_of_rc7_are_unknown_to_later_controllers(profile: str, name: str) -> None:
     operator = Operator(Simulation(profile), tcp=True)  # the list of names is too long for a datagram
     opened = operator.call("Controller_GetVariable", operator.controller, bstr(name), bstr(""))
-    assert opened.hresult == OBJECT_NOT_FOUND
+    assert opened.hresult == RefusalCode.OBJECT_NOT_FOUND
     listed = operator.call("Controller_GetVariableNames", operator.controller, bstr("")).value
     assert isinstance(listed, tuple)
     assert not {"TOOL0", "WORK0", "_ITP"} & set(listed)
@@ -105,12 +105,12 @@ def test_a_tool_of_rc7_is_what_its_command_defines() -> None:
 @pytest.mark.parametrize(
     ("name", "value", "result"),
     [
-        ("TOOL0", float_array(VT.R4, (0,) * 6), BAD_INDEX),
-        ("WORK64", float_array(VT.R4, (0,) * 6), BAD_INDEX),
-        ("TOOL1", i4(5), TYPE_MISMATCH),
-        ("TOOL1", bstr("P(1, 2, 3, 4, 5, 6)"), TYPE_MISMATCH),
-        ("WORK1", float_array(VT.R4, (0,) * 8), TYPE_MISMATCH),
-        ("WORK1", EMPTY, TYPE_MISMATCH),
+        ("TOOL0", float_array(VT.R4, (0,) * 6), RefusalCode.BAD_INDEX),
+        ("WORK64", float_array(VT.R4, (0,) * 6), RefusalCode.BAD_INDEX),
+        ("TOOL1", i4(5), RefusalCode.TYPE_MISMATCH),
+        ("TOOL1", bstr("P(1, 2, 3, 4, 5, 6)"), RefusalCode.TYPE_MISMATCH),
+        ("WORK1", float_array(VT.R4, (0,) * 8), RefusalCode.TYPE_MISMATCH),
+        ("WORK1", EMPTY, RefusalCode.TYPE_MISMATCH),
     ],
 )
 def test_a_frame_that_makes_no_sense_is_refused(name: str, value: Variant, result: int) -> None:
@@ -152,5 +152,5 @@ def test_speeds_outside_their_range_are_not_written(value: Variant) -> None:
     operator = Operator(Simulation())
     for name in ("@SPEED", "@EXTSPEED"):
         variable = operator.get("Robot_GetVariable", operator.arm, name)
-        assert operator.call("Variable_PutValue", variable, value).hresult == NOT_WRITABLE
+        assert operator.call("Variable_PutValue", variable, value).hresult == RefusalCode.NOT_WRITABLE
         assert operator.call("Variable_GetValue", variable).value == 100
