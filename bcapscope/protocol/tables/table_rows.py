@@ -1,4 +1,4 @@
-"""Read the tables of this package: text files with one row per line and tabs between the columns."""
+"""Read tables: text files with one row per line and tabs between the columns."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from itertools import zip_longest
 
 
-def table_rows(name: str) -> Iterator[dict[str, str]]:
+def table_rows(name: str, folder: str = os.path.dirname(__file__)) -> Iterator[dict[str, str]]:
     """Yield each row of the table `name`.tsv as a dictionary from column name to cell; a blank cell is "".
 
     Lines that begin with ``#`` are comments. The first line that is not a comment has the names of the
     columns.
     """
-    with open(os.path.join(os.path.dirname(__file__), f"{name}.tsv"), encoding="utf-8") as table:
+    with open(os.path.join(folder, f"{name}.tsv"), encoding="utf-8") as table:
         header, *rows = (line.rstrip("\n").split("\t") for line in table if not line.startswith("#"))
     return (dict(zip_longest(header, row, fillvalue="")) for row in rows)

@@ -16,7 +16,7 @@ from bcapscope.messages import Message
 from bcapscope.protocol.tables.hresult import CODE_BY_NAME, is_known_code
 from bcapscope.traffic.filter import matching as matches
 from bcapscope.traffic.filter.field_table import FieldType, FilterField
-from bcapscope.traffic.filter.matching import LiteralMatch, Match, Number
+from bcapscope.traffic.filter.matching import Match, Number
 from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, with_nearest
 
 UNITS = {"ns": 1, "us": 10**3, "µs": 10**3, "μs": 10**3, "ms": 10**6, "s": 10**9}
@@ -166,10 +166,10 @@ def _is_hex(token: Token) -> bool:
     return "x" in token.text.casefold()
 
 
-def _literal_match(compared: ComparedField, token: Token) -> LiteralMatch:
+def _literal_match(compared: ComparedField, token: Token) -> Match:
     check_literal(compared, token)
     if token.is_word("null"):
-        return matches.NULL
+        return matches.null
     if compared.type in _LISTS:
         compared.fail_at(token, compared.mismatch("is-list"))
     match compared.type:
@@ -184,7 +184,7 @@ def _literal_match(compared: ComparedField, token: Token) -> LiteralMatch:
     return matches.number(_number(compared, token))
 
 
-def _value(compared: ComparedField, token: Token) -> LiteralMatch:
+def _value(compared: ComparedField, token: Token) -> Match:
     if token.kind is TokenKind.NUMBER:
         return matches.number(_number(compared, token))
     if token.is_word("true", "false"):
@@ -206,7 +206,7 @@ def _text(compared: ComparedField, token: Token) -> str:
     return token.text
 
 
-def _endpoint(compared: ComparedField, token: Token) -> LiteralMatch:
+def _endpoint(compared: ComparedField, token: Token) -> Match:
     found = matches.parse_endpoint(token.text) if token.kind in (TokenKind.ADDRESS, TokenKind.TEXT) else None
     if found is None:
         compared.fail_at(token, Message("filter.no-address", text=f"{token.text!r}"))
