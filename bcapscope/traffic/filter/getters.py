@@ -126,8 +126,8 @@ FRAME_GETTERS: Mapping[str, Callable[[AnnotatedFrame], object]] = {
 
 
 def _of_legs(read: Callable[[Conversation], Endpoint]) -> Callable[[Call], object]:
-    """Return a getter for an address. For a call that was captured on both legs of a proxy, the getter returns
-    the address on each leg.
+    """Return a getter for an address. If a call was captured on both legs of a proxy, the getter returns the
+    address on each leg.
     """
 
     def get(call: Call) -> object:
