@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from bcapscope.protocol.codec.frame import Frame, Malformed
 
 if TYPE_CHECKING:
-    from bcapscope.traffic.joining.captured_twins import CaptureSide
+    from bcapscope.traffic.joining.place_merger import CaptureSide
 
 
 class Transport(StrEnum):

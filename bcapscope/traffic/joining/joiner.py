@@ -4,13 +4,12 @@ order of time.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from itertools import permutations
 
-from bcapscope.traffic.joining.captured_twins import CapturedTwins, CaptureSide
-from bcapscope.traffic.joining.delivery_queue import DeliveryQueue
 from bcapscope.traffic.joining.joined_observation import CapturePlace
-from bcapscope.traffic.joining.place_merger import JOIN_WITHIN_NS, PlaceMerger
+from bcapscope.traffic.joining.leg_joiner import LegJoiner
+from bcapscope.traffic.joining.place_merger import CapturedTwins, CaptureSide, PlaceMerger
 from bcapscope.traffic.joining.twin_recognition import (
     ENOUGH_CALLS,
     NestedCalls,
@@ -104,8 +103,8 @@ class _NewConversation:
             del self.held[0]
 
 
-class Joiner:
-    """Joins the two legs of a proxied conversation, which a capture holds as two conversations.
+class Joiner(LegJoiner):
+    """Finds and joins the two legs of a proxied conversation, which a capture holds as two conversations.
 
     The joiner holds a new conversation, for at most `HELD_NS`, until it knows whether another conversation is
     the second leg. The joiner returns observations of joined conversations as `JoinedObservation`, and all
@@ -114,7 +113,6 @@ class Joiner:
     Attributes:
         passing: Flows whose conversation is not the leg of a proxy. Their observations never wait. Callers
             need not add the observations of the flows in `passing`.
-        delivered_until: Time up to which all observations were returned, ns since 1970.
     """
 
     def __init__(
@@ -127,9 +125,9 @@ class Joiner:
             only: Place from which observations are returned without joining; None to join. If a conversation
                 has no second leg, its observations are always returned.
         """
+        notes = {} if comments is None else comments
+        super().__init__(lambda observation: notes.get(observation.packet, ()))
         self.passing: set[Flow] = set()
-        self.delivered_until = 0
-        self._comments = {} if comments is None else comments
         self._only = only
         self._hidden: set[Conversation] = set()
         self._single_flows: set[Flow] = set()
@@ -138,52 +136,29 @@ class Joiner:
         self._senders: dict[bytes, dict[Conversation, None]] = {}
         self._recent: dict[Conversation, list[Observation]] = {}
         self._recent_count = 0
-        self._mergers: dict[Conversation, tuple[PlaceMerger, CapturePlace]] = {}
         self._captured_twins: dict[CapturedTwins, PlaceMerger] = {}
-        self._busy: dict[PlaceMerger, None] = {}  # mergers that may hold frames
-        self._queue = DeliveryQueue()
-        self._now = self._next_due = 0
-
-    def add(self, observation: Observation) -> Sequence[Observation]:
-        """Add the next observation. Return all observations that are due now, in order of time."""
-        time = observation.time
-        due: list[Observation] = []
-        if time < self._now - JOIN_WITHIN_NS:  # the clock of the capturing computer was set back
-            due = self.close()
-            self._now = time
-        self._now = max(self._now, time)
-        flow = observation.flow
-        known = self._mergers.get(flow.conversation)
-        if known is not None:
-            merger, place = known
-            merger.add(observation, place)
-            self._busy[merger] = None
-        elif flow.conversation in self._single:
-            self._single_flows.add(flow)
-            self._queue.add(observation)
-            if self._new:
-                self._note_recent(observation)
-        elif flow.conversation not in self._hidden:
-            self._add_new(observation)
-        return [*due, *self._pop_due()]
+        self._next_due = 0
 
     @property
     def own_requests(self) -> int:
         """Number of requests that proxies sent on their own, for example to close a session."""
         return sum(merger.own_requests for merger in self._distinct_mergers())
 
-    def expire(self, now: int) -> Sequence[Observation]:
-        """Return the observations that are due at the time `now`, ns since 1970, without a new
-        observation."""
-        self._now = max(self._now, now)
-        return self._pop_due()
-
     def close(self) -> list[Observation]:
-        """Return all observations that are held, because the traffic has ended."""
         self._decide_all()
-        due = self._queue.pop_all()
+        due = super().close()
         self._update_passing()
         return due
+
+    def _add_unmerged(self, observation: Observation) -> None:
+        flow = observation.flow
+        if flow.conversation in self._single:
+            self._single_flows.add(flow)
+            self._queue.add(observation)
+            if self._new:
+                self._note_recent(observation)
+        elif flow.conversation not in self._hidden:
+            self._add_new(observation)
 
     def _add_captured_twin(self, observation: Observation, side: CaptureSide) -> None:
         """Add the first observation of a conversation that two captures hold."""
@@ -197,20 +172,13 @@ class Joiner:
             return
         merger = self._captured_twins.get(twins)
         if merger is None:
-            merger = self._captured_twins[twins] = PlaceMerger(
-                conversation,
-                self._queue.add,
-                is_relayed=twins.is_relayed,
-                coverage=twins.coverage,
-                clock_error=twins.clock_error,
-                notes_of=self._comments_on,
-            )
+            merger = PlaceMerger(conversation, self._queue.add, self._notes_of, twins)
+            self._captured_twins[twins] = merger
         elif twins.is_relayed and merger.conversation.controller_leg is None:
             merger.conversation.controller_leg = conversation
         self.passing = set()
         self._mergers[conversation] = merger, side.place
-        merger.add(observation, side.place)
-        self._busy[merger] = None
+        self._merge(observation)
 
     def _add_new(self, observation: Observation) -> None:
         conversation = observation.flow.conversation
@@ -296,17 +264,11 @@ class Joiner:
             self._hidden.add(twins[1 - self._only].conversation)
             self._release(twins[self._only])
             return
-        conversation = client_side.conversation
-        conversation.controller_leg = controller_side.conversation
         if len(self._mergers) >= 2 * MAX_JOINED:
             self._stop_joining(next(iter(self._mergers.values()))[0])
-        merger = PlaceMerger(conversation, self._queue.add, notes_of=self._comments_on)
-        places = {twin.conversation: place for twin, place in zip(twins, CapturePlace, strict=True)}
-        for leg, place in places.items():
-            self._mergers[leg] = merger, place
+        self.join(client_side.conversation, controller_side.conversation)
         for each in sorted((*client_side.held, *controller_side.held), key=lambda seen: seen.number):
-            merger.add(each, places[each.flow.conversation])
-        self._busy[merger] = None
+            self._merge(each)
 
     def _take_over(self, twin: _NewConversation) -> None:
         """Remove a conversation and its pending observations from the joiner's other collections."""
@@ -357,11 +319,6 @@ class Joiner:
         traffic.held = recent[-HELD_FRAMES:]
         return traffic
 
-    def _stop_joining(self, merger: PlaceMerger) -> None:
-        merger.close()
-        for conversation in [each for each, (of, _) in self._mergers.items() if of is merger]:
-            del self._mergers[conversation]
-
     def _release(self, new: _NewConversation) -> None:
         """Release the held observations of a conversation that has no second leg."""
         if len(self._single) >= MAX_CONVERSATIONS:
@@ -385,18 +342,10 @@ class Joiner:
             self._decide_due(now)
         if len(self._queue) > MAX_WAITING:
             self._decide_all()
+            self._close_mergers()
         # `_new` lists the conversations in the order in which they began
         oldest = next(iter(self._new.values()), None)
-        until = now if oldest is None else min(now, oldest.began - 1)
-        for merger in list(self._busy):
-            merger.expire(now)
-            pending = merger.earliest_pending
-            if pending is None:
-                del self._busy[merger]
-            else:
-                until = min(until, pending - 1)
-        self.delivered_until = until
-        due = self._queue.pop_until(until)
+        due = self._pop_until(now if oldest is None else min(now, oldest.began - 1))
         if not self.passing:
             self._update_passing()
         return due
@@ -411,15 +360,6 @@ class Joiner:
         """Join or release all held conversations now, without waiting for further traffic."""
         while self._new:
             self._decide(next(iter(self._new.values())))
-        for merger in self._distinct_mergers():
-            merger.close()
-
-    def _comments_on(self, observation: Observation) -> tuple[str, ...]:
-        return self._comments.get(observation.packet, ())
 
     def _update_passing(self) -> None:
-        is_idle = not (self._new or self._mergers or self._queue)
-        self.passing = self._single_flows if is_idle else set()
-
-    def _distinct_mergers(self) -> Iterator[PlaceMerger]:
-        return iter(dict.fromkeys(merger for merger, _ in self._mergers.values()))
+        self.passing = self._single_flows if self.is_idle and not self._new else set()

@@ -6,8 +6,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
+from typing import NamedTuple
 
 from bcapscope.traffic.joining.joined_observation import CapturePlace, JoinedObservation, join_sightings
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
@@ -48,13 +49,41 @@ class Coverage:
     ends: int | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class CapturedTwins:
+    """Facts about a conversation that was captured at two places, known before the captures are joined.
+
+    Objects of this class are compared by identity.
+
+    Attributes:
+        coverage: When the captures at the client's and at the controller's side began and ended.
+        clock_error: Uncertainty of the difference between the clocks of both captures, ns.
+        is_relayed: Whether a proxy is between the places.
+    """
+
+    coverage: tuple[Coverage, Coverage] = (Coverage(), Coverage())
+    clock_error: int = 0
+    is_relayed: bool = True
+
+
+LEGS_OF_PROXY = CapturedTwins()
+"""Both legs of a proxy in one capture."""
+
+
+class CaptureSide(NamedTuple):
+    """Place at which a conversation was captured, if another capture holds the same conversation."""
+
+    twins: CapturedTwins
+    place: CapturePlace
+
+
 @dataclass(slots=True, eq=False)
 class _Waiting:
     """The sighting of a frame that waits for the sighting at the other place."""
 
     place: CapturePlace
     observation: Observation
-    is_resolved: bool = field(default=False)
+    is_resolved: bool = False
 
 
 class PlaceMerger:
@@ -73,28 +102,21 @@ class PlaceMerger:
         self,
         conversation: Conversation,
         deliver: Callable[[JoinedObservation], object],
-        *,
-        is_relayed: bool = True,
-        coverage: tuple[Coverage, Coverage] = (Coverage(), Coverage()),
-        clock_error: int = 0,
         notes_of: Callable[[Observation], Iterable[str]],
+        twins: CapturedTwins = LEGS_OF_PROXY,
     ) -> None:
         """Start without observations.
 
         Args:
             deliver: Function that receives each joined observation. The function does not receive the
                 observations in order of time; see `earliest_pending`.
-            is_relayed: Whether a proxy is between the places.
-            coverage: When the capture of each place began and ended.
-            clock_error: Uncertainty of the difference between the clocks of both places, ns.
             notes_of: Function that returns the notes on a sighting. A proxy notes what it changed.
+            twins: Facts about the captures of both places.
         """
         self.conversation = conversation
         self._deliver = deliver
-        self._is_relayed = is_relayed
-        self._coverage = coverage
-        self._clock_error = clock_error
         self._notes_of = notes_of
+        self._twins = twins
         self._flows = {direction: Flow(conversation, direction) for direction in Direction}
         self._known_flows: set[Direction] = set()
         self._pending: deque[_Waiting] = deque()
@@ -157,15 +179,7 @@ class PlaceMerger:
         )
         direction = observation.flow.direction
         self._latest_joined[direction] = max(self._latest_joined[direction], twin.observation.time)
-        self._deliver(
-            join_sightings(
-                *ends,
-                self._flows[direction],
-                is_relayed=self._is_relayed,
-                note=self._note_on(*ends),
-                delay_error=self._clock_error,
-            )
-        )
+        self._deliver(self._joined(*ends))
 
     def _give_up(self, waiting: _Waiting, *, is_at_end: bool) -> None:
         """Deliver a frame that waited in vain: the other place did not capture the same bytes in time."""
@@ -179,19 +193,8 @@ class PlaceMerger:
             changed.is_resolved = True
             self._join(waiting, changed.place, changed.observation)
             return
-        is_missed = self._is_missed(observation, place, is_at_end)
-        at_client, at_controller = (
-            (observation, None) if place is CapturePlace.CLIENT_SIDE else (None, observation)
-        )
-        joined = join_sightings(
-            at_client,
-            at_controller,
-            self._flows[direction],
-            is_missed=is_missed,
-            is_relayed=self._is_relayed,
-            note=self._note_on(observation),
-            delay_error=self._clock_error,
-        )
+        ends = (observation, None) if place is CapturePlace.CLIENT_SIDE else (None, observation)
+        joined = self._joined(*ends, is_missed=self._is_missed(observation, place, is_at_end))
         if joined.was_made_between and joined.is_request:
             self.own_requests += 1
             self._own_serials.add(_serial_of(observation))
@@ -201,13 +204,29 @@ class PlaceMerger:
                 del self._overdue[next(iter(self._overdue))]
         self._deliver(joined)
 
+    def _joined(
+        self, at_client: Observation | None, at_controller: Observation | None, *, is_missed: bool = False
+    ) -> JoinedObservation:
+        seen = [each for each in (at_client, at_controller) if each is not None]
+        notes = dict.fromkeys(note for each in seen for note in self._notes_of(each))
+        return join_sightings(
+            at_client,
+            at_controller,
+            self._flows[seen[0].flow.direction],
+            is_missed=is_missed,
+            is_relayed=self._twins.is_relayed,
+            note="; ".join(notes),
+            delay_error=self._twins.clock_error,
+        )
+
     def _is_missed(self, observation: Observation, place: CapturePlace, is_at_end: bool) -> bool:
         """Return whether the capture at the other place was running when this frame should have passed that
         place.
         """
-        if not self._is_relayed and self.conversation.transport is Transport.TCP:
+        is_relayed = self._twins.is_relayed
+        if not is_relayed and self.conversation.transport is Transport.TCP:
             return False  # TCP retransmits lost bytes, so the missing frame is a gap in the other capture
-        other, time = self._coverage[1 - place], observation.time
+        other, time = self._twins.coverage[1 - place], observation.time
         if other.begins is not None and time < other.begins:
             return False
         is_sender_side = (place is CapturePlace.CONTROLLER_SIDE) is (
@@ -216,7 +235,7 @@ class PlaceMerger:
         if is_sender_side or _serial_of(observation) in self._own_serials:
             return True  # the frame passed the sender's side first, so the other place had time to capture it
         closing = self.conversation.connection_end
-        if self._is_relayed and closing is not None and closing.ends_replies:
+        if is_relayed and closing is not None and closing.ends_replies:
             return True  # the connection has ended, so no further frame can come
         if is_at_end or (other.ends is not None and time > other.ends - JOIN_WITHIN_NS):
             return time < self._latest_joined[observation.flow.direction]
@@ -262,12 +281,6 @@ class PlaceMerger:
         joined.at_controller = observation
         joined.is_missed = False
         return True
-
-    def _note_on(self, *observations: Observation) -> str:
-        """Return the notes on the sightings of a frame, each note once. The proxy notes its changes to a
-        frame.
-        """
-        return "; ".join(dict.fromkeys(note for each in observations for note in self._notes_of(each)))
 
 
 def _serial_of(observation: Observation) -> int | None:
