@@ -66,23 +66,24 @@ def gives_up_at(call: Call) -> int:
     The time is known only for a retried call without S_EXECUTING, because S_EXECUTING prolongs the client's
     timeout (DENSO Wave 2009).
     """
-    distances = attempt_distances(call) if call.other_frames and not call.notices else ()
-    if not distances:
-        return 0
-    silence = max(TIMEOUTS_TO_GIVE_UP * round(median(distances)), SHORTEST_SILENCE_NS)
-    return call.last_attempt.time + silence
+    silence = _silence_of(call, TIMEOUTS_TO_GIVE_UP)
+    return call.last_attempt.time + silence if silence else 0
 
 
 def waits_in_vain(call: Call, now: int) -> bool:
     """Return whether an unanswered call is so old that the controller evidently answered none of the attempts
     before the last attempt.
     """
+    silence = _silence_of(call, TIMEOUTS_TO_GIVE_UP - 1)
+    return silence > 0 and now - call.request.time >= silence
+
+
+def _silence_of(call: Call, timeouts: int) -> int:
+    """Return the time in ns that this number of timeouts takes, at least `SHORTEST_SILENCE_NS`; 0 if the call
+    does not show the timeout.
+    """
     distances = attempt_distances(call) if call.other_frames and not call.notices else ()
-    if not distances:
-        return False
-    return now - call.request.time >= max(
-        (TIMEOUTS_TO_GIVE_UP - 1) * round(median(distances)), SHORTEST_SILENCE_NS
-    )
+    return max(timeouts * round(median(distances)), SHORTEST_SILENCE_NS) if distances else 0
 
 
 class ShownTimeouts:

@@ -337,9 +337,7 @@ class ConversationPairing:
         """Make the first attempt the request of the call. A retry had overtaken this attempt."""
         call.other_frames = [CallFrame(FrameRole.RETRY, call.request), *call.other_frames]
         call.request = observation
-        self._extra_frames += 1
-        self._count_memory(call, len(observation.item.raw) + FRAME_COST)
-        self._frame_indexes[call].add_frame(FrameRole.REQUEST, observation)
+        self._count_further_frame(call, FrameRole.REQUEST, observation)
 
     def _learn_from_first(self, serial: int, reserved: int) -> None:
         if not self._is_tcp:
@@ -353,14 +351,15 @@ class ConversationPairing:
 
     def _keep_frame(self, call: Call, role: FrameRole, observation: FrameObservation) -> None:
         call.add_frame(role, observation)
-        self._extra_frames += 1
-        self._count_memory(call, len(observation.item.raw) + FRAME_COST)
-        if call in self._frame_indexes:
-            self._frame_indexes[call].add_frame(role, observation)
+        self._count_further_frame(call, role, observation)
 
-    def _count_memory(self, call: Call, size: int) -> None:
+    def _count_further_frame(self, call: Call, role: FrameRole, observation: FrameObservation) -> None:
+        self._extra_frames += 1
+        size = len(observation.item.raw) + FRAME_COST
         call.memory_bytes += size
         self._budget.held += size
+        if call in self._frame_indexes:
+            self._frame_indexes[call].add_frame(role, observation)
 
     # replies
 

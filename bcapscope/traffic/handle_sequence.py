@@ -6,11 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from bcapscope.protocol.codec.variant import VT
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, ObjectClass, ResultKind
-from bcapscope.protocol.tables.hresult import is_failure, is_success
-from bcapscope.traffic.call import Call, FrameObservation
-from bcapscope.traffic.handle_tracker import MAX_OBJECTS, handle_of
+from bcapscope.protocol.tables.hresult import is_success
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.handle_tracker import MAX_OBJECTS, handle_in_reply, handle_of
 from bcapscope.traffic.observation import Direction
 
 _SERVICE_START = ID["Service_Start"]
@@ -38,7 +37,7 @@ class HandleSequence:
             self._given.update(_given_by(call))
             if len(self._given) > MAX_OBJECTS:
                 self._given = None
-        handle = None if call.reply is None else _handle_in(call.reply)
+        handle = handle_in_reply(call.reply)
         if handle is None:
             return
         skipped = handle - self._last_handle - 1
@@ -72,14 +71,6 @@ def _given_by(call: Call) -> Iterable[tuple[ObjectClass | None, int]]:
     if call.kind.function_id not in OPENERS or function is None:
         return
     for _, seen in call.frames:
-        handle = _handle_in(seen) if seen.flow.direction is Direction.RESPONSE else None
+        handle = handle_in_reply(seen) if seen.flow.direction is Direction.RESPONSE else None
         if handle is not None:
             yield function.creates, handle
-
-
-def _handle_in(reply: FrameObservation) -> int | None:
-    """Return the handle in a reply to a function of `OPENERS`; None if there is none."""
-    if is_failure(reply.item.code) or not reply.item.arguments:
-        return None
-    vt, handle, _ = reply.item.arguments[0].variant
-    return handle if vt == VT.I4 and isinstance(handle, int) else None

@@ -113,7 +113,8 @@ class HandleTracker:
         target = client.find(function.owner, handle_of(call.request.item))
         if function.creates is ObjectClass.SERVICE:
             if _succeeded(call):
-                self._start_session(client, call.number)
+                self._end_session(client, SessionEnding.RESTARTED)
+                client.start_session(call.number)
         elif function.creates is not None:
             parent = "" if target is None else target.label
             client.add_created(call, function.creates, requested_name(call, function), parent)
@@ -132,8 +133,8 @@ class HandleTracker:
     def close_conversation(self, conversation: Conversation) -> None:
         """Drop a client that has disconnected, and add its open session to the ended sessions."""
         client = self._clients.pop(conversation, None)
-        if client is not None and client.has_session:
-            self._ended_sessions.append(client.to_session(SessionEnding.OPEN))
+        if client is not None:
+            self._end_session(client, SessionEnding.OPEN)
         if client is self._current_client:
             self._current_client = None
 
@@ -141,15 +142,13 @@ class HandleTracker:
         client = self._clients.pop(conversation, None) or _ClientObjects(conversation)
         while len(self._clients) >= MAX_CONVERSATIONS:
             silent = self._clients.pop(next(iter(self._clients)))
-            if silent.has_session:
-                self._ended_sessions.append(silent.to_session(SessionEnding.OPEN))
+            self._end_session(silent, SessionEnding.OPEN)
         self._clients[conversation] = self._current_client = client
         return client
 
-    def _start_session(self, client: _ClientObjects, call_number: int) -> None:
+    def _end_session(self, client: _ClientObjects, ending: SessionEnding) -> None:
         if client.has_session:
-            self._ended_sessions.append(client.to_session(SessionEnding.RESTARTED))
-        client.start_session(call_number)
+            self._ended_sessions.append(client.to_session(ending))
 
     def _release_object(
         self, client: _ClientObjects, object_class: ObjectClass, target: TrackedObject | None
@@ -197,7 +196,7 @@ class _ClientObjects:
         return thing
 
     def add_created(self, call: Call, kind: ObjectClass, name: str, parent: str) -> None:
-        accepted = _handle_in_reply(call.reply)
+        accepted = handle_in_reply(call.reply)
         for handle in _handles_made(call):
             thing = TrackedObject(kind, handle, name, parent, call.number, handle == accepted)
             if thing.known_to_client:
@@ -231,7 +230,8 @@ def requested_name(call: Call, function: Function) -> str:
     return shortened(value, LONGEST_NAME) if isinstance(value, str) else ""
 
 
-def _handle_in_reply(reply: FrameObservation | None) -> int | None:
+def handle_in_reply(reply: FrameObservation | None) -> int | None:
+    """Return the handle in a reply to a function that creates an object; None if there is none."""
     if reply is None or not is_success(reply.item.code):
         return None
     return _first_number(reply.item)
@@ -242,8 +242,8 @@ def _handles_made(call: Call) -> list[int]:
     them.
     """
     replies = (*call.lost_replies, *call.late_replies, call.reply)
-    given = [handle for reply in replies if (handle := _handle_in_reply(reply)) is not None]
-    accepted = _handle_in_reply(call.reply)
+    given = [handle for reply in replies if (handle := handle_in_reply(reply)) is not None]
+    accepted = handle_in_reply(call.reply)
     skipped = [] if accepted is None else range(accepted - call.skipped_handles, accepted)
     return sorted({*given, *skipped})
 
