@@ -83,8 +83,6 @@ class CallKinds:
     object.
     """
 
-    __slots__ = ("_by_prefix", "_known")
-
     def __init__(self) -> None:
         self._by_prefix: dict[bytes, CallKind] = {}
         self._known: dict[CallKind, CallKind] = {}

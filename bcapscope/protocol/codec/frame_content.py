@@ -63,8 +63,6 @@ class FrameContent:
         number_spans: Where the numbers of all arguments are in `body`.
     """
 
-    __slots__ = ("arguments", "body", "code", "framing", "number_spans", "problems", "raw")
-
     def __init__(self, raw: bytes) -> None:
         self.framing = Framing.PLAIN
         self.body = self.raw = raw

@@ -45,8 +45,6 @@ class _FrameShape:
     vary. All other bytes identify the template.
     """
 
-    __slots__ = ("find_template", "fixed_parts", "mask", "numbers", "size", "spans", "templates")
-
     def __init__(self, size: int, spans: tuple[NumberSpan, ...]) -> None:
         self.size = size
         self.spans = spans
@@ -83,18 +81,6 @@ class FrameTemplate:
         fixed_parts: Function that returns the bytes of a frame that must be the same in all frames.
         expected_parts: Result of `fixed_parts` for every frame that matches the template.
     """
-
-    __slots__ = (
-        "_fill_plan",
-        "_single_fill",
-        "_variants",
-        "expected_parts",
-        "fixed_parts",
-        "mask",
-        "prototype",
-        "size",
-        "spans",
-    )
 
     def __init__(self, shape: _FrameShape, raw: bytes, prototype: tuple[Argument, ...]) -> None:
         self.size = shape.size
@@ -156,8 +142,6 @@ class FrameTemplates:
     A program that receives many frames passes the same `FrameTemplates` object to all these frames, which
     makes decoding faster.
     """
-
-    __slots__ = ("_recent", "_shapes", "_template_count")
 
     def __init__(self) -> None:
         self._shapes: dict[int, tuple[_FrameShape, ...]] = {}

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from typing import NamedTuple, TypeAlias
 
@@ -69,13 +69,9 @@ class _CallReplied:
 class CallAnswered(_CallReplied):
     """The call succeeded: `reply` carries S_OK or another success code."""
 
-    __slots__ = ()
-
 
 class CallRefused(_CallReplied):
     """The call failed: the controller replied with a failure code."""
-
-    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,16 +117,14 @@ RequesterOutcome: TypeAlias = CallAnswered | CallRefused | CallTimedOut
 RequesterEvent: TypeAlias = RequesterOutcome | CallExecuting | LateReply | UnmatchedItem
 
 
+@dataclass(eq=False)
 class _OpenAttempt:
     """One attempt of the current or an earlier call, with the attempt's events so far."""
 
-    __slots__ = ("events", "reserved", "sent", "serial")
-
-    def __init__(self, serial: int, reserved: int, sent: int) -> None:
-        self.serial = serial
-        self.reserved = reserved
-        self.sent = sent
-        self.events: list[AttemptEvent] = []
+    serial: int
+    reserved: int
+    sent: int
+    events: list[AttemptEvent] = field(default_factory=list)
 
     def snapshot(self) -> Attempt:
         return Attempt(self.serial, self.reserved, self.sent, tuple(self.events))

@@ -91,8 +91,6 @@ _NEW = RequestDecision(RequestKind.NEW)
 class _Call:
     """One call with the serials of all its known attempts."""
 
-    __slots__ = ("answer", "content", "first", "newest", "reserved", "serials")
-
     def __init__(self, frame: Frame, content: bytes) -> None:
         self.content = content
         self.first = frame.serial
